@@ -1,0 +1,1 @@
+"""Talking to a battery cycler: device maps, codecs, transports and the `Cycler` protocol."""

@@ -1,0 +1,174 @@
+"""What a device map says, as frozen values: data only, shared by drivers, simulators and tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from drivers.expression import Expression
+
+Space = Literal["holding", "input"]
+Transport = Literal["modbus"]
+WordOrder = Literal["big", "little"]
+
+# Registers that one value of a type takes; a string says its own length.
+TYPE_WORDS: Mapping[str, int] = {"u16": 1, "i16": 1, "u32": 2, "i32": 2, "f32": 2, "f64": 4}
+
+LIMIT_ROLES = tuple(
+    f"limit_{quantity}_{side}" for quantity in ("voltage", "current", "temperature") for side in ("high", "low")
+)
+COMMAND_ROLES = ("set_current", "heartbeat", "lock_step")
+SAMPLE_ROLES = (
+    "sequence", "actual_voltage", "actual_current", "temperature", "ambient_temperature",
+    "setpoint_in_force", "status", "alarms",
+)  # fmt: skip
+REGISTER_ROLES = frozenset(
+    (*COMMAND_ROLES, *SAMPLE_ROLES, *LIMIT_ROLES, "ramp", "watchdog", "lock_step_available",
+     "lock_step_period", "serial")
+)  # fmt: skip
+COIL_ROLES = frozenset(("remote", "output", "clear_alarms"))
+# Registers whose sign `positive_current` turns. Roles speak the house's language: limit_current_high is the limit
+# of charging, in whichever register a device of the other convention keeps it.
+CURRENT_ROLES = frozenset(
+    ("set_current", "actual_current", "setpoint_in_force", "limit_current_high", "limit_current_low")
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Verify:
+    """How a write is known to have worked.
+
+    `kind` is "none", "echo" (the reply repeats the value) or "readback"; `register` names the register that is
+    read back where that is another one.
+    """
+
+    kind: Literal["none", "echo", "readback"] = "none"
+    register: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One value in the register space: ``value = raw * scale``, in `unit`.
+
+    `range` is in engineering units and the house's sign; `invalid` holds raw bit patterns that mean "missing";
+    `raw_max` is the largest raw number that the device takes.
+    """
+
+    name: str
+    address: int
+    type: str
+    words: int
+    space: Space
+    access: Literal["r", "w", "rw"]
+    word_order: WordOrder
+    unit: str = ""
+    role: str | None = None
+    scale: Expression | None = None
+    range: tuple[Expression, Expression] | None = None
+    raw_max: int | None = None
+    invalid: tuple[int, ...] = ()
+    unlimited: float | None = None
+    verify: Verify = Verify()
+
+    @property
+    def end(self) -> int:
+        """First address after the register."""
+        return self.address + self.words
+
+    @property
+    def readable(self) -> bool:
+        """Whether the map allows it to be read."""
+        return "r" in self.access
+
+    @property
+    def writable(self) -> bool:
+        """Whether the map allows it to be written."""
+        return "w" in self.access
+
+
+@dataclass(frozen=True, slots=True)
+class Coil:
+    """One bit that is written, and perhaps read, on its own."""
+
+    name: str
+    address: int
+    access: Literal["r", "w", "rw"]
+    role: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A range of addresses, `first` to `last` inclusive, of which any part may be read in one message.
+
+    With `one_type`, a message may hold registers of one type only.
+    """
+
+    space: Space
+    first: int
+    last: int
+    one_type: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """The register that tells this family of devices from others, and what it reads."""
+
+    register: str
+    equals: float | str
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One write of a sequence: a fixed value, or the caller's value named by `argument`."""
+
+    write: str
+    value: float | bool | None
+    argument: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A sample frame, without MBAP header or CRC: what is asked, what is answered, and what it means."""
+
+    meaning: str
+    request: bytes
+    reply: bytes
+    values: Mapping[str, float | bool | str]
+    missing: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceMap:
+    """A whole map; validated by `drivers.register_map.load_map`."""
+
+    file: Path
+    name: str
+    title: str
+    source: str
+    verified_on_hardware: bool
+    transport: Transport
+    unit_id: int
+    word_order: WordOrder
+    functions: frozenset[int]
+    min_gap_s: float
+    max_read_registers: int
+    positive_current: Literal["charge", "discharge"]
+    identity: Identity
+    constants: Mapping[str, str]
+    capabilities: Mapping[str, tuple[Expression, Expression]]
+    blocks: tuple[Block, ...]
+    registers: Mapping[str, Register]
+    coils: Mapping[str, Coil]
+    bits: Mapping[str, Mapping[str, int]]
+    sequences: Mapping[str, tuple[Step, ...]]
+    frames: tuple[Frame, ...]
+
+    def by_role(self, role: str) -> Register | None:
+        """Return the register that has a role, or None."""
+        return next((r for r in self.registers.values() if r.role == role), None)
+
+    def coil_by_role(self, role: str) -> Coil | None:
+        """Return the coil that has a role, or None."""
+        return next((c for c in self.coils.values() if c.role == role), None)

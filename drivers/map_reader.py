@@ -1,0 +1,223 @@
+"""From the tables of a device map to frozen values; what belongs together is checked in `map_checks`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from drivers.device_map import (
+    COIL_ROLES,
+    REGISTER_ROLES,
+    TYPE_WORDS,
+    Block,
+    Coil,
+    DeviceMap,
+    Frame,
+    Identity,
+    Register,
+    Step,
+    Verify,
+)
+from drivers.map_table import Table
+
+SCHEMA = 1
+SEQUENCES = ("acquire", "safe", "release", "clear_fault")
+KNOWN_FUNCTIONS = frozenset((1, 3, 4, 5, 6, 15, 16, 23))
+
+
+def read_device_map(file: Path, content: Mapping[str, Any]) -> DeviceMap:
+    """Build a map from parsed TOML.
+
+    Raises
+    ------
+    BadMapError
+        With file, dotted key and reason, at the first thing that is wrong on its own.
+    """
+    top = Table(file, "", content)
+    if (schema := top.take("schema", int)) != SCHEMA:
+        top.fail("schema", f"is {schema}; this version reads schema {SCHEMA}")
+    identity = top.table("identity")
+    constants = top.table("const").values()
+    capabilities = top.table("capabilities")
+    word_order = top.choose("word_order", ("big", "little"))
+    result = DeviceMap(
+        file=file,
+        name=top.take("name", str),
+        title=top.take("title", str),
+        source=top.take("source", str),
+        verified_on_hardware=top.take("verified_on_hardware", bool),
+        transport=top.choose("transport", ("modbus",)),
+        unit_id=top.integer("unit_id", 0, 255),
+        word_order=word_order,
+        functions=_functions(top),
+        min_gap_s=_not_negative(top, "min_gap_s", 0.0),
+        max_read_registers=top.integer("max_read_registers", 1, 125, 125),
+        positive_current=top.choose("positive_current", ("charge", "discharge")),
+        identity=Identity(identity.take("register", str), _scalar(identity, "equals")),
+        constants=MappingProxyType(constants),
+        capabilities=_intervals(capabilities, ("current", "voltage"), constants),
+        blocks=tuple(_block(table) for table in top.tables("block")),
+        registers=_named(top.table("reg"), lambda n, t: _register(n, t, word_order, constants)),
+        coils=_named(top.table("coil"), _coil),
+        bits=_named(top.table("bits"), _bits),
+        sequences=_sequences(top.table("sequence")),
+        frames=tuple(_frame(table) for table in top.tables("frame")),
+    )
+    for table in (identity, capabilities, top):
+        table.finish()
+    return result
+
+
+def _functions(top: Table) -> frozenset[int]:
+    functions = top.integers("functions", 1, 127)
+    unknown = sorted(set(functions) - KNOWN_FUNCTIONS)
+    if unknown:
+        top.fail("functions", f"{unknown} are not supported; known are {sorted(KNOWN_FUNCTIONS)}")
+    return frozenset(functions)
+
+
+def _not_negative(table: Table, key: str, default: float) -> float:
+    value = table.take(key, float, default)
+    if value < 0:
+        table.fail(key, f"must not be negative, not {value}")
+    return value
+
+
+def _scalar(table: Table, key: str) -> float | str:
+    """Take a number or a string."""
+    value = table.any_value(key)
+    if type(value) not in (int, float, str):
+        table.fail(key, f"must be a number or a string, not {value!r}")
+    return value
+
+
+def _intervals(table: Table, keys: tuple[str, ...], names: Mapping[str, Any]) -> Mapping[str, Any]:
+    found = {key: table.interval(key, names) for key in keys}
+    return MappingProxyType({key: value for key, value in found.items() if value is not None})
+
+
+def _named(table: Table, build: Any) -> Mapping[str, Any]:
+    """Build one value from each table of a table of tables."""
+    result: dict[str, Any] = {}
+    for name, child in table.children().items():
+        result[name] = build(name, child)
+        child.finish()
+    return MappingProxyType(result)
+
+
+def _block(table: Table) -> Block:
+    first = table.integer("first", 0, 0xFFFF)
+    block = Block(
+        space=table.choose("space", ("holding", "input"), "holding"),
+        first=first,
+        last=table.integer("last", first, 0xFFFF),
+        one_type=table.take("one_type", bool, False),
+    )
+    table.finish()
+    return block
+
+
+def _register(name: str, table: Table, word_order: str, constants: Mapping[str, Any]) -> Register:
+    kind = table.choose("type", (*TYPE_WORDS, "string"))
+    words = table.integer("length", 1, 125) if kind == "string" else TYPE_WORDS[kind]
+    register = Register(
+        name=name,
+        address=table.integer("address", 0, 0x10000 - words),
+        type=kind,
+        words=words,
+        space=table.choose("space", ("holding", "input"), "holding"),
+        access=table.choose("access", ("r", "w", "rw")),
+        word_order=table.choose("word_order", ("big", "little"), word_order),
+        unit=table.take("unit", str, ""),
+        role=table.choose("role", REGISTER_ROLES, None),
+        scale=table.expression("scale", constants),
+        range=table.interval("range", constants),
+        raw_max=table.integer("raw_max", 0, 0xFFFFFFFF, None),
+        invalid=table.integers("invalid", 0, (1 << 16 * words) - 1, []),
+        unlimited=table.take("unlimited", float, None),
+        verify=_verify(table),
+    )
+    if kind == "string" and (register.scale or register.range or register.invalid or register.raw_max is not None):
+        table.fail("type", "a string has no scale, range, invalid or raw_max")
+    if kind in ("f32", "f64") and register.raw_max is not None:
+        table.fail("raw_max", "is for whole-number types; use range")
+    if register.space == "input" and register.writable:
+        table.fail("access", "input registers cannot be written")
+    return register
+
+
+def _verify(table: Table) -> Verify:
+    text = table.take("verify", str, "none")
+    kind, _, register = text.partition(":")
+    if kind not in ("none", "echo", "readback") or (register and kind != "readback"):
+        table.fail("verify", f"must be none, echo, readback or readback:REGISTER, not {text!r}")
+    return Verify(kind, register or None)
+
+
+def _coil(name: str, table: Table) -> Coil:
+    return Coil(
+        name=name,
+        address=table.integer("address", 0, 0xFFFF),
+        access=table.choose("access", ("r", "w", "rw")),
+        role=table.choose("role", COIL_ROLES, None),
+    )
+
+
+def _bits(_name: str, table: Table) -> Mapping[str, int]:
+    bits = table.values()
+    for bit, position in bits.items():
+        if type(position) is not int or not 0 <= position <= 31:
+            table.fail(bit, f"must be a bit position within 0 and 31, not {position!r}")
+    if len(set(bits.values())) != len(bits):
+        table.fail("", "two names have the same bit position")
+    return MappingProxyType(bits)
+
+
+def _sequences(table: Table) -> Mapping[str, tuple[Step, ...]]:
+    result = {key: tuple(_step(step) for step in table.tables(key)) for key in SEQUENCES}
+    table.finish()
+    if not result["safe"]:
+        table.fail("safe", "is missing; every device must have a way to rest with its output off")
+    return MappingProxyType(result)
+
+
+def _step(table: Table) -> Step:
+    write = table.take("write", str)
+    value = table.any_value("value")
+    if isinstance(value, str):
+        if not value.startswith("$"):
+            table.fail("value", f"must be a number, true, false or $NAME, not {value!r}")
+        step = Step(write, None, value[1:])
+    elif type(value) in (int, float, bool):
+        step = Step(write, value)
+    else:
+        table.fail("value", f"must be a number, true, false or $NAME, not {value!r}")
+    table.finish()
+    return step
+
+
+def _frame(table: Table) -> Frame:
+    values = table.table("values").values()
+    for name, value in values.items():
+        if type(value) not in (int, float, bool, str):
+            table.fail(f"values.{name}", f"must be a number, a string, true or false, not {value!r}")
+    missing = table.take("missing", list, [])
+    frame = Frame(
+        meaning=table.take("meaning", str),
+        request=_hex(table, "request"),
+        reply=_hex(table, "reply"),
+        values=MappingProxyType(values),
+        missing=tuple(missing),
+    )
+    table.finish()
+    return frame
+
+
+def _hex(table: Table, key: str) -> bytes:
+    text = table.take(key, str)
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        table.fail(key, f"must be bytes in hexadecimal, not {text!r}")

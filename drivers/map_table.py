@@ -1,0 +1,129 @@
+"""One TOML table, read key by key: wrong types, missing keys and unknown keys are told by file, key and reason."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+from drivers.errors import BadMapError
+from drivers.expression import Expression, ExpressionError, parse_expression
+
+_MISSING: Any = object()
+_NAMES = {
+    str: "a string",
+    int: "a whole number",
+    float: "a number",
+    bool: "true or false",
+    list: "a list",
+    dict: "a table",
+}
+
+
+class Table:
+    """A table of a device map, at the dotted path `key`."""
+
+    def __init__(self, file: Path, key: str, content: Any) -> None:
+        self.file, self.key = file, key
+        if not isinstance(content, Mapping):
+            self.fail("", f"must be a table, not {content!r}")
+        self._left: dict[str, Any] = dict(content)
+
+    def fail(self, key: str, reason: str) -> NoReturn:
+        """Raise `BadMapError` for a key of this table, or for the table itself where `key` is empty."""
+        raise BadMapError(self.file, ".".join(part for part in (self.key, key) if part) or "(file)", reason)
+
+    def take(self, key: str, kind: type, default: Any = _MISSING) -> Any:
+        """Take one key out of the table, of one type; whole numbers pass as numbers, booleans never do."""
+        value = self._left.pop(key, _MISSING)
+        if value is _MISSING:
+            if default is _MISSING:
+                self.fail(key, f"is missing; needs {_NAMES[kind]}")
+            return default
+        if kind is float and type(value) is int:
+            value = float(value)
+        if type(value) is not kind or (kind is float and not math.isfinite(value)):
+            self.fail(key, f"must be {_NAMES[kind]}, not {value!r}")
+        return value
+
+    def choose(self, key: str, allowed: Collection[str], default: Any = _MISSING) -> Any:
+        """Take a string that must be one of a few."""
+        value = self.take(key, str, default)
+        if value is not None and value not in allowed:
+            self.fail(key, f"must be one of {', '.join(sorted(allowed))}, not {value!r}")
+        return value
+
+    def integer(self, key: str, low: int, high: int, default: Any = _MISSING) -> Any:
+        """Take a whole number within limits."""
+        value = self.take(key, int, default)
+        if value is not None and not low <= value <= high:
+            self.fail(key, f"must be within {low} and {high}, not {value}")
+        return value
+
+    def integers(self, key: str, low: int, high: int, default: Any = _MISSING) -> tuple[int, ...]:
+        """Take a list of whole numbers within limits."""
+        values = self.take(key, list, default)
+        if any(type(value) is not int or not low <= value <= high for value in values):
+            self.fail(key, f"must be a list of whole numbers within {low} and {high}, not {values!r}")
+        return tuple(values)
+
+    def expression(self, key: str, names: Collection[str]) -> Expression | None:
+        """Take an optional expression; a plain number is one too."""
+        value = self._left.pop(key, None)
+        return None if value is None else self._expression(key, value, names)
+
+    def interval(self, key: str, names: Collection[str]) -> tuple[Expression, Expression] | None:
+        """Take an optional pair of expressions, low and high."""
+        value = self._left.pop(key, None)
+        if value is None:
+            return None
+        if not isinstance(value, list) or len(value) != 2:
+            self.fail(key, f"must be a list of two expressions, low and high, not {value!r}")
+        low, high = (self._expression(f"{key}[{i}]", part, names) for i, part in enumerate(value))
+        return low, high
+
+    def _expression(self, key: str, value: Any, names: Collection[str]) -> Expression:
+        if type(value) in (int, float):
+            value = repr(value)
+        if not isinstance(value, str):
+            self.fail(key, f"must be an expression in quotes, not {value!r}")
+        try:
+            expression = parse_expression(value)
+            if not expression.names:
+                expression.evaluate({})
+        except ExpressionError as error:
+            self.fail(key, str(error))
+        unknown = sorted(expression.names - set(names))
+        if unknown:
+            self.fail(key, f"'{value}' uses {', '.join(unknown)}, which [const] does not define")
+        return expression
+
+    def table(self, key: str) -> Table:
+        """Take a table inside this one; an absent one is empty."""
+        return Table(self.file, f"{self.key}.{key}" if self.key else key, self._left.pop(key, {}))
+
+    def tables(self, key: str) -> list[Table]:
+        """Take an array of tables; an absent one is empty."""
+        path = f"{self.key}.{key}" if self.key else key
+        return [Table(self.file, f"{path}[{i}]", part) for i, part in enumerate(self.take(key, list, []))]
+
+    def children(self) -> dict[str, Table]:
+        """Take every key that is left, as a table each."""
+        return {key: self.table(key) for key in list(self._left)}
+
+    def values(self) -> dict[str, Any]:
+        """Take every key that is left, as it stands."""
+        left, self._left = self._left, {}
+        return left
+
+    def any_value(self, key: str) -> Any:
+        """Take one key that must be there, of any type."""
+        if key not in self._left:
+            self.fail(key, "is missing")
+        return self._left.pop(key)
+
+    def finish(self) -> None:
+        """Refuse what nobody asked for: a misspelt key must not pass as an absent one."""
+        for key in self._left:
+            self.fail(key, "is not a known key here")

@@ -1,0 +1,309 @@
+"""A cycler behind Modbus, configured by its map alone."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
+
+from drivers.codec import Value, bind
+from drivers.cycler import Capabilities, DeviceLimits, Reading
+from drivers.device_map import DeviceMap, Register
+from drivers.errors import CyclerConnectionError, CyclerError, CyclerProtocolError, SetPointRefusedError
+from drivers.modbus_link import ModbusLink
+from drivers.modbus_plan import DevicePlan
+from drivers.read_plan import ReadPlan
+from drivers.setpoint_watch import SetPointWatch
+
+OUTPUT_SETTLE_S = 0.5  # a contactor takes its time; a bench must be at rest within 2 s
+POLL_S = 0.01
+REOPEN_ATTEMPTS = 2  # per `safe`: each may take as long as a connect
+
+
+class ModbusCycler:
+    """`drivers.cycler.Cycler` over a `ModbusLink`.
+
+    Parameters
+    ----------
+    link : ModbusLink
+        The transport; not opened yet.
+    device_map : DeviceMap
+        The device family.
+    """
+
+    def __init__(self, link: ModbusLink, device_map: DeviceMap) -> None:
+        self._link = link
+        self._map = device_map
+        self._plan: DevicePlan | None = None
+        self._watch: SetPointWatch | None = None  # there is one while this driver has control
+        self._heartbeat = 0
+        self._tick: int | None = None  # None: wall clock
+        self._sequence = 0
+
+    # --- opening -------------------------------------------------------------------------------------------
+    async def connect(self) -> Capabilities:
+        """See `Cycler.connect`. A device that is not what the map describes is left alone."""
+        self._watch = None
+        await self._open()
+        try:
+            constants = {name: await self._constant(name, reg) for name, reg in self._map.constants.items()}
+            self._plan = DevicePlan(self._map, constants)
+            serial = await self._read_role("serial", constants)
+            available = await self._read_role("lock_step_available", constants)
+            return self._plan.capabilities("" if serial is None else str(serial), lock_step=available not in (None, 0))
+        except CyclerError:
+            self._link.close()
+            raise
+
+    async def close(self) -> None:
+        """See `Cycler.close`."""
+        self._watch = None
+        self._link.close()
+
+    async def _open(self) -> None:
+        """Connect, and make sure that it is the device that the map is about."""
+        await self._link.open()
+        identity = self._map.identity
+        try:
+            found = await self._read_value(self._map.registers[identity.register], {})
+        except CyclerError:
+            self._link.close()
+            raise
+        if found != identity.equals:
+            self._link.close()
+            raise CyclerProtocolError(
+                f"{self._link.address}: register '{identity.register}' reads {found!r}, map '{self._map.name}' "
+                f"wants {identity.equals!r}: another device, or the wrong map; nothing was written"
+            )
+
+    async def _constant(self, name: str, register_name: str) -> float:
+        value = await self._read_value(self._map.registers[register_name], {})
+        if isinstance(value, str) or not math.isfinite(value):
+            raise CyclerProtocolError(
+                f"{self._link.address}: constant {name} (register '{register_name}') reads {value!r}, not a number"
+            )
+        return float(value)
+
+    async def _read_role(self, role: str, constants: Mapping[str, float]) -> Value | None:
+        register = self._map.by_role(role)
+        return None if register is None else await self._read_value(register, constants)
+
+    async def _read_value(self, register: Register, constants: Mapping[str, float]) -> Value:
+        raw = await self._link.read_registers(register.space, register.address, register.words, f"'{register.name}'")
+        return bind(register, constants).decode(raw)
+
+    # --- taking and giving back control --------------------------------------------------------------------
+    async def acquire(self, limits: DeviceLimits, watchdog_s: float, lock_step_period_s: float | None) -> None:
+        """See `Cycler.acquire`. Output off and set-point 0 come before anything else is configured."""
+        plan = self._connected_plan()
+        self._watch = None
+        # Everything is encoded, and refused if it must be, before the first write.
+        settings = plan.grouped(await self._settings(plan, limits, watchdog_s, lock_step_period_s))
+        await self._run("acquire", {"watchdog_s": watchdog_s})
+        await self._run("safe")
+        await self._verify_off()
+        for write in settings:
+            await self._link.write_registers(write.first, write.values, write.label)
+            await self._verify_readback(write.first, write.values, write.label)
+        self._tick = None
+        if lock_step_period_s is not None:
+            tick = await self._read_role("lock_step", plan.constants)
+            self._tick = tick if isinstance(tick, int) else 0
+        for write in plan.command.writes(0.0, self._next_heartbeat(plan), None):
+            await self._link.write_registers(write.first, write.values, write.label)
+        await self._verify_setpoint_register(plan, 0.0)
+        self._sequence = (await self._read_sample(plan)).sequence
+        self._watch = SetPointWatch(exact=lock_step_period_s is not None)
+
+    async def _settings(
+        self, plan: DevicePlan, limits: DeviceLimits, watchdog_s: float, period_s: float | None
+    ) -> dict[str, float]:
+        """Registers that `acquire` writes and reads back, after checking that the clock is one both have."""
+        settings = plan.limit_values(limits)
+        watchdog = self._map.by_role("watchdog")
+        if watchdog is not None:
+            settings[watchdog.name] = watchdog_s
+        available = await self._read_role("lock_step_available", plan.constants) not in (None, 0)
+        if period_s is None and available:
+            raise CyclerProtocolError(f"{self._link.address}: the device's time moves only in lock-step")
+        period = self._map.by_role("lock_step_period")
+        if period_s is not None:
+            if period is None or not available:
+                raise CyclerProtocolError(f"{self._link.address}: the device has no lock-step")
+            settings[period.name] = period_s
+        return settings
+
+    async def release(self) -> None:
+        """See `Cycler.release`."""
+        self._connected_plan()
+        self._watch = None
+        await self._run("release")
+
+    async def clear_fault(self) -> None:
+        """See `Cycler.clear_fault`."""
+        plan = self._connected_plan()
+        await self._run("clear_fault")
+        reading = await self._read_sample(plan)
+        if reading.alarms:
+            raise CyclerProtocolError(
+                f"{self._link.address}: alarms stay after clearing: {', '.join(sorted(reading.alarms))}; "
+                "remove their cause first"
+            )
+
+    # --- each tick -----------------------------------------------------------------------------------------
+    async def sample(self) -> Reading:
+        """See `Cycler.sample`."""
+        reading = await self._read_sample(self._connected_plan())
+        self._sequence = reading.sequence
+        if self._watch is not None:
+            expected_A = self._watch.check(reading.setpoint_in_force_A, reading.sequence)
+            if expected_A is not None:
+                raise SetPointRefusedError(self._refusal(expected_A, reading), reading)
+        return reading
+
+    async def apply(self, current_A: float) -> None:
+        """See `Cycler.apply`. Nothing is sent when the set-point is not finite or out of range."""
+        plan = self._connected_plan()
+        if self._watch is None:
+            raise CyclerProtocolError(f"{self._link.address}: no set-point without control: acquire first")
+        tick = None if self._tick is None else (self._tick + 1) & 0xFFFFFFFF
+        for write in plan.command.writes(current_A, self._next_heartbeat(plan), tick):
+            await self._link.write_registers(write.first, write.values, write.label)
+        self._tick = tick
+        value_A, tolerance_A = plan.expected(current_A)
+        verify = self._map.registers[plan.command.codec.name].verify
+        if verify.kind == "readback" and verify.register is None:
+            await self._verify_setpoint_register(plan, current_A)
+        if tolerance_A < math.inf:
+            self._watch.written(value_A, tolerance_A, self._sequence)
+
+    async def output(self, on: bool) -> None:
+        """See `Cycler.output`."""
+        plan = self._connected_plan()
+        if on and self._watch is None:
+            raise CyclerProtocolError(f"{self._link.address}: no output without control: acquire first")
+        coil = self._map.coil_by_role("output")
+        if coil is not None:  # every validated map has one
+            await self._link.write_coil(coil.address, on, f"'{coil.name}'")
+        if not on:
+            self._forget_setpoints()
+        await self._verify_output(plan, on=on)
+
+    # --- safety --------------------------------------------------------------------------------------------
+    async def safe(self) -> None:
+        """See `Cycler.safe`. Writing rest twice does no harm, so each step is tried again on a fresh link."""
+        actions: list[Callable[[], Awaitable[None]]] = [
+            partial(self._write, step.write, step.value) for step in self._map.sequences["safe"]
+        ]
+        actions.append(self._verify_off)
+        errors: list[CyclerError] = []
+        attempts = REOPEN_ATTEMPTS
+        for action in actions:
+            for last in (False, True):
+                try:
+                    if not self._link.is_open:
+                        if not attempts:
+                            raise CyclerConnectionError(f"{self._link.address}: not connected")
+                        attempts -= 1
+                        await self._reopen()
+                    await action()
+                    break
+                except CyclerError as error:
+                    if last or self._link.is_open:  # what the device refuses it will refuse again
+                        errors.append(error)
+                        break
+        self._forget_setpoints()
+        if errors:
+            text = "; ".join(dict.fromkeys(str(error) for error in errors))
+            raise type(errors[0])(f"not verified to be at rest: {text}") from errors[0]
+
+    async def _reopen(self) -> None:
+        """Open a lost link again, without resuming anything: what was acquired is gone with the link."""
+        self._watch = None
+        if self._plan is None:
+            await self.connect()
+        else:
+            await self._open()
+
+    def _forget_setpoints(self) -> None:
+        """With the output off, what was applied before is no longer what should be in force."""
+        if self._watch is not None:
+            self._watch = SetPointWatch(exact=self._tick is not None)
+
+    async def _verify_off(self) -> None:
+        await self._verify_output(self._connected_plan(), on=False)
+
+    # --- writing and verifying -----------------------------------------------------------------------------
+    async def _run(self, sequence: str, arguments: Mapping[str, float] | None = None) -> None:
+        for step in self._map.sequences[sequence]:
+            value = step.value if step.argument is None else (arguments or {}).get(step.argument)
+            await self._write(step.write, value)
+
+    async def _write(self, name: str, value: float | bool | None) -> None:
+        """Write one register or coil by name."""
+        plan = self._connected_plan()
+        if value is None:
+            raise CyclerProtocolError(f"map '{self._map.name}': no value for '{name}' in its sequence")
+        if coil := self._map.coils.get(name):
+            await self._link.write_coil(coil.address, bool(value), f"'{name}'")
+            return
+        register = self._map.registers[name]
+        values = plan.codecs[name].encode(value)
+        await self._link.write_registers(register.address, values, f"'{name}'")
+
+    async def _verify_readback(self, first: int, values: tuple[int, ...], label: str) -> None:
+        found = tuple(await self._link.read_registers("holding", first, len(values), label))
+        if found != values:
+            raise SetPointRefusedError(
+                f"{self._link.address}: {label} read back differently: "
+                f"wrote {_words(values)}, reads {_words(found)} (registers from {first})"
+            )
+
+    async def _verify_setpoint_register(self, plan: DevicePlan, current_A: float) -> None:
+        register = self._map.registers[plan.command.codec.name]
+        if register.readable:
+            values = plan.command.codec.encode(current_A)
+            await self._verify_readback(register.address, values, f"'{register.name}'")
+
+    async def _verify_output(self, plan: DevicePlan, *, on: bool) -> None:
+        """Wait until the status says what the output was told."""
+        deadline_s = time.monotonic() + OUTPUT_SETTLE_S
+        while True:
+            reading = await self._read_sample(plan)
+            if reading.output_on == on:
+                return
+            if time.monotonic() >= deadline_s:
+                told, alarms = ("on" if on else "off"), ", ".join(sorted(reading.alarms)) or "none"
+                raise CyclerProtocolError(
+                    f"{self._link.address}: output was switched {told}, but the status says otherwise after "
+                    f"{OUTPUT_SETTLE_S:g} s; alarms: {alarms}"
+                )
+            await asyncio.sleep(POLL_S)
+
+    async def _read_sample(self, plan: DevicePlan) -> Reading:
+        blocks = [await self._read(read) for read in plan.sample.reads]
+        return plan.sample.reading(time.monotonic(), self._sequence + 1, blocks)
+
+    async def _read(self, read: ReadPlan) -> list[int]:
+        return await self._link.read_registers(read.space, read.first, read.count, read.label)
+
+    def _connected_plan(self) -> DevicePlan:
+        if self._plan is None:
+            raise CyclerConnectionError(f"{self._link.address}: not connected")
+        return self._plan
+
+    def _next_heartbeat(self, plan: DevicePlan) -> int:
+        self._heartbeat = (self._heartbeat + 1) % plan.command.heartbeat_modulus
+        return self._heartbeat
+
+    def _refusal(self, expected_A: float, reading: Reading) -> str:
+        status, alarms = (", ".join(sorted(names)) or "none" for names in (reading.status, reading.alarms))
+        told = f"set-point {expected_A:g} A was written, {reading.setpoint_in_force_A:g} A is in force"
+        tripped = f"the device has tripped ({alarms}): " if reading.alarms else ""
+        return f"{self._link.address}: {tripped}{told}; status: {status}"
+
+
+def _words(values: tuple[int, ...]) -> str:
+    return " ".join(f"{value:04X}" for value in values)

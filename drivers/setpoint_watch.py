@@ -1,0 +1,49 @@
+"""Does the device hold what it was told? Pure: told of every set-point and of every sample."""
+
+from __future__ import annotations
+
+from collections import deque
+
+# A device tick may pass between a sample and the set-point that follows it, so only the second later
+# measurement is sure to come after the set-point.
+WHOLE_TICKS = 2
+REMEMBERED = 64
+
+
+class SetPointWatch:
+    """Compares the set-point in force with those that were written.
+
+    Parameters
+    ----------
+    exact : bool
+        True in lock-step: the very next sample shows the new set-point. False on the wall clock: an earlier
+        set-point is accepted until the device's sequence shows that a whole device tick has passed.
+    """
+
+    def __init__(self, *, exact: bool) -> None:
+        self._exact = exact
+        # (expected value, tolerance, sequence of the last sample before it was written), oldest first
+        self._written: deque[tuple[float, float, int]] = deque(maxlen=REMEMBERED)
+
+    def written(self, value_A: float, tolerance_A: float, sequence: int) -> None:
+        """Note a set-point that was written after the sample with the given sequence number."""
+        if self._exact:
+            self._written.clear()
+        self._written.append((value_A, tolerance_A, sequence))
+
+    def check(self, in_force_A: float, sequence: int) -> float | None:
+        """Return None if the sample is as it should be, else the set-point that should be in force, in A."""
+        written = self._written
+        if not written:
+            return None
+        due = -1  # index of the newest set-point that must have been taken over
+        for index in range(len(written) - 1, -1, -1):
+            expected_A, tolerance_A, before = written[index]
+            if abs(in_force_A - expected_A) <= tolerance_A:
+                for _ in range(index):  # what is older can not come back
+                    written.popleft()
+                return None
+            if due < 0 and (self._exact or (sequence - before) % 2**32 >= WHOLE_TICKS):
+                due = index
+                break
+        return written[due][0] if due >= 0 else None

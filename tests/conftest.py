@@ -1,0 +1,25 @@
+"""Rules that hold for every test."""
+
+from __future__ import annotations
+
+import os
+import shutil
+
+import pytest
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep numerical libraries to one thread: small problems are slower, not faster, on several."""
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test whose system program is missing; in CI that is a failure, because CI installs it."""
+    for marker in item.iter_markers("needs_program"):
+        for program in marker.args:
+            if shutil.which(program) is None:
+                reason = f"needs the system program {program!r} (Debian: apt-get install {program})"
+                if os.environ.get("CI"):
+                    pytest.fail(reason)
+                pytest.skip(reason)
