@@ -1,0 +1,218 @@
+"""The physics and the rules of a simulated cycler: set-point, limits, ramp, output, watchdog, measurements.
+
+It knows neither registers nor sockets, and time only as what `advance` is told.
+"""
+
+import math
+from dataclasses import dataclass
+
+from simulators.cell import TruthCell
+from simulators.sensors import Measurement, Sensors
+
+__all__ = ["Cycler", "CyclerSettings", "StateRefusedError", "ValueRefusedError"]
+
+SEQUENCE_SPAN = 1 << 32
+RAMP_STEPS = 100  # a ramp is a staircase of at most this many steps for each measurement
+RAMP_STEP_S = 0.02
+OVER_CURRENT_SHARE = 0.02  # of the nominal current; sensor noise must not trip the output
+
+
+class ValueRefusedError(Exception):
+    """A value that this device never takes, or not with its present limits."""
+
+
+class StateRefusedError(Exception):
+    """A command that the device does not take in its present state."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CyclerSettings:
+    """The device as it is switched on; its limits start at what its power stage can do."""
+
+    nominal_current_A: float = 30.0
+    nominal_voltage_V: float = 6.0
+    watchdog_s: float = 2.0
+    serial: int = 1
+    ambient_degC: float = 25.0
+
+
+class Cycler:
+    """One channel with a cell on it.
+
+    Parameters
+    ----------
+    settings : CyclerSettings
+    cell : TruthCell
+    sensors : Sensors
+    watchdog_enabled : bool
+        False where time moves only with the client (lock-step), as silence then takes no time.
+
+    Attributes
+    ----------
+    requested_A, set_point_A, current_A : float
+        What was written, what is in force, and what flows; positive charges.
+    limits : dict[str, float]
+        ``voltage_high``, ``voltage_low``, ``current_high`` ... in V, A and degC. One that is broken at a
+        measurement while the output is on trips the output and latches an alarm.
+    ramp_A_per_s : float or None
+        None: the set-point is reached at once.
+    alarms : set[str]
+        Latched until cleared; none may be there when the output is switched on.
+    """
+
+    def __init__(self, settings: CyclerSettings, cell: TruthCell, sensors: Sensors, *, watchdog_enabled: bool) -> None:
+        self.settings = settings
+        self.requested_A = self.set_point_A = self.current_A = 0.0
+        self.output_on = self.remote = False
+        self.alarms: set[str] = set()
+        self.watchdog_s = settings.watchdog_s
+        self.ramp_A_per_s: float | None = None
+        self.limits = {
+            "voltage_high": settings.nominal_voltage_V,
+            "voltage_low": 0.0,
+            "current_high": settings.nominal_current_A,
+            "current_low": -settings.nominal_current_A,
+            "temperature_high": 85.0,
+            "temperature_low": -40.0,
+        }
+        self.sequence = 0
+        self._cell = cell
+        self._sensors = sensors
+        self._watchdog_enabled = watchdog_enabled
+        self._heartbeat_left_s = self.watchdog_s
+        self._truth = cell.step(0.0, 0.0)
+        self.measurement = self._measure()
+
+    @property
+    def status(self) -> frozenset[str]:
+        """Names of the status bits that are set."""
+        names = set()
+        if self.output_on:
+            names.add("output_on")
+            if abs(self.requested_A - self.current_A) > 1e-9:
+                names.add("current_limited")
+        if self.remote:
+            names.add("remote")
+        if "watchdog" in self.alarms:
+            names.add("watchdog_expired")
+        return frozenset(names)
+
+    def check_set_point(self, current_A: float) -> None:
+        """Say whether a set-point would be taken.
+
+        Raises
+        ------
+        ValueRefusedError
+            If it lies outside the device's current limits.
+        StateRefusedError
+            If it is not zero and the device is not in remote mode.
+        """
+        low, high = self.limits["current_low"], self.limits["current_high"]
+        slack_A = 1e-6 * max(abs(low), abs(high))  # both may have been rounded to single precision
+        if current_A != 0.0 and not low - slack_A <= current_A <= high + slack_A:
+            raise ValueRefusedError(f"set-point {current_A} A is outside the device's current limits")
+        if current_A != 0.0 and not self.remote:
+            raise StateRefusedError(f"set-point {current_A} A while the device is not in remote mode")
+
+    def set_current(self, current_A: float) -> None:
+        """Take a checked set-point; it flows from the next advance on."""
+        self.requested_A = self.set_point_A = current_A
+
+    def set_limit(self, name: str, value: float) -> None:
+        """Set one of `limits`; the set-point in force is held inside the current limits."""
+        self.limits[name] = value
+        low, high = self.limits["current_low"], self.limits["current_high"]
+        held = min(max(self.requested_A, low), high)
+        self.set_point_A = held if low <= high else 0.0
+
+    def check_output(self, *, remote: bool, alarms: bool) -> None:
+        """Say whether the output may be switched on, given remote mode and latched alarms.
+
+        Raises
+        ------
+        StateRefusedError
+            If the device is not in remote mode, or an alarm is latched.
+        """
+        if not remote:
+            raise StateRefusedError("output on while the device is not in remote mode")
+        if alarms:
+            raise StateRefusedError(f"output on while alarms are latched: {', '.join(sorted(self.alarms))}")
+
+    def set_output(self, on: bool) -> None:
+        """Switch the output; switching off also forgets the set-point."""
+        if on and not self.output_on:
+            self._heartbeat_left_s = self.watchdog_s
+        if not on:
+            self.requested_A = self.set_point_A = self.current_A = 0.0
+        self.output_on = on
+
+    def set_remote(self, on: bool) -> None:
+        """Take or give up remote mode; giving it up switches the output off."""
+        self.remote = on
+        if not on:
+            self.set_output(False)
+
+    def heartbeat(self) -> None:
+        """Restart the communication watchdog."""
+        self._heartbeat_left_s = self.watchdog_s
+
+    def trip(self, alarm: str) -> None:
+        """Latch an alarm and switch the output off."""
+        self.alarms.add(alarm)
+        self.set_output(False)
+
+    def advance(self, dt_s: float, measurements: int = 1) -> None:
+        """Let time pass, then measure and check the limits.
+
+        Parameters
+        ----------
+        dt_s : float
+            Simulated time.
+        measurements : int
+            How many measuring periods of the device lie in it: the sequence counter moves by as many, though
+            only the last one is kept.
+        """
+        left = dt_s
+        if self._watchdog_enabled and self.output_on:
+            if self._heartbeat_left_s <= dt_s:
+                self._play(self._heartbeat_left_s)
+                left -= self._heartbeat_left_s
+                self.trip("watchdog")
+            else:
+                self._heartbeat_left_s -= dt_s
+        self._play(left)
+        self.sequence = (self.sequence + measurements) % SEQUENCE_SPAN
+        self.measurement = self._measure()
+        if self.output_on:
+            self._check_limits(self.measurement)
+
+    def _play(self, dt_s: float) -> None:
+        target = self.set_point_A if self.output_on else 0.0
+        if self.ramp_A_per_s is None or self.current_A == target:
+            self.current_A = target
+            self._truth = self._cell.step(target, dt_s)
+            return
+        count = min(max(math.ceil(dt_s / RAMP_STEP_S), 1), RAMP_STEPS)
+        most = self.ramp_A_per_s * dt_s / count
+        for _ in range(count):
+            gap = target - self.current_A
+            self.current_A = target if abs(gap) <= most else self.current_A + math.copysign(most, gap)
+            self._truth = self._cell.step(self.current_A, dt_s / count)
+
+    def _measure(self) -> Measurement:
+        return self._sensors.measure(self._truth, self.current_A, self.settings.ambient_degC)
+
+    def _check_limits(self, seen: Measurement) -> None:
+        if not math.isfinite(seen.voltage_V) or not math.isfinite(seen.temperature_degC):
+            self.trip("internal")
+        limits, margin_A = self.limits, OVER_CURRENT_SHARE * self.settings.nominal_current_A
+        if seen.voltage_V > limits["voltage_high"]:
+            self.trip("over_voltage")
+        if seen.voltage_V < limits["voltage_low"]:
+            self.trip("under_voltage")
+        if not limits["current_low"] - margin_A <= seen.current_A <= limits["current_high"] + margin_A:
+            self.trip("over_current")
+        if seen.temperature_degC > limits["temperature_high"]:
+            self.trip("over_temperature")
+        if seen.temperature_degC < limits["temperature_low"]:
+            self.trip("under_temperature")
