@@ -1,0 +1,37 @@
+"""Benches: what they are and do, stop, acknowledge."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter
+
+from bench_service.api.dependencies import PathId, ServicesOf
+from bench_service.api.strict import StrictRoute
+
+router = APIRouter(prefix="/benches", tags=["benches"], route_class=StrictRoute)
+
+
+@router.get("")
+async def list_benches(services: ServicesOf) -> dict[str, Any]:
+    """List all benches."""
+    return {"benches": [bench.to_json() for bench in services.benches]}
+
+
+@router.get("/{name}")
+async def get_bench(name: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Give one bench."""
+    return services.benches.get(name).to_json()
+
+
+@router.post("/{name}/stop")
+async def stop_bench(name: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Stop the run on the bench: rest, output off. Harmless where nothing runs."""
+    bench = services.runs.stop_bench(services.benches, name, "stopped by a client")
+    return {"state": bench.supervisor.status.state}
+
+
+@router.post("/{name}/acknowledge")
+async def acknowledge(name: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Clear a latched fault; the answer shows the bench a moment later."""
+    return (await services.benches.acknowledge(name)).to_json()

@@ -1,0 +1,53 @@
+"""Campaigns: design, run, fit, observe, compare and report in one go."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter
+from pydantic import Field
+
+from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
+from bench_service.campaign.campaigns import campaign_json
+
+router = APIRouter(prefix="/campaigns", tags=["campaigns"], route_class=StrictRoute)
+
+
+class CampaignBody(Body):
+    """A campaign; what is left out follows from the bench. ``duration_s`` is that of each run."""
+
+    bench: Id
+    name: Name | None = None
+    seed: Seed | None = None
+    dt_s: Annotated[Positive, Field(ge=1e-3, le=3600.0)] | None = None
+    duration_s: Positive | None = None
+    capacity_Ah: Positive | None = None
+    current_A: Window | None = None
+    soc: Annotated[tuple[Soc, Soc], Field(strict=False)] | None = None
+    initial_soc: Soc | None = None
+    structure: Literal["full", "minimal"] | None = None
+
+
+@router.post("", status_code=201)
+async def start_campaign(body: CampaignBody, services: ServicesOf) -> dict[str, Any]:
+    """Start a campaign; it goes on in the service, whether its client stays or not."""
+    return campaign_json(await services.campaigns.start(body.model_dump()))
+
+
+@router.get("")
+async def list_campaigns(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> dict[str, Any]:
+    """List campaigns, newest first."""
+    return {"campaigns": [campaign_json(record) for record in await services.campaigns.list(limit, offset)]}
+
+
+@router.get("/{campaign_id}")
+async def get_campaign(campaign_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Give one campaign as it stands now."""
+    return campaign_json(await services.campaigns.get(campaign_id))
+
+
+@router.post("/{campaign_id}/stop")
+async def stop_campaign(campaign_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Stop a campaign and the run that it has started; one that has ended stays as it is."""
+    return campaign_json(await services.campaigns.stop(campaign_id))

@@ -1,0 +1,50 @@
+"""Comparisons of a model with runs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from pydantic import Field
+
+from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.strict import Body, Id, Soc, StrictRoute
+from bench_service.store.records import ComparisonRecord
+
+router = APIRouter(prefix="/comparisons", tags=["comparisons"], route_class=StrictRoute)
+
+
+class ComparisonBody(Body):
+    """What to compare; ``initial_soc`` replaces that of the runs."""
+
+    model_id: Id
+    run_ids: Annotated[list[Id], Field(min_length=1, max_length=100)]
+    initial_soc: Soc | None = None
+
+
+@router.post("", status_code=201)
+async def compare(body: ComparisonBody, services: ServicesOf) -> dict[str, Any]:
+    """Compare a model with runs, in a worker process; answers when it is done."""
+    return _as_json(await services.modelling.compare(body.model_id, body.run_ids, body.initial_soc))
+
+
+@router.get("")
+def list_comparisons(
+    services: ServicesOf,
+    model_id: Annotated[str | None, Query(max_length=64)] = None,
+    limit: Limit = 100,
+    offset: Offset = 0,
+) -> dict[str, Any]:
+    """List comparisons, newest first."""
+    return {"comparisons": [_as_json(record) for record in services.store.comparisons(model_id, limit, offset)]}
+
+
+@router.get("/{comparison_id}")
+def get_comparison(comparison_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Give one comparison."""
+    return _as_json(services.store.comparison(comparison_id))
+
+
+def _as_json(record: ComparisonRecord) -> dict[str, Any]:
+    return asdict(record) | {"run_ids": list(record.run_ids)}

@@ -1,0 +1,21 @@
+"""How a route gets at the parts of the service."""
+
+from __future__ import annotations
+
+from typing import Annotated, cast
+
+from fastapi import Depends, Path, Query
+from starlette.requests import HTTPConnection
+
+from bench_service.campaign.services import Services
+
+
+def services_of(connection: HTTPConnection) -> Services:
+    """Give the parts that the application has put together; for requests and WebSockets alike."""
+    return cast(Services, connection.app.state.services)
+
+
+ServicesOf = Annotated[Services, Depends(services_of)]
+PathId = Annotated[str, Path(min_length=1, max_length=64)]
+Limit = Annotated[int, Query(ge=1, le=1000)]
+Offset = Annotated[int, Query(ge=0, le=10**9)]

@@ -1,0 +1,96 @@
+"""Every error answer has one form: ``{"error": {"code", "message", "where"}}``."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import Any, cast
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+from bench_service.campaign.live import TooManyReadersError
+from bench_service.errors import (
+    BadRequestError,
+    BenchOfflineError,
+    ConflictError,
+    NotFoundError,
+    ServiceError,
+    StoreError,
+)
+from bench_service.exchange.errors import ExchangeError
+from models.errors import ModelError
+
+_log = logging.getLogger(__name__)
+
+# The first class that fits counts.
+_STATUS: tuple[tuple[type[Exception], int, str], ...] = (
+    (NotFoundError, 404, "not_found"),
+    (ConflictError, 409, "conflict"),
+    (BadRequestError, 422, "bad_request"),
+    (BenchOfflineError, 503, "bench_offline"),
+    (StoreError, 503, "store"),
+    (TooManyReadersError, 503, "too_many_readers"),
+    (ExchangeError, 422, "bad_file"),
+    (ModelError, 422, "not_identifiable"),
+    (ServiceError, 500, "error"),
+)
+_HTTP_CODES = {400: "bad_request", 403: "forbidden", 404: "not_found", 405: "method_not_allowed", 413: "too_large"}
+_HTTP_CODES |= {415: "wrong_content_type", 422: "bad_request"}
+
+
+def error_response(status: int, code: str, message: str, where: Sequence[Any] | None = None) -> JSONResponse:
+    """Build an error answer; text that is not UTF-8 able is shown with replacement characters."""
+    places = [part if isinstance(part, int) else _plain(str(part)) for part in where] if where else None
+    return JSONResponse({"error": {"code": code, "message": _plain(message), "where": places}}, status_code=status)
+
+
+def install_error_handlers(app: FastAPI) -> None:
+    """Make every error of the application take the one form."""
+    for error_type, _, _ in _STATUS:
+        app.add_exception_handler(error_type, _on_own_error)
+    app.add_exception_handler(RequestValidationError, _on_bad_request)
+    app.add_exception_handler(HTTPException, _on_http_error)
+    app.add_exception_handler(Exception, _on_unexpected_error)
+
+
+async def _on_own_error(request: Request, error: Exception) -> JSONResponse:
+    status, code = next((status, code) for kind, status, code in _STATUS if isinstance(error, kind))
+    where = error.where if isinstance(error, ServiceError) else None
+    if isinstance(error, ServiceError):
+        code = error.code
+    return error_response(status, code, str(error), where)
+
+
+async def _on_bad_request(request: Request, error: Exception) -> JSONResponse:
+    # FastAPI's own handler echoes the input, and breaks where that is NaN.
+    faults = cast(RequestValidationError, error).errors()
+    first = faults[0]
+    where = [part for part in first["loc"] if part not in ("body", "query", "path")]
+    if first["type"] == "json_invalid":
+        return error_response(422, "bad_json", f"the body is not JSON: {first['ctx']['error']}")
+    reason = str(first["msg"]).removeprefix("Value error, ")
+    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+    place = ".".join(str(part) for part in where) or "body"
+    return error_response(422, "bad_request", f"{place}: {reason}{more}", where)
+
+
+async def _on_http_error(request: Request, error: Exception) -> JSONResponse:
+    http = cast(HTTPException, error)
+    message = str(http.detail)
+    if http.status_code == 404 and message == "Not Found":
+        message = f"no such address: {request.url.path[:200]}"
+    code = _HTTP_CODES.get(http.status_code, "error")
+    answer = error_response(http.status_code, code, message)
+    answer.headers.update(http.headers or {})
+    return answer
+
+
+async def _on_unexpected_error(request: Request, error: Exception) -> JSONResponse:
+    return error_response(500, "internal", "an error inside the service; its log says which")
+
+
+def _plain(text: str) -> str:
+    return text.encode("utf-8", "replace").decode()

@@ -1,0 +1,25 @@
+"""`/healthz`: whether the service and its processes are alive."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter
+
+from bench_service.api.dependencies import ServicesOf
+from bench_service.store.engine import check_sqlite
+
+router = APIRouter(tags=["service"])
+
+
+@router.get("/healthz")
+async def health(services: ServicesOf) -> dict[str, Any]:
+    """Answer with versions and states."""
+    recorder = services.recorder_state()
+    return {
+        "status": "ok" if recorder == "running" else "degraded",
+        "version": services.version,
+        "recorder": recorder,
+        "benches": {bench.name: bench.supervisor.status.state for bench in services.benches},
+        "sqlite_version": check_sqlite(),
+    }

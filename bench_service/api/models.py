@@ -1,0 +1,69 @@
+"""Models: fit, import, look at."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query
+from pydantic import Field, JsonValue
+
+from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.strict import Body, BulkRoute, Id, Name, Positive, Seed, StrictRoute
+from bench_service.campaign.modelling import FitOrder
+
+router = APIRouter(prefix="/models", tags=["models"], route_class=StrictRoute)
+bulk_router = APIRouter(prefix="/models", tags=["models"], route_class=BulkRoute)
+
+
+class FitBody(Body):
+    """A model to identify."""
+
+    name: Name
+    train: Annotated[list[Id], Field(min_length=1, max_length=100)]
+    validation: Annotated[list[Id], Field(alias="validate", max_length=100)] = []
+    capacity_Ah: Positive
+    structure: Literal["full", "minimal"] = "full"
+    seed: Seed | None = None
+
+
+@router.post("", status_code=202)
+async def start_fit(body: FitBody, services: ServicesOf) -> dict[str, Any]:
+    """Fit a model to runs in a worker process; answers with the job."""
+    order = FitOrder(
+        name=body.name,
+        train=body.train,
+        validate=body.validation,
+        capacity_Ah=body.capacity_Ah,
+        structure=body.structure,
+        seed=body.seed,
+    )
+    return asdict(await services.modelling.start_fit(order))
+
+
+@bulk_router.post("/import", status_code=201)
+def import_model(
+    document: dict[str, JsonValue],
+    services: ServicesOf,
+    name: Annotated[str, Query(min_length=1, max_length=200)] = "imported",
+) -> dict[str, Any]:
+    """Store a MODEL.json."""
+    return asdict(services.modelling.import_model(document, name))
+
+
+@router.get("")
+def list_models(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> dict[str, Any]:
+    """List models, newest first, without their documents."""
+    return {"models": [asdict(model) for model in services.store.models(limit, offset)]}
+
+
+@router.get("/{model_id}")
+def get_model(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Give one model with its metrics."""
+    return asdict(services.store.model(model_id))
+
+
+@router.get("/{model_id}/document")
+def get_document(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Give the model itself, MODEL.json."""
+    return services.store.model_document(model_id)

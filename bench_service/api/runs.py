@@ -1,0 +1,75 @@
+"""Runs: start, stop, look at."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from pydantic import Field
+
+from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
+from bench_service.campaign.runs import RunOrder
+from bench_service.store.records import RunState
+
+router = APIRouter(prefix="/runs", tags=["runs"], route_class=StrictRoute)
+
+
+class LimitsBody(Body):
+    """Limits of a run; what is left out is as the bench has it."""
+
+    voltage_V: Window | None = None
+    current_A: Window | None = None
+    temperature_degC: Window | None = None
+    soc: Window | None = None
+    ramp_A_per_s: Positive | None = None
+    duration_s: Positive | None = None
+
+
+class RunBody(Body):
+    """A run to start."""
+
+    bench: Id
+    profile_id: Id
+    dt_s: Annotated[Positive, Field(ge=1e-3, le=3600.0)]
+    initial_soc: Soc
+    limits: LimitsBody | None = None
+    model_id: Id | None = None
+    observer_initial_soc: Soc | None = None
+    name: Name | None = None
+    seed: Seed | None = None
+
+
+@router.post("", status_code=201)
+async def start_run(body: RunBody, services: ServicesOf) -> dict[str, Any]:
+    """Start a run, after every check that needs no cycler."""
+    order = RunOrder(**(body.model_dump(exclude={"limits"})), limits=body.limits and body.limits.model_dump())
+    return asdict(await services.runs.start(services.benches, order))
+
+
+@router.get("")
+def list_runs(
+    services: ServicesOf,
+    bench: Annotated[str | None, Query(max_length=64)] = None,
+    state: RunState | None = None,
+    campaign_id: Annotated[str | None, Query(max_length=64)] = None,
+    limit: Limit = 100,
+    offset: Offset = 0,
+) -> dict[str, Any]:
+    """List runs, newest first."""
+    return {"runs": [asdict(run) for run in services.store.runs(bench, state, campaign_id, limit, offset)]}
+
+
+@router.get("/{run_id}")
+def get_run(run_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Give one run."""
+    return asdict(services.store.run(run_id))
+
+
+@router.post("/{run_id}/stop")
+async def stop_run(run_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Stop a run: rest, output off. One that has ended stays as it is."""
+    run = services.store.run(run_id)
+    services.runs.stop(services.benches, run, "stopped by a client")
+    return asdict(run)

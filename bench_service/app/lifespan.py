@@ -1,0 +1,157 @@
+"""Starts the parts of the service in their order, and stops them in the reverse one."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager, closing
+from importlib.metadata import version
+
+from bench_service.app.recorder import RecorderKeeper
+from bench_service.bench.limits import Limits
+from bench_service.bench.settings import BenchSettings
+from bench_service.bench.supervisor import BenchSupervisor
+from bench_service.campaign.benches import ACKNOWLEDGED, Bench, Benches
+from bench_service.campaign.campaigns import CampaignRunner
+from bench_service.campaign.journal import Journal
+from bench_service.campaign.live import Broadcaster
+from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.runs import Runs
+from bench_service.campaign.services import Services
+from bench_service.campaign.story import Workshop
+from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
+from bench_service.jobs.runner import JobRunner
+from bench_service.simulation import SimulatorProcess
+from bench_service.store.metadata import MetadataStore
+from bench_service.store.samples import SampleReader
+
+_LATEST_EVENTS = 1000
+
+
+@asynccontextmanager
+async def running_services(config: ServiceConfig, store: MetadataStore) -> AsyncIterator[Services]:
+    """Give the running parts of the service; leaving brings every bench to rest and stores everything first.
+
+    Parameters
+    ----------
+    config : ServiceConfig
+    store : MetadataStore
+        Open; closed by the caller.
+
+    Raises
+    ------
+    StoreError
+        The recorder cannot start.
+    SimulationError
+        A simulator cannot start.
+    """
+    async with AsyncExitStack() as stack:
+        live = Broadcaster()
+        samples = stack.enter_context(closing(SampleReader(config.data_dir)))
+        journal = Journal(store, live)
+        stack.push_async_callback(journal.close)
+        recorder = RecorderKeeper(config.data_dir, lambda text: journal.note(None, _recorder_event(text)))
+        await recorder.start()
+        stack.push_async_callback(recorder.stop)
+        for run in await asyncio.to_thread(store.mark_interrupted_runs, samples):
+            journal.note(run.bench, _interrupted_event(run.id, run.state))
+        jobs = JobRunner(config.workers)
+        await jobs.start()
+        stack.push_async_callback(jobs.stop)
+        code_version = version("bench-service")
+        runs = Runs(store, samples, journal, code_version)
+        stack.push_async_callback(runs.close)
+        benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
+        benches.add([await _bench(stack, n, c, store, recorder, benches) for n, c in config.bench.items()])
+        stack.push_async_callback(_close_all, benches)
+        modelling = Modelling(store, jobs, config.data_dir, code_version)
+        workshop = Workshop(store, samples, benches, runs, modelling, jobs)
+        campaigns = CampaignRunner(workshop, journal, live, code_version)
+        stack.push_async_callback(campaigns.close)
+        for bench in benches:
+            await bench.supervisor.start()
+        yield Services(
+            config=config,
+            version=code_version,
+            store=store,
+            samples=samples,
+            journal=journal,
+            benches=benches,
+            runs=runs,
+            jobs=jobs,
+            modelling=modelling,
+            campaigns=campaigns,
+            live=live,
+            recorder_state=lambda: recorder.state,
+        )
+
+
+async def _bench(
+    stack: AsyncExitStack,
+    name: str,
+    config: BenchConfig,
+    store: MetadataStore,
+    recorder: RecorderKeeper,
+    listener: Benches,
+) -> Bench:
+    url = config.url
+    if config.simulate is not None:
+        simulator = await SimulatorProcess.start(simulator_arguments(config.simulate, config.map))
+        stack.push_async_callback(simulator.stop)
+        url = simulator.address
+    limits = Limits.from_json(config.limits.model_dump())
+    settings = BenchSettings(
+        name=name,
+        url=url or "",
+        map=config.map,
+        limits=limits,
+        timeout_s=config.timeout_s,
+        watchdog_s=config.watchdog_s,
+        external_interlock=config.external_interlock,
+        latched=await asyncio.to_thread(unacknowledged, store, name),
+    )
+    return Bench(config, settings.url, limits, BenchSupervisor(settings, recorder.attach, listener))
+
+
+async def _close_all(benches: Benches) -> None:
+    # All at once: each brings its cycler to rest, and none should wait for another.
+    await asyncio.gather(*(bench.supervisor.close() for bench in benches))
+
+
+def simulator_arguments(simulate: SimulateConfig, device_map: str) -> list[str]:
+    """Write a simulated bench's configuration as arguments of `bench-service simulate`."""
+    arguments = ["--protocol", simulate.protocol, "--map", device_map, "--cell", simulate.cell]
+    arguments += ["--seed", str(simulate.seed), "--initial-soc", repr(simulate.initial_soc)]
+    arguments += [f"--ambient-degC={simulate.ambient_degC!r}"]
+    if simulate.effects:
+        arguments += ["--effects", ",".join(f"{name}={size!r}" for name, size in simulate.effects.items())]
+    if simulate.capacity_Ah is not None:
+        arguments += ["--capacity-Ah", repr(simulate.capacity_Ah)]
+    return arguments + (["--lock-step"] if simulate.lock_step else ["--speed", repr(simulate.speed)])
+
+
+def unacknowledged(store: MetadataStore, bench: str) -> str | None:
+    """Say why the bench must wait for an operator: its last run ended badly and nobody has acknowledged that.
+
+    Control processes forget with their end; a fault must not vanish because the service was restarted.
+    """
+    last = next(iter(store.runs(bench=bench, limit=1)), None)
+    if last is None or last.state not in ("fault", "interrupted"):
+        return None
+    if any(event.code == "refused" for event in store.events(run_id=last.id)):
+        return None  # it never began
+    ended_utc = last.ended_utc or last.created_utc
+    acknowledged = any(
+        event.bench == bench and event.code == ACKNOWLEDGED and event.created_utc >= ended_utc
+        for event in store.events(limit=_LATEST_EVENTS)
+    )
+    return None if acknowledged else f"run {last.id} ended as {last.state}: {last.reason}"
+
+
+def _recorder_event(text: str) -> dict[str, str | None]:
+    return {"severity": "error", "code": "recorder", "text": text, "run_id": None}
+
+
+def _interrupted_event(run_id: str, state: str) -> dict[str, str | None]:
+    text = f"the service ended in the middle of the run; it is listed as {state}"
+    return {"severity": "warning", "code": "service_restarted", "text": text, "run_id": run_id}

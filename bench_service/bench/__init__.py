@@ -1,0 +1,1 @@
+"""One control process per bench: player, clock, safety, recording, live observer; and its supervisor."""

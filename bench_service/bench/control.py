@@ -1,0 +1,339 @@
+"""The control process: owns the cycler, obeys the API, and is safe without either.
+
+States: `offline` (no cycler), `idle`, `running`, `stopping`, `fault` (latched until acknowledged). Reconnecting
+identifies the device, makes it safe and never resumes a run.
+"""
+
+import asyncio
+import logging
+from collections import deque
+from dataclasses import asdict
+from typing import Any, Literal
+
+from bench_service.bench.admission import RefusedError
+from bench_service.bench.links import FrameLink
+from bench_service.bench.live import LiveFeed
+from bench_service.bench.recording import RecorderError, Recording
+from bench_service.bench.request import RunRequest
+from bench_service.bench.run_loop import RunEnd, RunLoop, RunParts, bring_to_rest, uncancelled
+from bench_service.bench.run_setup import PreparedRun, prepare
+from bench_service.bench.settings import BenchSettings
+from bench_service.bench.stop import StopSignal, StopState
+from drivers.cycler import Capabilities, Cycler, CyclerError, Reading
+from drivers.factory import open_cycler
+
+_log = logging.getLogger(__name__)
+_IDLE_PERIOD_S = 0.5
+_FIRST_RETRY_S = 0.2
+_LAST_RETRY_S = 5.0
+_CONNECT_TIMEOUT_S = 10.0
+_SEAL_TIMEOUT_S = 30.0
+_SAY_GOODBYE_S = 2.0
+
+State = Literal["offline", "idle", "running", "stopping", "fault"]
+Command = tuple[dict[str, Any], bytes]
+
+
+class BenchControl:
+    """State machine of one bench.
+
+    Parameters
+    ----------
+    settings : BenchSettings
+    command_sock, sample_sock : socket.socket
+        Links to the API and to the recorder.
+    """
+
+    def __init__(self, settings: BenchSettings, command_sock: Any, sample_sock: Any) -> None:
+        self._settings = settings
+        self._link = FrameLink(command_sock, self._commanded, self._orphaned)
+        self._recording = Recording(sample_sock, self._recorder_failed)
+        self._feed = LiveFeed(self._link)
+        self._cycler: Cycler | None = None
+        self._capabilities: Capabilities | None = None
+        self._latched = settings.latched
+        self._offline_reason: str | None = "not connected yet"
+        self._retry_s = 0.0
+        self._commands: deque[Command] = deque()
+        self._wake = asyncio.Event()
+        self._quit: str | None = None
+        self._run_id: str | None = None
+        self._stop = StopSignal()
+
+    async def serve(self) -> None:
+        """Work until told to quit, orphaned or without a recorder; always leaves the cycler at rest."""
+        try:
+            self._tell_state()
+            while self._quit is None:
+                await self._turn()
+        finally:
+            await uncancelled(self._leave())
+
+    def quit(self, state: StopState, reason: str) -> None:
+        """End the run, if there is one, and then the process."""
+        self._quit = self._quit or reason
+        self._stop.give(state, reason)
+        self._wake.set()
+
+    async def _turn(self) -> None:
+        if self._cycler is None:
+            await self._connect()
+        if self._quit is None and not self._commands:
+            await self._wait(self._retry_s if self._cycler is None else _IDLE_PERIOD_S)
+        if self._quit is not None:
+            return
+        if self._commands:
+            await self._obey(*self._commands.popleft())
+        elif self._cycler is not None:
+            await self._idle_sample(self._cycler)
+
+    async def _wait(self, seconds: float) -> None:
+        try:
+            await asyncio.wait_for(self._wake.wait(), seconds)
+        except TimeoutError:
+            pass
+        self._wake.clear()
+
+    # --- what comes in -------------------------------------------------------------------------------------
+
+    def _commanded(self, header: dict[str, Any], body: bytes) -> None:
+        operation = header.get("op")
+        if operation == "stop":
+            self._stop_run(str(header.get("reason") or "stopped"))
+        elif operation == "quit":
+            self.quit("stopped", "the service was shut down")
+        else:
+            self._commands.append((header, body))
+            self._wake.set()
+
+    def _stop_run(self, reason: str) -> None:
+        for waiting, _ in self._commands:
+            waiting["stopped"] = reason  # a run that has not begun: it ends before its first tick
+        if self._run_id is not None and self._stop.order is None:
+            self._stop.give("stopped", reason)
+            self._tell_state()
+
+    def _orphaned(self, reason: str) -> None:
+        self.quit("interrupted", f"the service is gone ({reason})")
+
+    def _recorder_failed(self, reason: str) -> None:
+        self._stop.give("fault", f"{self._settings.name}: {reason}; samples cannot be stored, output switched off")
+        if not self._recording.is_open:
+            # A new recorder needs a new link, which only a new process gets.
+            self._quit = self._quit or reason
+            self._wake.set()
+
+    async def _obey(self, header: dict[str, Any], body: bytes) -> None:
+        operation = header.get("op")
+        if operation == "start":
+            await self._start(header, body)
+        elif operation == "acknowledge":
+            await self._acknowledge()
+        else:
+            self._event("warning", "unknown_command", f"unknown command {operation!r} ignored")
+
+    # --- the cycler ----------------------------------------------------------------------------------------
+
+    async def _connect(self) -> None:
+        """Connect, identify, make safe; on failure leave a longer wait before the next attempt."""
+        cycler: Cycler | None = None
+        try:
+            settings = self._settings
+            cycler = open_cycler(settings.url, settings.map, settings.timeout_s)
+            capabilities = await asyncio.wait_for(cycler.connect(), _CONNECT_TIMEOUT_S)
+            if reason := await bring_to_rest(cycler):
+                raise CyclerError(f"connected, but rest was not confirmed: {reason}")
+        except (CyclerError, TimeoutError) as error:
+            if cycler is not None:
+                await cycler.close()
+            self._retry_s = min(_LAST_RETRY_S, max(_FIRST_RETRY_S, 2 * self._retry_s))
+            self._offline(str(error) or "no answer while connecting")
+            return
+        self._cycler, self._capabilities = cycler, capabilities
+        self._offline_reason, self._retry_s = None, 0.0
+        self._event("info", "connected", f"{capabilities.name} {capabilities.serial} connected, at rest")
+        self._tell_state()
+
+    async def _disconnect(self, reason: str) -> None:
+        if self._cycler is not None:
+            await self._cycler.close()
+        self._cycler, self._capabilities = None, None
+        self._offline(reason)
+
+    def _offline(self, reason: str) -> None:
+        if reason != self._offline_reason:
+            self._offline_reason = reason
+            self._event("warning", "offline", f"{self._settings.name} is offline: {reason}")
+            self._tell_state()
+
+    async def _idle_sample(self, cycler: Cycler) -> None:
+        try:
+            reading = await cycler.sample()
+        except CyclerError as error:
+            await self._disconnect(str(error))
+            return
+        if self._feed.due:
+            self._feed.send(reading)
+        if reading.output_on:
+            await self._unexpected_output(cycler, reading)
+
+    async def _unexpected_output(self, cycler: Cycler, reading: Reading) -> None:
+        text = (
+            f"{self._settings.name}: the output was on at {reading.current_A:.4g} A without a run; switched off. "
+            "Find out who switched it on, acknowledge"
+        )
+        unrested = await bring_to_rest(cycler)
+        if unrested is not None:
+            await self._disconnect(unrested)
+        if text != self._latched:
+            self._latch(text, "unexpected_output")
+
+    async def _acknowledge(self) -> None:
+        if self._cycler is not None:
+            try:
+                await self._cycler.clear_fault()
+            except CyclerError as error:
+                self._event("error", "fault_stays", f"{self._settings.name}: the fault stays: {error}")
+                self._tell_state()
+                return
+        if self._latched is not None:
+            self._event("info", "acknowledged", f"acknowledged: {self._latched}")
+        self._latched = None
+        self._tell_state()
+
+    # --- a run ---------------------------------------------------------------------------------------------
+
+    async def _start(self, header: dict[str, Any], body: bytes) -> None:
+        run_id = str(header.get("run_id"))
+        self._stop = StopSignal()
+        if "stopped" in header:
+            self._stop.give("stopped", header["stopped"])
+        try:
+            request = RunRequest.from_frame(header, body)
+            cycler, capabilities = self._ready()
+            self._run_id = run_id
+            self._tell_state()
+            prepared = await prepare(self._settings, capabilities, request)
+            self._recording.open(run_id, prepared.streams, prepared.queue_rows)
+        except (RefusedError, RecorderError, ValueError) as error:
+            self._refuse(run_id, f"{self._settings.name}: run refused: {error}")
+            return
+        await self._finish(run_id, await self._play(cycler, prepared))
+
+    async def _play(self, cycler: Cycler, prepared: PreparedRun) -> RunEnd:
+        # An order that came while the run was prepared holds: the loop then ends before its first tick.
+        self._stop.on_order(prepared.clock.interrupt)
+        self._stop.on_order(self._recording.wake)
+        for severity, code, text in prepared.notes:
+            self._event(severity, code, text)
+        self._feed.restart()
+        parts = RunParts(
+            cycler, prepared.clock, self._recording, self._feed, self._stop, prepared.observer, self._event
+        )
+        with prepared.environment(self._event):
+            return await RunLoop(prepared.plan, parts).play()
+
+    def _refuse(self, run_id: str, text: str) -> None:
+        self._run_id = None
+        self._event("error", "refused", text, run_id)
+        self._tell_state()
+        self._tell_ended(run_id, "fault", text, 0, 0, None)
+
+    def _ready(self) -> tuple[Cycler, Capabilities]:
+        if self._latched is not None:
+            raise RefusedError(f"a fault is latched ({self._latched}); acknowledge it first")
+        if self._cycler is None or self._capabilities is None:
+            raise RefusedError(f"the bench is offline: {self._offline_reason}")
+        return self._cycler, self._capabilities
+
+    async def _finish(self, run_id: str, end: RunEnd) -> None:
+        if end.state == "fault":
+            self._latched = end.reason
+            self._event("error", end.code, end.reason or end.code, run_id)
+        self._stop.give("stopped", "the run has ended")
+        self._tell_state()
+        n_samples = self._recording.n_rows
+        sha256 = await self._recording.close(end.state, end.reason, _SEAL_TIMEOUT_S)
+        if sha256 is None:
+            n_samples = self._recording.n_acknowledged
+            self._event(
+                "error",
+                "not_sealed",
+                f"{self._settings.name}: the recorder did not confirm the run; {n_samples} of "
+                f"{self._recording.n_rows} samples are known to be stored",
+                run_id,
+            )
+        if not end.at_rest:
+            await self._disconnect("the cycler did not confirm rest after the run")
+        elif self._cycler is not None:
+            await self._release(self._cycler)
+        self._run_id = None
+        # The state first: who hears of the end may start the next run at once.
+        self._tell_state()
+        self._tell_ended(run_id, end.state, end.reason, n_samples, end.missed_ticks, sha256)
+
+    async def _release(self, cycler: Cycler) -> None:
+        try:
+            await cycler.release()
+        except CyclerError as error:
+            await self._disconnect(str(error))
+
+    async def _leave(self) -> None:
+        if self._cycler is not None:
+            if reason := await bring_to_rest(self._cycler):
+                _log.error("%s: rest not confirmed at the end: %s", self._settings.name, reason)
+            await self._cycler.close()
+        self._recording.shut()
+        await self._link.drain(_SAY_GOODBYE_S)
+        self._link.close()
+
+    # --- what goes out -------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> State:
+        """Present state; a latched fault hides whether the cycler is there."""
+        if self._run_id is not None:
+            return "running" if self._stop.order is None else "stopping"
+        if self._latched is not None:
+            return "fault"
+        return "offline" if self._cycler is None else "idle"
+
+    def _latch(self, text: str, code: str) -> None:
+        self._latched = text
+        self._event("error", code, text)
+        self._tell_state()
+
+    def _tell_state(self) -> None:
+        capabilities = None if self._capabilities is None else asdict(self._capabilities)
+        reason = self._latched or self._offline_reason
+        if self._run_id is not None:
+            reason = None if self._stop.order is None else self._stop.order.reason
+        self._link.send(
+            {
+                "op": "state",
+                "state": self.state,
+                "reason": reason,
+                "run_id": self._run_id,
+                "capabilities": capabilities,
+            }
+        )
+
+    def _tell_ended(
+        self, run_id: str, state: str, reason: str | None, n_samples: int, missed_ticks: int, sha256: str | None
+    ) -> None:
+        self._link.send(
+            {
+                "op": "ended",
+                "run_id": run_id,
+                "state": state,
+                "reason": reason,
+                "n_samples": n_samples,
+                "missed_ticks": missed_ticks,
+                "sha256": sha256,
+            }
+        )
+
+    def _event(self, severity: str, code: str, text: str, run_id: str | None = None) -> None:
+        self._link.send(
+            {"op": "event", "severity": severity, "code": code, "text": text, "run_id": run_id or self._run_id}
+        )

@@ -1,0 +1,102 @@
+"""The live observer as the run loop sees it. Its state of charge is shown and stored; no limit uses it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from bench_service.bench.request import RunRequest
+
+if TYPE_CHECKING:
+    from models.observer import FuzzyObserver
+    from models.observer.fuzzy_observer import ObserverState
+
+# Outside of this a state of charge is no estimate any more.
+_PLAUSIBLE_SOC = (-0.2, 1.2)
+# Mean and standard deviation of "anything between 0 and 1".
+_UNKNOWN_SOC, _UNKNOWN_SOC_STD = 0.5, 0.29
+
+
+class ObserverError(Exception):
+    """The observer cannot be built, has raised, or has diverged."""
+
+
+class ObserverRow(NamedTuple):
+    """One row of the stream ``observer`` without its time."""
+
+    soc: float
+    soc_std: float
+    model_voltage_V: float
+    innovation_V: float
+
+
+class ObserverLink(Protocol):
+    """Steps once per recorded sample."""
+
+    def step(self, current_A: float, voltage_V: float, temperature_degC: float) -> ObserverRow:
+        """Return the estimate after one sample.
+
+        Raises
+        ------
+        ObserverError
+            It has raised or diverged; it is not to be used any more.
+        """
+        ...
+
+
+class FuzzyObserverLink:
+    """A fuzzy observer with its memory."""
+
+    def __init__(self, observer: FuzzyObserver, state: ObserverState) -> None:
+        self._observer = observer
+        self._state = state
+
+    def step(self, current_A: float, voltage_V: float, temperature_degC: float) -> ObserverRow:
+        """Return the estimate after one sample; see `ObserverLink`."""
+        try:
+            self._state, out = self._observer.step(self._state, current_A, voltage_V, temperature_degC)
+        except Exception as error:  # whatever a model does, the run must not depend on it
+            raise ObserverError(f"the observer failed: {error!r}") from error
+        low, high = _PLAUSIBLE_SOC
+        if not (low <= out.soc <= high and math.isfinite(out.soc_std) and math.isfinite(out.model_voltage_V)):
+            raise ObserverError(
+                f"the observer has diverged: state of charge {out.soc:.3g} +- {out.soc_std:.2g}, "
+                f"model voltage {out.model_voltage_V:.4g} V"
+            )
+        return ObserverRow(out.soc, out.soc_std, out.model_voltage_V, out.innovation_V)
+
+
+def build_observer(request: RunRequest) -> ObserverLink | None:
+    """Build the observer that a request asks for, compiled and at its initial state; None if it asks for none.
+
+    Raises
+    ------
+    ObserverError
+        The model cannot be used with an observer, or not at the run's period.
+    """
+    if request.observer is None:
+        return None
+    # Here, because loading the compiler takes longer than everything else a control process does at its start.
+    from models.local_model_network import LocalModelNetwork
+    from models.observer import FuzzyObserver, ObserverSettings
+
+    try:
+        network = LocalModelNetwork.from_json(request.observer["model"])
+        settings: dict[str, Any] = dict(request.observer.get("settings") or {})
+        soc = settings.pop("initial_soc", None)
+        observer = FuzzyObserver(network)
+        if settings:
+            merged = observer.settings.to_json() | settings
+            observer = FuzzyObserver(network, ObserverSettings.from_json(merged))
+        if not math.isclose(observer.dt_s, request.dt_s, rel_tol=1e-9):
+            raise ValueError(f"the model's period is {observer.dt_s:g} s, the run's {request.dt_s:g} s; use one")
+        soc, std = _initial_soc(soc if soc is not None else request.initial_soc)
+        observer.step(observer.initial(soc, std), 0.0, math.nan, math.nan)  # compiles
+        return FuzzyObserverLink(observer, observer.initial(soc, std))
+    except Exception as error:
+        raise ObserverError(f"the observer cannot start: {error}") from error
+
+
+def _initial_soc(soc: float | None) -> tuple[float, float | None]:
+    """Return initial state of charge and its standard deviation (None: the settings')."""
+    return (_UNKNOWN_SOC, _UNKNOWN_SOC_STD) if soc is None else (float(soc), None)

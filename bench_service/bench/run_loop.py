@@ -1,0 +1,341 @@
+"""One run, tick by tick: sample -> safety -> recorder queue -> observer -> live feed -> set-point.
+
+However it ends - done, tripped, stopped, cancelled, link or recorder lost - the cycler is then brought to rest with
+its output off.
+"""
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+from bench_service.bench.clock import Clock, Tick
+from bench_service.bench.live import LiveFeed
+from bench_service.bench.observer_link import ObserverError, ObserverLink, ObserverRow
+from bench_service.bench.player import Player
+from bench_service.bench.recording import RecorderError, Recording
+from bench_service.bench.request import RunRequest
+from bench_service.bench.safety import Context, Rules, Track, Trip, check, check_age, check_at_rest, follow
+from bench_service.bench.soc import count_charge
+from bench_service.bench.stop import StopSignal
+from bench_service.streams import OBSERVER, SAMPLES, Flag
+from drivers.cycler import Cycler, CyclerError, DeviceLimits, Reading, SetPointRefusedError
+
+_log = logging.getLogger(__name__)
+_TIME_TOLERANCE_S = 1e-9
+_KEEP_ALIVE_S = 0.5
+_REST_ATTEMPTS = 2
+_REST_TIMEOUT_S = 2.0
+_NO_OBSERVER = ObserverRow(math.nan, math.nan, math.nan, math.nan)
+
+T = TypeVar("T")
+EndState = Literal["completed", "stopped", "fault", "interrupted"]
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnd:
+    """How a run ended.
+
+    Parameters
+    ----------
+    state : str
+    code : str
+        Kind of the cause, for programs.
+    reason : str or None
+        For people; None if the profile was played to its end.
+    at_rest : bool
+        Whether the cycler has confirmed rest and output off; if not, the device's watchdog must have done it.
+    missed_ticks : int
+    """
+
+    state: EndState
+    code: str
+    reason: str | None
+    at_rest: bool
+    missed_ticks: int
+
+
+@dataclass(frozen=True, slots=True)
+class RunParts:
+    """What a run works with.
+
+    Parameters
+    ----------
+    cycler, clock, recording, feed, stop
+    observer : ObserverLink or None
+    notify : callable
+        Takes severity, code and text of an event.
+    """
+
+    cycler: Cycler
+    clock: Clock
+    recording: Recording
+    feed: LiveFeed
+    stop: StopSignal
+    observer: ObserverLink | None
+    notify: Callable[[str, str, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RunPlan:
+    """What a run does.
+
+    Parameters
+    ----------
+    request : RunRequest
+    player : Player
+        On the grid of ticks.
+    rules : Rules
+    watchdog_s : float
+        To set in the device.
+    every : int
+        Ticks per recorded sample.
+    """
+
+    request: RunRequest
+    player: Player
+    rules: Rules
+    watchdog_s: float
+    every: int
+
+
+class TripError(Exception):
+    """A safety rule was violated."""
+
+    def __init__(self, trip: Trip) -> None:
+        super().__init__(trip.text)
+        self.code = trip.code
+
+
+class RunLoop:
+    """Plays one run; used once."""
+
+    def __init__(self, plan: RunPlan, parts: RunParts) -> None:
+        self._plan = plan
+        self._parts = parts
+        self._limits = plan.request.limits
+        self._track = Track()
+        self._soc = plan.request.initial_soc
+        self._commanded_A = 0.0
+        self._settled_from_s = -math.inf
+        self._missed = 0
+        self._gap = False
+        self._next_record = 0
+        self._observer = parts.observer
+        self._observed = _NO_OBSERVER
+
+    async def play(self) -> RunEnd:
+        """Play the run to its end, whatever that is, and bring the cycler to rest."""
+        state: EndState = "fault"
+        code, reason = "internal_error", None
+        unrested: str | None = None
+        try:
+            state, code, reason = await self._guarded()
+        finally:
+            self._parts.clock.close()
+            unrested = await uncancelled(bring_to_rest(self._parts.cycler))
+        if unrested is not None and state != "fault":
+            state, code, reason = "fault", "not_at_rest", f"the cycler did not confirm rest: {unrested}"
+        return RunEnd(state, code, reason, unrested is None, self._missed)
+
+    async def _guarded(self) -> tuple[EndState, str, str | None]:
+        try:
+            await self._begin()
+            return await self._ticks()
+        except TripError as error:
+            return "fault", error.code, str(error)
+        except RecorderError as error:
+            return "fault", "recorder", f"{self._plan.rules.bench}: {error}"
+        except CyclerError as error:
+            return "fault", "cycler", f"{self._plan.rules.bench}: cycler: {error}"
+        except Exception as error:
+            # A defect must end like any other fault: at rest, with the samples stored.
+            _log.exception("run %s", self._plan.request.run_id)
+            return "fault", "internal_error", f"{self._plan.rules.bench}: internal error: {error!r}"
+
+    async def _begin(self) -> None:
+        cycler, limits, clock = self._parts.cycler, self._limits, self._parts.clock
+        device = DeviceLimits(limits.voltage_V, limits.current_A, limits.temperature_degC, limits.ramp_A_per_s)
+        period_s = self._plan.player.dt_s
+        await cycler.acquire(device, self._plan.watchdog_s, period_s if clock.lock_step else None)
+        context = Context(self._plan.rules, self._track, 0.0, self._soc, 0.0)
+        if trip := check_at_rest(await cycler.sample(), context):
+            raise TripError(trip)
+        await cycler.output(True)
+        clock.start(period_s)
+
+    async def _ticks(self) -> tuple[EndState, str, str | None]:
+        clock, stop, recording = self._parts.clock, self._parts.stop, self._parts.recording
+        while True:
+            tick = await clock.next_tick()
+            if stop.order is not None:
+                return stop.order.state, "stop", stop.order.reason
+            if tick is None:
+                raise RuntimeError("the clock was interrupted without a stop order")
+            if await self._tick(tick):
+                return "completed", "completed", None
+            if recording.full:
+                await self._queue_full()
+
+    async def _queue_full(self) -> None:
+        if not self._parts.clock.lock_step:
+            raise RecorderError(
+                f"the recorder has not acknowledged the last {self._parts.recording.n_unacknowledged} samples; "
+                "check the disk"
+            )
+        while not await self._parts.recording.wait_for_room(_KEEP_ALIVE_S):
+            # Simulated time stands still, but a simulator takes a silent client for a dead one.
+            await self._parts.cycler.sample()
+
+    async def _tick(self, tick: Tick) -> bool:
+        """Play one tick; return whether it was the last."""
+        self._missed += tick.missed
+        self._gap = self._gap or tick.missed > 0
+        reading, refused = await self._sample()
+        trip = self._judge(tick, reading)
+        if tick.index >= self._next_record or trip or refused:
+            self._record(tick, reading)
+        self._parts.feed.note_lateness(tick.lateness_s)
+        if self._parts.feed.due:
+            self._show(tick, reading)
+        # The alarm or limit behind a refused set-point says more than the refusal.
+        if trip is not None:
+            raise TripError(trip)
+        if refused is not None:
+            raise refused
+        setpoint_A = self._plan.player.setpoint(tick.index)
+        if setpoint_A is None:
+            return True
+        # A stale reading is no ground for a heartbeat: the device's watchdog must see that we are blind.
+        if self._track.stale == 0:
+            await self._apply(tick, setpoint_A)
+        return False
+
+    async def _sample(self) -> tuple[Reading, SetPointRefusedError | None]:
+        try:
+            return await self._parts.cycler.sample(), None
+        except SetPointRefusedError as error:
+            if error.reading is None:
+                raise
+            return error.reading, error
+
+    def _judge(self, tick: Tick, reading: Reading) -> Trip | None:
+        clock, plan = self._parts.clock, self._plan
+        time_s = clock.sample_time_s(tick, reading.monotonic_s)
+        settled = time_s >= self._settled_from_s - _TIME_TOLERANCE_S
+        self._track = follow(self._track, plan.rules, reading, time_s, self._commanded_A, settled)
+        if self._soc is not None:
+            self._soc = count_charge(self._soc, reading.current_A, self._track.interval_s, plan.request.capacity_Ah)
+        now_s = clock.elapsed_s(tick)
+        return check(reading, Context(plan.rules, self._track, now_s, self._soc, self._commanded_A))
+
+    def _record(self, tick: Tick, reading: Reading) -> None:
+        parts, time_s = self._parts, self._track.time_s
+        self._next_record = (tick.index // self._plan.every + 1) * self._plan.every
+        row = (
+            time_s,
+            reading.current_A,
+            reading.voltage_V,
+            reading.temperature_degC,
+            reading.ambient_degC,
+            self._commanded_A,
+            reading.sequence,
+            self._flags(reading),
+            tick.lateness_s,
+        )
+        parts.recording.put(SAMPLES, row)
+        self._gap = False
+        if parts.observer is not None:
+            self._observed = self._observe(reading)
+            parts.recording.put(OBSERVER, (time_s, *self._observed))
+
+    def _flags(self, reading: Reading) -> int:
+        flags = 0
+        if math.isnan(reading.voltage_V):
+            flags |= Flag.VOLTAGE_MISSING.value
+        if math.isnan(reading.current_A):
+            flags |= Flag.CURRENT_MISSING.value
+        if math.isnan(reading.temperature_degC):
+            flags |= Flag.TEMPERATURE_MISSING.value
+        if self._track.stale:
+            flags |= Flag.STALE.value
+        if self._track.time_s < self._settled_from_s - _TIME_TOLERANCE_S:
+            flags |= Flag.SETTLING.value
+        if "current_limited" in reading.status:
+            flags |= Flag.DEVICE_CURRENT_LIMIT.value
+        if self._gap:
+            flags |= Flag.GAP_BEFORE.value
+        return flags
+
+    def _observe(self, reading: Reading) -> ObserverRow:
+        if self._observer is None:
+            return _NO_OBSERVER
+        try:
+            return self._observer.step(reading.current_A, reading.voltage_V, reading.temperature_degC)
+        except ObserverError as error:
+            # Its state of charge is for people; no limit depends on it, so the run goes on.
+            self._observer = None
+            self._parts.notify("warning", "observer", f"{error}; its state of charge is invalid from now on")
+            return _NO_OBSERVER
+
+    def _show(self, tick: Tick, reading: Reading) -> None:
+        counted = math.nan if self._soc is None else self._soc
+        n_ticks = self._plan.player.n_ticks
+        self._parts.feed.send(
+            reading,
+            run_id=self._plan.request.run_id,
+            seq=self._parts.recording.n_rows - 1,
+            time_s=self._track.time_s,
+            setpoint_A=self._commanded_A,
+            soc=counted if self._parts.observer is None else self._observed.soc,
+            soc_std=self._observed.soc_std,
+            progress=min(1.0, tick.index / n_ticks),
+            missed_ticks=self._missed,
+        )
+
+    async def _apply(self, tick: Tick, setpoint_A: float) -> None:
+        now_s = self._parts.clock.elapsed_s(tick)
+        # Whatever held the loop up since the sample (slow observer, stopped process): a heartbeat needs a fresh one.
+        if trip := check_age(Context(self._plan.rules, self._track, now_s, self._soc, self._commanded_A)):
+            raise TripError(trip)
+        change_A = abs(setpoint_A - self._commanded_A)
+        if change_A > 0:
+            ramp = self._limits.ramp_A_per_s
+            ramp_s = 0.0 if ramp is None else change_A / ramp
+            self._settled_from_s = now_s + self._plan.request.settle_s + ramp_s
+        await self._parts.cycler.apply(setpoint_A)
+        self._commanded_A = setpoint_A
+
+
+async def bring_to_rest(cycler: Cycler) -> str | None:
+    """Bring the cycler to rest with its output off.
+
+    Returns
+    -------
+    None when the cycler has confirmed it, else why not.
+    """
+    reason = None
+    for _ in range(_REST_ATTEMPTS):
+        try:
+            await asyncio.wait_for(cycler.safe(), _REST_TIMEOUT_S)
+        except Exception as error:  # whatever went wrong, the next attempt may succeed
+            reason = str(error) or repr(error)
+        else:
+            return None
+    return reason
+
+
+async def uncancelled(work: Coroutine[Any, Any, T]) -> T:
+    """Finish `work` even if the caller is cancelled meanwhile; the cancellation is passed on afterwards."""
+    task = asyncio.ensure_future(work)
+    cancelled: asyncio.CancelledError | None = None
+    while not task.done():
+        try:
+            await asyncio.shield(task)
+        except asyncio.CancelledError as error:
+            cancelled = error
+    if cancelled is not None:
+        raise cancelled
+    return task.result()

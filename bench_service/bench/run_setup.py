@@ -1,0 +1,117 @@
+"""From a request to everything a run needs; all that takes time happens here, before the output is on."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from bench_service.bench.admission import RefusedError, check_start, ticks_per_sample
+from bench_service.bench.clock import Clock, LockStepClock, WallClock
+from bench_service.bench.observer_link import ObserverError, ObserverLink, build_observer
+from bench_service.bench.player import make_player
+from bench_service.bench.realtime import no_garbage_collection, real_time_priority
+from bench_service.bench.recording import queue_rows
+from bench_service.bench.request import RunRequest
+from bench_service.bench.run_loop import RunPlan
+from bench_service.bench.safety import Rules
+from bench_service.bench.settings import BenchSettings
+from bench_service.streams import OBSERVER, SAMPLES
+from drivers.cycler import Capabilities
+
+_DEFAULT_TOLERANCE = 0.005
+_TICKS_OF_AGE = 2
+
+Note = tuple[str, str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedRun:
+    """A run that may start.
+
+    Parameters
+    ----------
+    plan : RunPlan
+    clock : Clock
+    observer : ObserverLink or None
+    streams : tuple of str
+        To be recorded.
+    queue_rows : int
+        Samples that may wait for the recorder.
+    notes : tuple of (severity, code, text)
+        What the people should know.
+    """
+
+    plan: RunPlan
+    clock: Clock
+    observer: ObserverLink | None
+    streams: tuple[str, ...]
+    queue_rows: int
+    notes: tuple[Note, ...]
+
+    @contextlib.contextmanager
+    def environment(self, notify: Callable[[str, str, str], None]) -> Iterator[None]:
+        """Make the process punctual for the time of the run; tells where the system does not allow it."""
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(no_garbage_collection())
+            if not self.clock.lock_step and (reason := stack.enter_context(real_time_priority())):
+                notify("warning", "priority", reason)
+            yield
+
+
+async def prepare(settings: BenchSettings, capabilities: Capabilities, request: RunRequest) -> PreparedRun:
+    """Check a request and build what its run needs.
+
+    Raises
+    ------
+    RefusedError
+        The run must not start.
+    """
+    lock_step = capabilities.lock_step if settings.lock_step is None else settings.lock_step
+    try:
+        player = make_player(request.time_s, request.current_A, request.dt_s)
+        check_start(settings, capabilities, request, player)
+        every = ticks_per_sample(request.dt_s, settings.watchdog_s, lock_step)
+        if every > 1:
+            player = make_player(request.time_s, request.current_A, request.dt_s / every)
+        # The first step compiles; that must not happen with the output on.
+        observer = await asyncio.to_thread(build_observer, request)
+    except (ValueError, ObserverError) as error:
+        raise RefusedError(str(error)) from error
+    return PreparedRun(
+        plan=RunPlan(request, player, _rules(settings, capabilities, request, player.dt_s), settings.watchdog_s, every),
+        clock=LockStepClock() if lock_step else WallClock(),
+        observer=observer,
+        streams=(SAMPLES,) if observer is None else (SAMPLES, OBSERVER),
+        queue_rows=queue_rows(request.dt_s, lock_step),
+        notes=tuple(_notes(settings, request, player.skipped_points)),
+    )
+
+
+def _rules(settings: BenchSettings, capabilities: Capabilities, request: RunRequest, tick_s: float) -> Rules:
+    tolerance_A = settings.current_tolerance_A
+    if tolerance_A is None:
+        tolerance_A = _DEFAULT_TOLERANCE * max(abs(value) for value in capabilities.current_A)
+    return Rules(
+        bench=settings.name,
+        limits=request.limits,
+        current_tolerance_A=tolerance_A,
+        max_age_s=_TICKS_OF_AGE * tick_s + settings.timeout_s,
+        tick_s=tick_s,
+        stale_limit=request.stale_limit,
+        has_sequence=capabilities.has_sequence,
+    )
+
+
+def _notes(settings: BenchSettings, request: RunRequest, skipped_points: int) -> Iterator[Note]:
+    if request.initial_soc is None:
+        yield (
+            "warning",
+            "soc_unknown",
+            f"{settings.name}: no initial state of charge, so its limits are not checked in this run",
+        )
+    if skipped_points:
+        yield (
+            "warning",
+            "steps_skipped",
+            f"{settings.name}: {skipped_points} steps of the profile are shorter than the period and not played",
+        )

@@ -1,0 +1,71 @@
+"""What a control process knows about its bench; handed to it as one JSON argument."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+from bench_service.bench.limits import Limits
+
+LONGEST_WATCHDOG_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class BenchSettings:
+    """One bench.
+
+    Parameters
+    ----------
+    name : str
+    url : str
+        E.g. ``modbus-tcp://127.0.0.1:5020``.
+    map : str
+        Device map: a name or the path of a file.
+    limits : Limits
+        No run may leave them.
+    timeout_s : float
+        Longest wait for one answer of the device.
+    watchdog_s : float
+        Communication watchdog to set in the device.
+    external_interlock : bool
+        Declares hardware of its own that cuts the cell off; without it a device watchdog of at most
+        `LONGEST_WATCHDOG_S` is needed.
+    lock_step : bool or None
+        None: where the device can.
+    current_tolerance_A : float or None
+        Allowed difference between measured and commanded current; None: 0.5 % of the device's range. One percent
+        of the commanded current is always added.
+    latched : str or None
+        Reason of a fault that an earlier process of this bench left unacknowledged.
+    """
+
+    name: str
+    url: str
+    map: str
+    limits: Limits
+    timeout_s: float = 0.5
+    watchdog_s: float = 1.0
+    external_interlock: bool = False
+    lock_step: bool | None = None
+    current_tolerance_A: float | None = None
+    latched: str | None = None
+
+    def to_json(self) -> str:
+        """Return the text that `from_json` reads."""
+        data = {name: getattr(self, name) for name in self.__slots__}
+        return json.dumps(data | {"limits": self.limits.to_json()}, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            Not JSON, a field missing or unknown.
+        """
+        data: Mapping[str, Any] = json.loads(text)
+        try:
+            return cls(**{**data, "limits": Limits.from_json(data["limits"])})
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"bench settings: {error}") from error

@@ -1,0 +1,36 @@
+"""The order to end a run, given from outside the loop."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+StopState = Literal["stopped", "interrupted", "fault"]
+
+
+@dataclass(frozen=True, slots=True)
+class StopOrder:
+    """How a run is to be closed, and why."""
+
+    state: StopState
+    reason: str
+
+
+class StopSignal:
+    """Holds the first stop order and wakes the loop wherever it waits."""
+
+    def __init__(self) -> None:
+        self.order: StopOrder | None = None
+        self._wake: list[Callable[[], None]] = []
+
+    def on_order(self, wake: Callable[[], None]) -> None:
+        """Have `wake` called when the order comes; at once if it has come already."""
+        self._wake.append(wake)
+        if self.order is not None:
+            wake()
+
+    def give(self, state: StopState, reason: str) -> None:
+        """Order the run to end; later orders do not replace the first."""
+        if self.order is None:
+            self.order = StopOrder(state, reason)
+            for wake in self._wake:
+                wake()

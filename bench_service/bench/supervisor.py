@@ -1,0 +1,322 @@
+"""The API process's side of a bench: starts its control process, talks to it, hears of its death, starts it again."""
+
+import asyncio
+import contextlib
+import logging
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+from bench_service.bench.links import FrameLink
+from bench_service.bench.request import RunRequest
+from bench_service.bench.settings import BenchSettings
+from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError
+
+_log = logging.getLogger(__name__)
+_FIRST_RESTART_S = 0.5
+_LAST_RESTART_S = 10.0
+# A playing process sends at least a frame a second; the longest pauses are the compilation of an observer before the
+# run and the recorder's sealing after it. Silence beyond them means that the process hangs, and the device's watchdog
+# has switched the output off long before.
+_SILENCE_S = 90.0
+_LOOK_S = 1.0
+_QUIT_S = 40.0
+_END_S = 5.0
+
+Message = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class BenchStatus:
+    """What is known of a bench.
+
+    Parameters
+    ----------
+    state : str
+        ``offline``, ``idle``, ``running``, ``stopping`` or ``fault``.
+    reason : str or None
+    run_id : str or None
+    capabilities : dict or None
+        Of the connected cycler; see `drivers.cycler.Capabilities`.
+    """
+
+    state: str
+    reason: str | None = None
+    run_id: str | None = None
+    capabilities: Message | None = None
+
+
+class BenchListener(Protocol):
+    """Told what happens on a bench, in the event loop of the API; must not block and not raise."""
+
+    def on_state(self, bench: str, status: BenchStatus) -> None:
+        """Take a new state."""
+        ...
+
+    def on_live(self, bench: str, live: Message) -> None:
+        """Take a live sample: the fields of the command link's ``live`` message without ``op``."""
+        ...
+
+    def on_event(self, bench: str, event: Message) -> None:
+        """Take an event: ``severity``, ``code``, ``text``, ``run_id``."""
+        ...
+
+    def on_ended(self, bench: str, ended: Message) -> None:
+        """Take the end of a run: ``run_id``, ``state``, ``reason``, ``n_samples``, ``missed_ticks``, ``sha256``.
+
+        Called exactly once for each run that `BenchSupervisor.start_run` accepted. State ``interrupted`` with
+        ``n_samples`` None: the control process died, and the recorder knows what is stored.
+        """
+        ...
+
+
+class BenchSupervisor:
+    """One bench as the API sees it; all methods belong to one event loop.
+
+    Parameters
+    ----------
+    settings : BenchSettings
+    attach : callable
+        Takes the bench's name, gives the recorder a new sample link and returns its other end.
+    listener : BenchListener
+    """
+
+    def __init__(
+        self, settings: BenchSettings, attach: Callable[[str], socket.socket], listener: BenchListener
+    ) -> None:
+        self._settings = settings
+        self._attach = attach
+        self._listener = listener
+        self._status = BenchStatus("offline", "its control process is not started")
+        self._process: subprocess.Popen[bytes] | None = None
+        self._link: FrameLink | None = None
+        self._run_id: str | None = None
+        self._died = asyncio.Event()
+        self._changed = asyncio.Event()
+        self._keeper: asyncio.Task[None] | None = None
+        self._closing = False
+        self._heard_s = 0.0
+
+    @property
+    def name(self) -> str:
+        """The bench's name."""
+        return self._settings.name
+
+    @property
+    def status(self) -> BenchStatus:
+        """The bench's present state."""
+        return self._status
+
+    @property
+    def pid(self) -> int | None:
+        """Process id of the control process, None where there is none."""
+        return None if self._process is None else self._process.pid
+
+    async def start(self) -> None:
+        """Start the control process and keep one running until `close`."""
+        self._keeper = asyncio.create_task(self._keep())
+
+    def start_run(self, request: RunRequest) -> None:
+        """Start a run; its end is told to the listener.
+
+        Raises
+        ------
+        BenchBusyError
+            Another run is on the bench, or a fault is latched.
+        BenchOfflineError
+            No control process or no cycler.
+        """
+        link, status = self._link, self._status
+        if self._run_id is not None:
+            raise BenchBusyError(f"bench {self.name!r} is busy with run {self._run_id}; stop it or wait")
+        if status.state == "fault":
+            raise BenchBusyError(f"bench {self.name!r} has a fault: {status.reason}; acknowledge it first")
+        if link is None or status.state == "offline":
+            raise BenchOfflineError(f"bench {self.name!r} is offline: {status.reason}; check cycler and link")
+        if status.state != "idle":
+            raise BenchBusyError(f"bench {self.name!r} is {status.state}; wait until it is idle")
+        self._run_id = request.run_id
+        self._heard_s = time.monotonic()
+        link.send(*request.to_frame())
+
+    def stop(self, reason: str) -> None:
+        """Stop the present run, if there is one: rest, output off."""
+        if self._link is not None:
+            self._link.send({"op": "stop", "reason": reason})
+
+    def acknowledge(self) -> None:
+        """Clear a latched fault; the bench stays in fault where its cause is still there."""
+        if self._link is not None:
+            self._link.send({"op": "acknowledge"})
+        elif self._settings.latched is not None:
+            self._settings = replace(self._settings, latched=None)
+            self._set_status(BenchStatus("offline", self._status.reason))
+
+    async def wait_for(self, *states: str, timeout_s: float) -> BenchStatus:
+        """Wait until the bench is in one of `states`.
+
+        Raises
+        ------
+        TimeoutError
+            It is not after `timeout_s`.
+        """
+        async with asyncio.timeout(timeout_s):
+            while self._status.state not in states:
+                self._changed.clear()
+                await self._changed.wait()
+        return self._status
+
+    async def close(self) -> None:
+        """End the control process: it stops its run, brings the cycler to rest and says goodbye."""
+        self._closing = True
+        if self._link is not None:
+            self._link.send({"op": "quit"})
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._died.wait(), _QUIT_S)
+        if self._keeper is not None:
+            # With the link gone the keeper ends by itself, after it has seen the process off.
+            await asyncio.wait({self._keeper}, timeout=_QUIT_S if self._died.is_set() else 0)
+            self._keeper.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._keeper
+        await self._bury("the service was shut down")
+
+    # --- keeping a process -----------------------------------------------------------------------------------
+
+    async def _keep(self) -> None:
+        pause_s, told = _FIRST_RESTART_S, ""
+        while not self._closing:
+            started_s = time.monotonic()
+            try:
+                self._spawn()
+            except (OSError, ServiceError) as error:
+                reason = f"its control process cannot start: {error}"
+            else:
+                reason = await self._watch()
+            reason = await self._bury(reason)
+            if self._closing:
+                return
+            if time.monotonic() - started_s > _LAST_RESTART_S:
+                pause_s, told = _FIRST_RESTART_S, ""
+            if reason != told:
+                told = reason
+                self._tell("error", "control_process", f"bench {self.name!r}: {reason}; starting again")
+            await asyncio.sleep(pause_s)
+            pause_s = min(_LAST_RESTART_S, 2 * pause_s)
+
+    def _spawn(self) -> None:
+        self._died.clear()
+        samples = self._attach(self.name)
+        ours, theirs = socket.socketpair()
+        command = [sys.executable, "-m", "bench_service.bench", "--fd", str(theirs.fileno())]
+        command += ["--samples-fd", str(samples.fileno()), "--settings", self._settings.to_json()]
+        with samples, theirs:
+            try:
+                self._process = subprocess.Popen(
+                    command, pass_fds=(theirs.fileno(), samples.fileno()), stdin=subprocess.DEVNULL
+                )
+            except OSError:
+                ours.close()
+                raise
+        self._heard_s = time.monotonic()
+        self._link = FrameLink(ours, self._received, self._lost)
+
+    async def _watch(self) -> str:
+        """Return, when the process is gone or hangs, what happened."""
+        while True:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._died.wait(), _LOOK_S)
+            if self._died.is_set():
+                return "its control process has ended"
+            silent_s = time.monotonic() - self._heard_s
+            if self._run_id is not None and silent_s > _SILENCE_S:
+                return f"its control process hangs: silent for {silent_s:.0f} s"
+
+    async def _bury(self, reason: str) -> str:
+        """Make sure the process is gone; tell what it left behind."""
+        link, process = self._link, self._process
+        self._link, self._process = None, None
+        if link is not None:
+            link.close()
+        if process is not None:
+            reason = f"{reason} (exit status {await _end_of(process)})"
+        if self._run_id is not None:
+            run_id, self._run_id = self._run_id, None
+            # What the cycler went through is unknown; a person or the campaign looks before the next run.
+            self._settings = replace(self._settings, latched=f"run {run_id} was interrupted: {reason}")
+            self._listener.on_ended(self.name, _interrupted(run_id, reason))
+        elif self._status.state == "fault":
+            self._settings = replace(self._settings, latched=self._status.reason)
+        if self._settings.latched is not None and not self._closing:
+            self._set_status(BenchStatus("fault", self._settings.latched))
+        else:
+            self._set_status(BenchStatus("offline", reason))
+        return reason
+
+    # --- what the process says -------------------------------------------------------------------------------
+
+    def _received(self, header: Message, _body: bytes) -> None:
+        self._heard_s = time.monotonic()
+        try:
+            self._pass_on(header)
+        except Exception:
+            # A listener's defect must not cost the messages that follow.
+            _log.exception("bench %s: message %r", self.name, header.get("op"))
+
+    def _pass_on(self, header: Message) -> None:
+        message = {name: value for name, value in header.items() if name != "op"}
+        match header.get("op"):
+            case "live":
+                self._listener.on_live(self.name, message)
+            case "state":
+                self._set_status(BenchStatus(**message))
+            case "event":
+                self._listener.on_event(self.name, message)
+            case "ended" if message["run_id"] == self._run_id:
+                self._run_id = None
+                self._listener.on_ended(self.name, message)
+            case _:
+                pass
+
+    def _lost(self, _reason: str) -> None:
+        self._died.set()
+
+    def _set_status(self, status: BenchStatus) -> None:
+        if status.state == "idle":
+            self._settings = replace(self._settings, latched=None)
+        if status != self._status:
+            self._status = status
+            self._listener.on_state(self.name, status)
+        self._changed.set()
+
+    def _tell(self, severity: str, code: str, text: str) -> None:
+        event = {"severity": severity, "code": code, "text": text, "run_id": None}
+        self._listener.on_event(self.name, event)
+
+
+def _interrupted(run_id: str, reason: str) -> Message:
+    return {
+        "run_id": run_id,
+        "state": "interrupted",
+        "reason": reason,
+        "n_samples": None,
+        "missed_ticks": None,
+        "sha256": None,
+    }
+
+
+async def _end_of(process: "subprocess.Popen[bytes]") -> int:
+    """Wait a moment for the end of a process whose link is closed; kill it if it does not come.
+
+    It has that long to bring its cycler to rest; if it hangs, the device's watchdog has done so.
+    """
+    deadline_s = time.monotonic() + _END_S
+    while process.poll() is None:
+        if time.monotonic() > deadline_s:
+            process.kill()
+        await asyncio.sleep(0.02)
+    return process.returncode

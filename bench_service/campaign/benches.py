@@ -1,0 +1,130 @@
+"""The benches of the service: what each is, what it does now, and who hears of it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from bench_service.bench.limits import Limits
+from bench_service.bench.supervisor import BenchStatus, BenchSupervisor
+from bench_service.campaign.live import Broadcaster
+from bench_service.config import BenchConfig
+from bench_service.errors import NotFoundError
+
+Message = dict[str, Any]
+ACKNOWLEDGED = "acknowledged"  # the event's code, as control processes send it too
+_ACKNOWLEDGE_S = 2.0
+
+
+class Bench:
+    """One bench: its configuration, its supervisor and its latest live values."""
+
+    def __init__(self, config: BenchConfig, url: str, limits: Limits, supervisor: BenchSupervisor) -> None:
+        self.config = config
+        self.url = url
+        self.limits = limits
+        self.supervisor = supervisor
+        self.live: Message | None = None
+
+    @property
+    def name(self) -> str:
+        """The bench's name."""
+        return self.supervisor.name
+
+    def summary(self) -> Message:
+        """Give the JSON object of the live feed: everything but the limits."""
+        status = self.supervisor.status
+        capabilities = status.capabilities
+        return {
+            "name": self.name,
+            "url": self.url,
+            "map": self.config.map,
+            "state": status.state,
+            "reason": status.reason,
+            "run_id": status.run_id,
+            "capabilities": capabilities,
+            "capacity_Ah": self.config.capacity_Ah,
+            "live": self.live,
+            "lock_step": bool(capabilities and capabilities["lock_step"]),
+        }
+
+    def to_json(self) -> Message:
+        """Give the JSON object of the REST API."""
+        return self.summary() | {"limits": self.limits.to_json()}
+
+
+class Benches:
+    """All benches by name, and the listener of their supervisors.
+
+    Parameters
+    ----------
+    broadcaster : Broadcaster
+        Gets states and live values.
+    on_event : callable
+        Takes the bench's name and an event: ``severity``, ``code``, ``text``, ``run_id``.
+    on_ended : callable
+        Takes the end of a run, see `BenchListener.on_ended`.
+    on_state : callable
+        Takes a bench whose state has changed.
+    """
+
+    def __init__(
+        self,
+        broadcaster: Broadcaster,
+        on_event: Callable[[str, Message], None],
+        on_ended: Callable[[Message], None],
+        on_state: Callable[[Bench], None],
+    ) -> None:
+        self._broadcaster = broadcaster
+        self._on_event = on_event
+        self._on_ended = on_ended
+        self._on_state = on_state
+        self._benches: dict[str, Bench] = {}
+
+    def __iter__(self) -> Iterator[Bench]:
+        """Go through the benches in the configuration's order."""
+        return iter(self._benches.values())
+
+    def add(self, benches: Iterable[Bench]) -> None:
+        """Take benches in; their supervisors are not started yet."""
+        self._benches.update({bench.name: bench for bench in benches})
+
+    def get(self, name: str) -> Bench:
+        """Give a bench; raises `NotFoundError`."""
+        if name not in self._benches:
+            raise NotFoundError.of("bench", name)
+        return self._benches[name]
+
+    async def acknowledge(self, name: str) -> Bench:
+        """Clear a latched fault and wait a moment for it; the bench stays in fault where its cause is still there."""
+        bench = self.get(name)
+        if bench.supervisor.status.state != "fault":
+            return bench
+        bench.supervisor.acknowledge()
+        if bench.supervisor.status.state != "fault":  # no control process there to say so
+            text = "acknowledged while the bench was offline"
+            self._on_event(name, {"severity": "info", "code": ACKNOWLEDGED, "text": text, "run_id": None})
+        with contextlib.suppress(TimeoutError):
+            await bench.supervisor.wait_for("idle", "offline", timeout_s=_ACKNOWLEDGE_S)
+        return bench
+
+    def on_state(self, bench: str, status: BenchStatus) -> None:
+        """Publish a new state."""
+        if status.state == "offline":
+            self.get(bench).live = None
+        self._on_state(self.get(bench))
+        self._broadcaster.publish({"type": "bench"} | self.get(bench).summary())
+
+    def on_live(self, bench: str, live: Message) -> None:
+        """Keep and publish live values."""
+        self.get(bench).live = live
+        self._broadcaster.publish({"type": "live", "bench": bench} | live)
+
+    def on_event(self, bench: str, event: Message) -> None:
+        """Pass an event on."""
+        self._on_event(bench, event)
+
+    def on_ended(self, bench: str, ended: Message) -> None:
+        """Pass the end of a run on."""
+        self._on_ended(ended)

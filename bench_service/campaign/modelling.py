@@ -1,0 +1,140 @@
+"""Models out of runs, and models against runs: inputs looked up, work handed to a worker, results stored."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench_service.errors import BadRequestError, ConflictError
+from bench_service.jobs.modelling import RunInput, compare_runs, fit
+from bench_service.jobs.runner import Job, JobRunner
+from bench_service.store.metadata import MetadataStore
+from bench_service.store.records import OPEN_RUN_STATES, ComparisonRecord, Json, ModelRecord
+from models.local_model_network import LocalModelNetwork
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitOrder:
+    """A model to be identified from stored runs."""
+
+    name: str
+    train: Sequence[str]
+    validate: Sequence[str]
+    capacity_Ah: float
+    structure: str
+    seed: int | None = None
+    campaign_id: str | None = None
+
+
+class Modelling:
+    """Fits, imports and compares models.
+
+    Parameters
+    ----------
+    store : MetadataStore
+    jobs : JobRunner
+    data_dir : Path
+        Where workers read samples.
+    code_version : str
+        Noted with each result.
+    """
+
+    def __init__(self, store: MetadataStore, jobs: JobRunner, data_dir: Path, code_version: str) -> None:
+        self._store = store
+        self._jobs = jobs
+        self._data_dir = data_dir
+        self._code_version = code_version
+
+    async def start_fit(self, order: FitOrder) -> Job:
+        """Queue a fit; the job's result is ``{"model_id", "metrics"}``.
+
+        Raises
+        ------
+        NotFoundError, ConflictError, BadRequestError
+            A run is not there, has not ended, or none is given.
+        """
+        train, validate = await asyncio.to_thread(self._fit_inputs, order)
+
+        def keep(result: Json) -> Json:
+            record = self._store.add_model(
+                result["document"],
+                name=order.name,
+                structure=order.structure,
+                capacity_Ah=order.capacity_Ah,
+                code_version=self._code_version,
+                train=self._store.references(order.train),
+                validate=self._store.references(order.validate),
+                metrics=result["metrics"],
+                seed=order.seed,
+                campaign_id=order.campaign_id,
+            )
+            return {"model_id": record.id, "metrics": result["metrics"]}
+
+        return self._jobs.submit(
+            "fit", fit, self._data_dir, train, validate, order.capacity_Ah, order.structure, store=keep
+        )
+
+    def import_model(self, document: Json, name: str) -> ModelRecord:
+        """Store a MODEL.json from elsewhere; raises `ModelError` if it is none."""
+        network = LocalModelNetwork.from_json(document)
+        return self._store.add_model(
+            document,
+            name=name,
+            structure=network.structure.name,
+            capacity_Ah=network.cell.capacity_Ah,
+            code_version=self._code_version,
+        )
+
+    async def compare(
+        self,
+        model_id: str,
+        run_ids: Sequence[str],
+        initial_soc: float | None = None,
+        campaign_id: str | None = None,
+    ) -> ComparisonRecord:
+        """Compare a model with runs in a worker and store the result.
+
+        Raises
+        ------
+        NotFoundError, ConflictError, BadRequestError
+            Model or run are not there, a run has not ended, the samples cannot be compared.
+        """
+        document = await asyncio.to_thread(self._store.model_document, model_id)
+        runs = await asyncio.to_thread(self._inputs, run_ids, "run_ids", initial_soc)
+        queued = self._jobs.submit("comparison", compare_runs, self._data_dir, document, runs)
+        job = await self._jobs.wait(queued.id)
+        if job.result is None:
+            raise BadRequestError(f"the comparison failed: {job.error}")
+        return await asyncio.to_thread(self._keep_comparison, model_id, run_ids, job.result, initial_soc, campaign_id)
+
+    def _keep_comparison(
+        self, model_id: str, run_ids: Sequence[str], result: Json, initial_soc: float | None, campaign_id: str | None
+    ) -> ComparisonRecord:
+        return self._store.add_comparison(
+            model_id,
+            self._store.references(run_ids),
+            result,
+            code_version=self._code_version,
+            initial_soc=initial_soc,
+            campaign_id=campaign_id,
+        )
+
+    def _fit_inputs(self, order: FitOrder) -> tuple[list[RunInput], list[RunInput]]:
+        validate = self._inputs(order.validate, "validate", None) if order.validate else []
+        return self._inputs(order.train, "train", None), validate
+
+    def _inputs(self, run_ids: Sequence[str], field: str, initial_soc: float | None) -> list[RunInput]:
+        if not run_ids:
+            raise BadRequestError("name at least one run", (field,))
+        if len(set(run_ids)) != len(run_ids):
+            raise BadRequestError("a run is named twice", (field,))
+        return [self._input(run_id, initial_soc) for run_id in run_ids]
+
+    def _input(self, run_id: str, initial_soc: float | None) -> RunInput:
+        run: Any = self._store.run(run_id)
+        if run.state in OPEN_RUN_STATES:
+            raise ConflictError(f"run {run_id} has not ended; wait for its end or stop it", ("run", run_id))
+        return RunInput(run_id, run.initial_soc if initial_soc is None else initial_soc)

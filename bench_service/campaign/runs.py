@@ -1,0 +1,216 @@
+"""Runs: admitted, written down, started, and written down again when they end."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from bench_service.bench.request import RunRequest
+from bench_service.campaign.admission import admit, narrowed
+from bench_service.campaign.benches import Bench, Benches
+from bench_service.campaign.journal import Journal
+from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError
+from bench_service.store.metadata import MetadataStore
+from bench_service.store.records import RunRecord
+from bench_service.store.samples import SampleReader
+
+_log = logging.getLogger(__name__)
+_RECORDER_S = 15.0
+_LOOK_S = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOrder:
+    """What a client or a campaign asks for; units are in the names.
+
+    ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
+    at ``observer_initial_soc`` (default: ``initial_soc``).
+    """
+
+    bench: str
+    profile_id: str
+    dt_s: float
+    initial_soc: float
+    limits: Mapping[str, Any] | None = None
+    model_id: str | None = None
+    observer_initial_soc: float | None = None
+    name: str | None = None
+    seed: int | None = None
+    campaign_id: str | None = None
+
+
+class Runs:
+    """Starts runs and keeps their records true.
+
+    Parameters
+    ----------
+    store : MetadataStore
+    samples : SampleReader
+    journal : Journal
+    code_version : str
+        Noted with each run.
+    """
+
+    def __init__(self, store: MetadataStore, samples: SampleReader, journal: Journal, code_version: str) -> None:
+        self._store = store
+        self._samples = samples
+        self._journal = journal
+        self._code_version = code_version
+        self._claimed: set[str] = set()
+        self._to_stop: dict[str, str] = {}
+        self._ends: dict[str, asyncio.Task[None]] = {}
+        self._open: dict[str, asyncio.Event] = {}
+        self._on_bench: dict[str, str] = {}
+
+    async def start(self, benches: Benches, order: RunOrder) -> RunRecord:
+        """Check an order, write down the intent, start the run.
+
+        Raises
+        ------
+        NotFoundError
+            Unknown bench, profile or model.
+        BenchBusyError, BenchOfflineError
+            The bench cannot take a run now.
+        BadRequestError
+            The profile or the limits are not admitted.
+        """
+        bench = benches.get(order.bench)
+        request = await asyncio.to_thread(self._check, bench, order)
+        self._claim(bench)
+        try:
+            return await self._start(bench, order, request)
+        finally:
+            self._claimed.discard(bench.name)
+
+    def stop(self, benches: Benches, run: RunRecord, reason: str) -> None:
+        """Bring a run to its end; one that has ended is left as it is."""
+        if run.id in self._open:
+            bench = benches.get(run.bench)
+            if bench.supervisor.status.run_id != run.id:
+                self._to_stop[run.id] = reason
+            bench.supervisor.stop(reason)
+
+    def stop_bench(self, benches: Benches, name: str, reason: str) -> Bench:
+        """Stop whatever runs on a bench, also what its control process has not begun yet."""
+        bench = benches.get(name)
+        for run_id, on in self._on_bench.items():
+            if on == name and bench.supervisor.status.run_id != run_id:
+                # It would not know what to stop, and is told again when it has begun.
+                self._to_stop[run_id] = reason
+        bench.supervisor.stop(reason)
+        return bench
+
+    async def wait(self, run_id: str) -> RunRecord:
+        """Wait until a run has ended and is written down."""
+        if run_id in self._open:
+            await self._open[run_id].wait()
+        return await asyncio.to_thread(self._store.run, run_id)
+
+    def on_state(self, bench: Bench) -> None:
+        """Repeat a stop that came before the control process had begun the run."""
+        status = bench.supervisor.status
+        if status.state == "running" and status.run_id in self._to_stop:
+            bench.supervisor.stop(self._to_stop.pop(status.run_id))
+
+    def on_ended(self, ended: dict[str, Any]) -> None:
+        """Write down the end of a run; returns at once."""
+        self._ends[ended["run_id"]] = asyncio.get_running_loop().create_task(self._end(ended))
+
+    async def close(self) -> None:
+        """Wait until all ends are written down; the benches have been closed before."""
+        await asyncio.gather(*self._ends.values(), return_exceptions=True)
+
+    def _check(self, bench: Bench, order: RunOrder) -> RunRequest:
+        """Build the request of an order, or refuse it; reads the store, so it runs in a thread."""
+        limits = narrowed(bench.limits, order.limits)
+        time_s, current_A = self._store.profile_points(order.profile_id)
+        capacity_Ah = bench.config.capacity_Ah
+        admit(time_s, current_A, limits, dt_s=order.dt_s, initial_soc=order.initial_soc, capacity_Ah=capacity_Ah)
+        observer = None
+        if order.model_id is not None:
+            start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
+            document = self._store.model_document(order.model_id)
+            observer = {"model": document, "settings": {"initial_soc": start_soc}}
+        return RunRequest(
+            run_id="",
+            dt_s=order.dt_s,
+            limits=limits,
+            capacity_Ah=capacity_Ah,
+            time_s=time_s,
+            current_A=current_A,
+            initial_soc=order.initial_soc,
+            observer=observer,
+            settle_s=bench.config.settle_s,
+        )
+
+    def _claim(self, bench: Bench) -> None:
+        # Two orders at once: the first one holds the bench while its intent is written down.
+        status = bench.supervisor.status
+        if bench.name in self._claimed or bench.name in self._on_bench.values():
+            raise BenchBusyError(f"bench {bench.name!r} is busy with another run; stop it or wait")
+        if status.state == "offline":
+            raise BenchOfflineError(f"bench {bench.name!r} is offline: {status.reason}; check cycler and link")
+        if status.state == "fault":
+            raise BenchBusyError(f"bench {bench.name!r} has a fault: {status.reason}; acknowledge it first")
+        self._claimed.add(bench.name)
+
+    async def _start(self, bench: Bench, order: RunOrder, request: RunRequest) -> RunRecord:
+        record = await self._journal.write(self._write_intent, order, request)
+        self._open[record.id] = asyncio.Event()
+        self._on_bench[record.id] = bench.name
+        try:
+            bench.supervisor.start_run(replace(request, run_id=record.id))
+        except ServiceError as error:
+            await self._journal.write(self._store.end_run, record.id, "fault", f"not started: {error}", n_samples=0)
+            self._forget(record.id)
+            raise
+        # Queued before the run's end can be: the journal keeps the order.
+        return await self._journal.write(self._store.start_run, record.id)
+
+    def _write_intent(self, order: RunOrder, request: RunRequest) -> RunRecord:
+        return self._store.add_run(
+            bench=order.bench,
+            profile_id=order.profile_id,
+            dt_s=order.dt_s,
+            initial_soc=order.initial_soc,
+            capacity_Ah=request.capacity_Ah,
+            limits=request.limits.to_json(),
+            code_version=self._code_version,
+            name=order.name,
+            model_id=order.model_id,
+            observer_initial_soc=order.observer_initial_soc,
+            seed=order.seed,
+            campaign_id=order.campaign_id,
+        )
+
+    async def _end(self, ended: dict[str, Any]) -> None:
+        run_id, state, reason = ended["run_id"], ended["state"], ended["reason"]
+        counts = {name: ended[name] for name in ("n_samples", "missed_ticks", "sha256")}
+        try:
+            if ended["n_samples"] is None:
+                counts |= await self._stored(run_id)
+            await self._journal.write(self._store.end_run, run_id, state, reason, **counts)
+        except ServiceError:
+            _log.exception("the end of run %s (%s: %s) could not be written down", run_id, state, reason)
+        finally:
+            self._forget(run_id)
+
+    async def _stored(self, run_id: str) -> dict[str, Any]:
+        """What the recorder has of a run whose control process has died; it closes the run a moment later."""
+        deadline_s = asyncio.get_running_loop().time() + _RECORDER_S
+        while asyncio.get_running_loop().time() < deadline_s:
+            closed = await asyncio.to_thread(self._samples.closed, run_id)
+            if closed is not None:
+                return {"n_samples": closed.n_samples, "sha256": closed.sha256}
+            await asyncio.sleep(_LOOK_S)
+        return {"n_samples": await asyncio.to_thread(self._samples.n_rows, run_id)}
+
+    def _forget(self, run_id: str) -> None:
+        self._to_stop.pop(run_id, None)
+        self._on_bench.pop(run_id, None)
+        self._ends.pop(run_id, None)
+        if run_id in self._open:
+            self._open.pop(run_id).set()

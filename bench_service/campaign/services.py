@@ -1,0 +1,38 @@
+"""Everything that routes, pages and campaigns work with, put together once by the application."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from bench_service.campaign.benches import Benches
+from bench_service.campaign.campaigns import CampaignRunner
+from bench_service.campaign.journal import Journal
+from bench_service.campaign.live import Broadcaster
+from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.runs import Runs
+from bench_service.config import ServiceConfig
+from bench_service.jobs.runner import JobRunner
+from bench_service.store.metadata import MetadataStore
+from bench_service.store.samples import SampleReader
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """The parts of a running service.
+
+    ``recorder_state`` gives ``"running"`` or what is wrong with the recorder.
+    """
+
+    config: ServiceConfig
+    version: str
+    store: MetadataStore
+    samples: SampleReader
+    journal: Journal
+    benches: Benches
+    runs: Runs
+    jobs: JobRunner
+    modelling: Modelling
+    campaigns: CampaignRunner
+    live: Broadcaster
+    recorder_state: Callable[[], str]

@@ -1,0 +1,1 @@
+"""The commands; a module with a constant ``COMMAND`` appears in `bench-service` by itself."""

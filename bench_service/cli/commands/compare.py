@@ -1,0 +1,65 @@
+"""`bench-service compare`: free-run error of a model on measured runs, and where it lies."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench_service.cli.arguments import fractions
+from bench_service.cli.command import Command
+from bench_service.cli.files import add_current_sign, read_model, read_runs
+from bench_service.cli.initial_soc import initial_soc
+from bench_service.cli.output import Output
+from bench_service.cli.tables import metrics_table, where_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_WORST = 8
+
+
+def _arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL.json")
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="CSV, gzipped CSV or Parquet")
+    parser.add_argument("--initial-soc", type=fractions, metavar="S[,S...]", help="one value, or one for each run")
+    parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with curves and tables")
+    add_current_sign(parser)
+
+
+def _run(options: Namespace, output: Output) -> int:
+    from bench_service.exchange.atomic import check_writable, write_atomically
+    from models.comparison import compare
+
+    if options.report is not None:
+        check_writable(options.report)
+    network = read_model(options.model)
+    runs = read_runs(options.runs, options.current_sign, output)
+    soc = initial_soc(runs, options.initial_soc)
+    with output.progress("Simulating"):
+        result = compare(network, runs, soc)
+    if options.report is not None:
+        from bench_service.cli.report import comparison_page
+
+        write_atomically(options.report, comparison_page(options.model.name, network, runs, soc, result))
+        result["report"] = str(options.report)
+    output.result(result, lambda console: _show(console, result))
+    return 0
+
+
+def _show(console: Console, result: dict[str, Any]) -> None:
+    rows = [(each["run"], each) for each in result["runs"]]
+    if len(rows) > 1:
+        rows.append(("overall", result["overall"]))
+    console.print(metrics_table("Free run against measurement", rows))
+    console.print(where_table("Where it fails (largest error first)", result["where"][:_WORST]))
+    if result["noise_floor_mV"] is not None:
+        console.print(f"noise floor of the measurement: {result['noise_floor_mV']:.2f} mV")
+    console.print(f"outside the trained domain: {100 * result['outside_training']:.1f} % of the samples")
+    if result["temperature"] is not None:
+        console.print(f"temperature: RMSE {result['temperature']['rmse_K']:.2f} K")
+    if "report" in result:
+        console.print(f"report: {result['report']}")
+
+
+COMMAND = Command("compare", "compare a model with measured runs in free run", _arguments, _run)

@@ -1,0 +1,150 @@
+"""`bench-service demo`: the main job on a simulated bench, over the real protocol, from design to report."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from argparse import ArgumentParser, Namespace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench_service.cli.arguments import natural
+from bench_service.cli.command import Command
+from bench_service.cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bench_service.config import ServiceConfig
+
+_BENCH = "sim"
+_CELLS = ("nmc", "lfp", "nimh")
+
+
+def _arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("--exit", action="store_true", help="end after the report instead of keeping the page up")
+    parser.add_argument("--cell", choices=_CELLS, default="nmc", help="chemistry of the simulated cell")
+    parser.add_argument("--protocol", choices=("modbus-tcp",), default="modbus-tcp")
+    parser.add_argument("--seed", type=natural, default=1, metavar="N", help="of cell, noise and profiles")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="default: a new folder in bench-data/demo")
+
+
+def _run(options: Namespace, output: Output) -> int:
+    from bench_service.cli.service import own_service
+
+    started_s = time.monotonic()
+    config = _config(options)
+    with own_service(config, _BENCH) as client:
+        record = client.start_campaign(_request(options))
+        with output.progress("Demo campaign") as report:
+            try:
+                record = client.wait_campaign(
+                    record["id"], lambda found: report(found["progress"], f"{found['stage']}: {found['message']}")
+                )
+            except KeyboardInterrupt:
+                client.stop_campaign(record["id"])
+                raise
+        answer = _answer(record, time.monotonic() - started_s)
+        answer |= {"data": str(config.data_dir), "address": client.url, "state": record["state"]}
+        output.result(answer, lambda console: _show(console, record, answer))
+        if not (options.exit or options.json) and sys.stdout.isatty():
+            _keep_page_up(client.url)
+    return 0 if record["state"] == "completed" else 1
+
+
+def _config(options: Namespace) -> ServiceConfig:
+    from bench_service.config import BenchConfig, LimitsConfig, ServiceConfig, SimulateConfig
+    from simulators.catalogue import cell_type
+
+    cell = cell_type(options.cell)
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    data = options.data or Path("bench-data") / "demo" / f"{stamp}-{options.cell}-{options.seed}"
+    limits = LimitsConfig(
+        voltage_V=cell.limits.voltage_V,
+        current_A=cell.limits.current_A,
+        temperature_degC=cell.limits.temperature_degC,
+    )
+    bench = BenchConfig(
+        simulate=SimulateConfig(cell=options.cell, seed=options.seed),
+        capacity_Ah=cell.parameters.capacity_Ah,
+        limits=limits,
+    )
+    return ServiceConfig(data_dir=data, bench={_BENCH: bench})
+
+
+def _request(options: Namespace) -> dict[str, Any]:
+    return {"bench": _BENCH, "name": f"demo {options.cell}", "seed": options.seed}
+
+
+def _answer(record: dict[str, Any], seconds: float) -> dict[str, Any]:
+    """The `demo` object of the public contract."""
+    result = record["result"] or {}
+    return {
+        "runs": [run["run_id"] for run in result.get("runs", [])],
+        "samples": result.get("samples", 0),
+        "missed_ticks": result.get("missed_ticks", 0),
+        "model_chain": result.get("model_chain", []),
+        "hidden_effect": None,
+        "diagnosed_effect": None,
+        "soc_rmse": (result.get("soc") or {}).get("rmse"),
+        "seconds": seconds,
+    }
+
+
+def _show(console: Console, record: dict[str, Any], answer: dict[str, Any]) -> None:
+    from rich import box
+    from rich.table import Table
+
+    stages = Table(box=box.SIMPLE_HEAD)
+    for heading in ("stage", "state", "seconds", "what"):
+        stages.add_column(heading, justify="right" if heading == "seconds" else "left", overflow="fold")
+    for stage in record["stages"]:
+        seconds = "" if stage["seconds"] is None else f"{stage['seconds']:.1f}"
+        stages.add_row(stage["name"], stage["state"], seconds, stage["detail"])
+    console.print(stages)
+    if record["state"] != "completed":
+        console.print(f"The campaign ended as {record['state']}: {record['message']}")
+    else:
+        console.print(_figures(record["result"], answer))
+    console.print(f"Data: {answer['data']}")
+
+
+def _figures(result: dict[str, Any], answer: dict[str, Any]) -> Any:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, show_header=False)
+    table.add_column()
+    table.add_column(justify="right")
+    soc = result["soc"]
+    noise = result["sensor_noise_mV"]
+    converged = soc["converged_after_s"]
+    rows = [
+        ("samples stored", f"{answer['samples']}"),
+        ("missed ticks", f"{answer['missed_ticks']}"),
+        ("free-run voltage error, training run", f"{result['train']['rmse_mV']:.2f} mV"),
+        ("free-run voltage error, run the fit never saw", f"{result['validation']['rmse_mV']:.2f} mV"),
+        ("sensor noise", "unknown" if noise is None else f"{noise:.2f} mV"),
+        ("live observer: started off by", f"{100 * soc['started_off_by']:.0f} % SoC"),
+        ("live observer: below 3 % after", "never" if converged is None else f"{converged:.0f} s"),
+        ("live observer: SoC error after that, RMS", f"{100 * soc['rmse']:.2f} %"),
+        ("live observer: SoC error after that, largest", f"{100 * soc['max_error']:.2f} %"),
+        ("time", f"{answer['seconds']:.0f} s"),
+    ]
+    for name, value in rows:
+        table.add_row(name, value)
+    return table
+
+
+def _keep_page_up(address: str) -> None:
+    sys.stdout.write(f"The page is at {address}/ until Ctrl-C.\n")
+    sys.stdout.flush()
+    try:
+        signal.pause()
+    except KeyboardInterrupt:
+        sys.stdout.write("\n")
+
+
+COMMAND = Command("demo", "run the main job on a simulated bench", _arguments, _run)

@@ -1,0 +1,85 @@
+"""`bench-service fit`: identify a local model network from measured runs."""
+
+from __future__ import annotations
+
+import time
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench_service.cli.arguments import fractions, positive
+from bench_service.cli.command import Command
+from bench_service.cli.files import add_current_sign, read_runs, read_structure, write_document
+from bench_service.cli.initial_soc import initial_soc
+from bench_service.cli.output import Output
+from bench_service.cli.tables import metrics_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def _arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("train", type=Path, nargs="+", metavar="TRAIN", help="CSV, gzipped CSV or Parquet")
+    parser.add_argument("--validate", type=Path, nargs="+", default=[], metavar="RUN", help="runs the fit never sees")
+    parser.add_argument("--capacity-Ah", type=positive, required=True, metavar="Q")
+    parser.add_argument("--structure", default="full", metavar="full|minimal|FILE.json")
+    parser.add_argument(
+        "--initial-soc",
+        type=fractions,
+        metavar="S[,S...]",
+        help="of the training, then the validation runs; one value, or one for each; default: their soc_ref",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="MODEL.json")
+    add_current_sign(parser)
+
+
+def _run(options: Namespace, output: Output) -> int:
+    from threadpoolctl import threadpool_limits
+
+    from bench_service.exchange.atomic import check_writable
+    from models.identification import fit_network
+
+    check_writable(options.out)
+    structure = read_structure(options.structure)
+    started = time.perf_counter()
+    train = read_runs(options.train, options.current_sign, output)
+    validate = read_runs(options.validate, options.current_sign, output)
+    soc = initial_soc([*train, *validate], options.initial_soc)
+    # The matrices are small: a second BLAS thread costs more than it brings.
+    with output.progress("Fitting") as report, threadpool_limits(1):
+        fitted = fit_network(
+            train,
+            capacity_Ah=options.capacity_Ah,
+            structure=structure,
+            validate=validate,
+            initial_soc=soc[: len(train)],
+            validate_soc=soc[len(train) :],
+            progress=report,
+        )
+    write_document(options.out, fitted.network.to_json())
+    answer = {
+        "model": str(options.out),
+        "structure": fitted.network.structure.name,
+        "n_samples": fitted.n_samples,
+        "n_local_models": fitted.network.n_models,
+        "seconds": round(time.perf_counter() - started, 3),
+        "train": fitted.train,
+        "validation": fitted.validation,
+        "runs": {"train": fitted.train_runs, "validation": fitted.validation_runs},
+    }
+    output.result(answer, lambda console: _show(console, answer))
+    return 0
+
+
+def _show(console: Console, answer: dict[str, Any]) -> None:
+    for title, part in (("Training runs, free run", "train"), ("Validation runs, free run", "validation")):
+        if answer[part] is not None:
+            rows = [(each["run"], each) for each in answer["runs"][part]]
+            console.print(metrics_table(title, [*rows, ("all", answer[part])]))
+    console.print(
+        f"{answer['structure']} structure, {answer['n_local_models']} local models, {answer['n_samples']} training "
+        f"samples, {answer['seconds']:.1f} s; wrote {answer['model']}"
+    )
+
+
+COMMAND = Command("fit", "identify a local model network from measured runs", _arguments, _run)

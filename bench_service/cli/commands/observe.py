@@ -1,0 +1,109 @@
+"""`bench-service observe`: replay measured runs through the fuzzy observer."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench_service.cli.arguments import fractions
+from bench_service.cli.command import Command
+from bench_service.cli.files import add_current_sign, read_model, read_runs
+from bench_service.cli.initial_soc import guessed_soc
+from bench_service.cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bench_service.cli.observation import Observation
+
+_FIGURES = (
+    ("soc_rmse", "SoC RMSE %", 100.0),
+    ("soc_max_error", "max %", 100.0),
+    ("soc_end_error", "end %", 100.0),
+    ("converged_after_s", "converged s", 1.0),
+    ("coverage_95", "in 95 % band %", 100.0),
+)
+
+
+def _arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL.json")
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="CSV, gzipped CSV or Parquet")
+    parser.add_argument(
+        "--initial-soc",
+        type=fractions,
+        metavar="S[,S...]",
+        help="where the observer starts; default: soc_ref, else 0.5",
+    )
+    parser.add_argument("--out", type=Path, metavar="SOC.csv", help="also write the estimates")
+    add_current_sign(parser)
+
+
+def _run(options: Namespace, output: Output) -> int:
+    from bench_service.cli.observation import observe
+    from bench_service.exchange.atomic import check_writable
+    from models.observer import FuzzyObserver
+
+    if options.out is not None:
+        check_writable(options.out)
+    observer = FuzzyObserver(read_model(options.model))
+    runs = read_runs(options.runs, options.current_sign, output)
+    starts = guessed_soc(runs, options.initial_soc, output)
+    observed: list[Observation] = []
+    with output.progress("Observing") as report:
+        for done, (run, (soc, soc_std)) in enumerate(zip(runs, starts, strict=True)):
+            report(done / len(runs), run.name)
+            observed.append(observe(observer, run, soc, soc_std))
+    answer = _answer(observed)
+    if options.out is not None:
+        _write(options.out, observed)
+        answer["file"] = str(options.out)
+    output.result(answer, lambda console: _show(console, answer))
+    return 0
+
+
+def _answer(observed: Sequence[Observation]) -> dict[str, Any]:
+    import numpy as np
+
+    innovation_V = np.concatenate([each.innovation_V for each in observed])
+    known = innovation_V[~np.isnan(innovation_V)]
+    n = sum(len(each.time_s) for each in observed)
+    return {
+        "runs": [{"run": each.name, **each.figures} for each in observed],
+        "innovation_rms_mV": 1e3 * float(np.sqrt(np.mean(known**2))) if len(known) else None,
+        "us_per_step": 1e6 * sum(each.seconds for each in observed) / n,
+    }
+
+
+def _write(path: Path, observed: Sequence[Observation]) -> None:
+    import numpy as np
+
+    from bench_service.exchange.write import write_results
+
+    columns: dict[str, Any] = {"run": np.concatenate([np.full(len(each.time_s), each.name) for each in observed])}
+    for name in ("time_s", "soc", "soc_std", "model_voltage_V", "innovation_V"):
+        columns[name] = np.concatenate([getattr(each, name) for each in observed])
+    write_results(path, columns)
+
+
+def _show(console: Console, answer: dict[str, Any]) -> None:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title="State of charge against reference", title_justify="left", box=box.SIMPLE_HEAD)
+    table.add_column("run", overflow="fold")
+    for _, label, _ in _FIGURES:
+        table.add_column(label, justify="right")
+    for each in answer["runs"]:
+        cells = ["-" if each[key] is None else f"{scale * each[key]:.2f}" for key, _, scale in _FIGURES]
+        table.add_row(each["run"], *cells)
+    console.print(table)
+    if answer["innovation_rms_mV"] is not None:
+        console.print(f"innovation: {answer['innovation_rms_mV']:.2f} mV RMS")
+    console.print(f"{answer['us_per_step']:.2f} us per step")
+    if "file" in answer:
+        console.print(f"wrote {answer['file']}")
+
+
+COMMAND = Command("observe", "replay measured runs through the state-of-charge observer", _arguments, _run)

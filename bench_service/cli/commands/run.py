@@ -1,0 +1,119 @@
+"""`bench-service run`: play a profile on a bench and keep what was measured."""
+
+from __future__ import annotations
+
+import signal
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench_service.cli.arguments import fraction, positive
+from bench_service.cli.command import Command
+from bench_service.cli.output import Output, Report
+
+if TYPE_CHECKING:
+    from bench_service.client import BenchClient
+    from bench_service.exchange.profile import ProfileFile
+
+_LONGEST_DEFAULT_DT_S = 1.0
+_DEFAULT_SOC = 0.5
+_STOP_TIMEOUT_S = 60.0
+
+
+def _arguments(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "profile", type=Path, metavar="PROFILE.csv", help="columns time_s,current_A; charge is positive"
+    )
+    parser.add_argument("--bench", required=True, metavar="NAME")
+    parser.add_argument("--out", type=Path, required=True, metavar="RUN.csv", help="RUN.bdf.csv takes BDF labels")
+    parser.add_argument("--config", type=Path, metavar="bench.toml")
+    parser.add_argument(
+        "--dt", type=positive, metavar="S", help="sampling time; default: 1 s, or the profile's shortest step if less"
+    )
+    parser.add_argument(
+        "--initial-soc", type=fraction, metavar="S", help="0..1, for the limits on state of charge; default: 0.5"
+    )
+    parser.add_argument(
+        "--acknowledge", action="store_true", help="clear a fault that an earlier run has left; look at the bench first"
+    )
+
+
+def _run(options: Namespace, output: Output) -> int:
+    from bench_service.cli.service import acknowledge, connected
+    from bench_service.config import load_config
+    from bench_service.exchange.atomic import check_writable, write_atomically
+    from bench_service.exchange.profile import read_profile
+
+    profile = read_profile(options.profile)
+    check_writable(options.out)
+    config = load_config(options.config)
+    if options.initial_soc is None:
+        output.warn(f"no --initial-soc: limits on state of charge take {_DEFAULT_SOC:g} as the start")
+    with _interruptible(), connected(config, options.bench) as client:
+        if options.acknowledge:
+            acknowledge(client, options.bench)
+        run = _play(client, profile, options, output)
+        answer = {
+            "run": run["id"],
+            "file": None,
+            "state": run["state"],
+            "samples": run["n_samples"],
+            "missed_ticks": run["missed_ticks"],
+            "reason": run["reason"],
+        }
+        if run["n_samples"]:
+            bdf = options.out.name.endswith(".bdf.csv")
+            write_atomically(options.out, client.export(run["id"], "bdf" if bdf else "csv"))
+            answer["file"] = str(options.out)
+    output.result(answer, lambda console: console.print(_sentence(answer)))
+    return 0 if run["state"] == "completed" else 1
+
+
+def _play(client: BenchClient, profile: ProfileFile, options: Namespace, output: Output) -> dict[str, Any]:
+    """Start the run and wait for its end; Ctrl-C stops it safely and waits for that."""
+    stored = client.upload_profile(profile.name, profile.time_s.tolist(), profile.current_A.tolist())
+    dt_s = options.dt or min(_LONGEST_DEFAULT_DT_S, float((profile.time_s[1:] - profile.time_s[:-1]).min()))
+    soc = _DEFAULT_SOC if options.initial_soc is None else options.initial_soc
+    run = client.start_run(options.bench, stored["id"], dt_s, soc, name=profile.name)
+    try:
+        with output.progress(f"Playing {profile.name} on {options.bench}") as report:
+            return client.wait_run(run["id"], lambda _, live: _tell(report, live))
+    except KeyboardInterrupt:
+        client.stop_run(run["id"])
+        return client.wait_run(run["id"], timeout_s=_STOP_TIMEOUT_S)
+
+
+def _tell(report: Report, live: dict[str, Any] | None) -> None:
+    if live is None:
+        return
+    values = (("voltage_V", "V", 3), ("current_A", "A", 2), ("temperature_degC", "°C", 1))
+    known = [f"{live[name]:.{digits}f} {unit}" for name, unit, digits in values if live[name] is not None]
+    report(live["progress"] or 0.0, "  ".join(known))
+
+
+def _sentence(answer: dict[str, Any]) -> str:
+    reason = f" ({answer['reason']})" if answer["reason"] else ""
+    where = f"; wrote {answer['file']}" if answer["file"] else ""
+    return (
+        f"run {answer['run']} {answer['state']}{reason}: {answer['samples'] or 0} samples, "
+        f"{answer['missed_ticks'] or 0} missed ticks{where}"
+    )
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let SIGTERM end the command as Ctrl-C does: the run is stopped, the output switched off."""
+
+    def interrupt(_number: int, _frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+COMMAND = Command("run", "play a current profile on a bench and keep the measurement", _arguments, _run)

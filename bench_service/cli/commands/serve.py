@@ -1,0 +1,36 @@
+"""`bench-service serve`: the service itself, with its page and its REST API."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from bench_service.cli.arguments import port
+from bench_service.cli.command import Command
+from bench_service.cli.output import Output
+
+
+def _arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("--config", type=Path, metavar="bench.toml", help="default: bench.toml where there is one")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
+    parser.add_argument("--port", type=port, default=8000, metavar="N", help="0 takes a free one")
+
+
+def _run(options: Namespace, output: Output) -> int:
+    from bench_service.app import serve
+    from bench_service.config import load_config
+
+    config = load_config(options.config)
+
+    def ready(address: str) -> None:
+        answer = {"address": address, "data_dir": str(config.data_dir)}
+        output.result(
+            answer,
+            lambda console: console.print(f"serving {address}, data in {config.data_dir}; Ctrl-C ends it safely"),
+        )
+
+    serve(config, options.host, options.port, ready)
+    return 0
+
+
+COMMAND = Command("serve", "serve benches, page and REST API", _arguments, _run)

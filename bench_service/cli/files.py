@@ -1,0 +1,96 @@
+"""Runs and models that commands read, with the arguments that say which."""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench_service.cli.errors import UsageError
+from bench_service.cli.output import Output
+
+if TYPE_CHECKING:
+    from models.local_model_network import LocalModelNetwork
+    from models.structure import Structure
+    from models.timeseries import TimeSeries
+
+
+def add_current_sign(parser: ArgumentParser) -> None:
+    """Add `--current-sign`."""
+    parser.add_argument(
+        "--current-sign",
+        choices=["charge-positive", "discharge-positive"],
+        help="which sign charges in the run files; without it the current is checked against the voltage",
+    )
+
+
+def read_runs(paths: Sequence[Path], current_sign: str | None, output: Output) -> list[TimeSeries]:
+    """Read measured runs; remarks go to `output`, two files of one name are told apart by their directory."""
+    from bench_service.exchange.read import read_run_file
+
+    runs = []
+    for path in paths:
+        read = read_run_file(path, current_sign)  # pyright: ignore[reportArgumentType]  # argparse checked it
+        output.warn(*read.warnings)
+        runs.append(read.series)
+    return runs
+
+
+def read_model(path: Path) -> LocalModelNetwork:
+    """Read a MODEL.json.
+
+    Raises
+    ------
+    UsageError
+        The file is missing, is not JSON, or holds no model.
+    """
+    from models.errors import ModelError
+    from models.local_model_network import LocalModelNetwork
+
+    document = _read_json(path, "a model")
+    try:
+        return LocalModelNetwork.from_json(document)
+    except ModelError as error:
+        raise UsageError(f"{path}: {error}") from error
+
+
+def read_structure(name: str) -> str | Structure:
+    """Return the name of a structure, or the one in a file: a structure's document or a MODEL.json that has one.
+
+    Raises
+    ------
+    UsageError
+        Neither a known name nor a readable file.
+    """
+    from models.errors import ModelError
+    from models.identification import STRUCTURES
+    from models.structure import Structure
+
+    if name in STRUCTURES:
+        return name
+    if not name.endswith(".json"):
+        raise UsageError(f"--structure {name!r} is unknown; use one of {', '.join(STRUCTURES)} or a file FILE.json")
+    document = _read_json(Path(name), "a structure")
+    try:
+        return Structure.from_json(document.get("structure", document) if isinstance(document, dict) else document)
+    except (ModelError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise UsageError(f"{name}: is not a structure: {error}") from error
+
+
+def _read_json(path: Path, what: str) -> Any:
+    try:
+        return json.loads(path.read_bytes())
+    except OSError as error:
+        reason = "no such file" if isinstance(error, FileNotFoundError) else error.strerror or str(error)
+        raise UsageError(f"{path}: {reason}") from error
+    except ValueError as error:
+        raise UsageError(f"{path}: is not {what}: not valid JSON ({error})") from error
+
+
+def write_document(path: Path, document: dict[str, Any]) -> None:
+    """Write a document as JSON, whole or not at all."""
+    from bench_service.exchange.atomic import write_atomically
+
+    write_atomically(path, (json.dumps(document, allow_nan=False) + "\n").encode())

@@ -1,0 +1,55 @@
+"""Where a run starts: what the user says, else the run's own reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from bench_service.cli.errors import UsageError
+from bench_service.cli.output import Output
+
+if TYPE_CHECKING:
+    from models.timeseries import TimeSeries
+
+
+# Anywhere between empty and full is as likely: the standard deviation of that is 0.29.
+_GUESS = (0.5, 0.29)
+
+
+def initial_soc(runs: Sequence[TimeSeries], given: tuple[float, ...] | None) -> list[float]:
+    """Return the SoC at the start of each run: `--initial-soc`, else the run's first `soc_ref`.
+
+    Raises
+    ------
+    UsageError
+        The option has neither one value nor one for each run.
+    ModelError
+        A run has no reference and the option is absent.
+    """
+    from models.identification import start_soc
+
+    if given is None:
+        return [start_soc(run) for run in runs]
+    if len(given) not in (1, len(runs)):
+        wanted = "1 value" if len(runs) == 1 else f"1 value or {len(runs)}"
+        raise UsageError(f"--initial-soc has {len(given)} values for {len(runs)} run(s); give {wanted}")
+    return list(given) if len(given) == len(runs) else [given[0]] * len(runs)
+
+
+def guessed_soc(
+    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, output: Output
+) -> list[tuple[float, float | None]]:
+    """Return where an observer starts in each run, with the standard deviation where it is a mere guess."""
+    from models.errors import ModelError
+    from models.identification import start_soc
+
+    if given is not None:
+        return [(soc, None) for soc in initial_soc(runs, given)]
+    starts: list[tuple[float, float | None]] = []
+    for run in runs:
+        try:
+            starts.append((start_soc(run), None))
+        except ModelError:
+            output.warn(f"{run.name}: no soc_ref and no --initial-soc: the observer starts at {_GUESS[0]:g}")
+            starts.append(_GUESS)
+    return starts

@@ -1,0 +1,117 @@
+"""A comparison as one self-contained page: tables, and curves drawn as SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.comparison import RunComparison, simulate_runs
+
+if TYPE_CHECKING:
+    from models.local_model_network import LocalModelNetwork
+    from models.timeseries import TimeSeries
+
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 900, 220, 60, 24
+_COLUMNS = 800
+_METRICS = ("rmse_mV", "mae_mV", "p95_mV", "max_mV", "bias_mV", "nrmse", "n_samples")
+_WHERE = ("variable", "from", "to", "unit", "rmse_mV", "share_of_squared_error", "share_of_time")
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 960px; padding: 0 1rem; color: #1b1f24 }
+table { border-collapse: collapse; margin: .5rem 0 1.5rem } td, th { padding: .2rem .8rem; text-align: right }
+th { border-bottom: 1px solid #888 } td:first-child, th:first-child { text-align: left }
+svg { width: 100%; height: auto } text { font-size: 12px; fill: #555 } .m { color: #0b62a8 } .s { color: #c2410c }
+"""
+
+Curve = tuple[str, NDArray[np.floating[Any]]]
+
+
+def comparison_page(
+    model: str,
+    network: LocalModelNetwork,
+    runs: Sequence[TimeSeries],
+    initial_soc: Sequence[float],
+    result: Mapping[str, Any],
+) -> bytes:
+    """Return the page as UTF-8.
+
+    Parameters
+    ----------
+    model : the model's name
+    network, runs, initial_soc : what was compared
+    result : the answer of `models.comparison.compare`
+    """
+    rows = [*result["runs"], {"run": "overall", **result["overall"]}]
+    parts = [
+        f"<h1>{escape(model)} against {len(runs)} measured run(s)</h1>",
+        f"<p>Free run: the model sees current and temperature only. {_floor(result['noise_floor_mV'])}"
+        f" {100 * result['outside_training']:.1f} % of the samples lie outside the trained domain.</p>",
+        _table(("run", *_METRICS), rows),
+        "<h2>Where it fails</h2>",
+        _table(_WHERE, result["where"]),
+    ]
+    for each in simulate_runs(network, list(runs), list(initial_soc)):
+        parts += _curves(each)
+    head = f'<meta charset="utf-8"><title>{escape(model)}: comparison</title><style>{_STYLE}</style>'
+    return f'<!doctype html>\n<html lang="en">{head}<body>{"".join(parts)}</body></html>\n'.encode()
+
+
+def _floor(noise_floor_mV: float | None) -> str:
+    return "" if noise_floor_mV is None else f"The measurement's noise floor is {noise_floor_mV:.2f} mV."
+
+
+def _table(keys: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> str:
+    head = "".join(f"<th>{escape(key)}</th>" for key in keys)
+    body = "".join("<tr>" + "".join(f"<td>{_cell(row[key])}</td>" for key in keys) + "</tr>" for row in rows)
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _cell(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else escape(str(value))
+
+
+def _curves(compared: RunComparison) -> list[str]:
+    run = compared.run
+    voltages = [("measured", run.voltage_V), ("simulated", compared.simulated_V)]
+    return [
+        f"<h2>{escape(run.name)}</h2>",
+        '<p><span class="m">measured</span>, <span class="s">simulated</span> voltage in V over time in h</p>',
+        _plot(run.time_s / 3600.0, voltages),
+        "<p>simulated minus measured in mV</p>",
+        _plot(run.time_s / 3600.0, [("simulated", 1e3 * compared.residual_V)]),
+    ]
+
+
+def _plot(x: NDArray[np.floating[Any]], curves: Sequence[Curve]) -> str:
+    known = np.concatenate([y[np.isfinite(y)] for _, y in curves])
+    if len(known) == 0:
+        return "<p>nothing was measured</p>"
+    low, high = float(known.min()), float(known.max())
+    span_x, span_y = float(x[-1] - x[0]) or 1.0, (high - low) or 1.0
+    lines = []
+    for name, y in curves:
+        chosen = _extremes(y)
+        px = _LEFT + (x[chosen] - x[0]) / span_x * (_WIDTH - _LEFT)
+        py = (_HEIGHT - _BOTTOM) * (high - y[chosen]) / span_y + 4
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py, strict=True))
+        css = "m" if name == "measured" else "s"
+        lines.append(f'<polyline class="{css}" fill="none" stroke="currentColor" points="{points}"/>')
+    labels = (
+        f'<text x="0" y="16">{high:.4g}</text><text x="0" y="{_HEIGHT - _BOTTOM}">{low:.4g}</text>'
+        f'<text x="{_LEFT}" y="{_HEIGHT - 4}">{x[0]:.3g}</text>'
+        f'<text x="{_WIDTH}" y="{_HEIGHT - 4}" text-anchor="end">{x[-1]:.3g}</text>'
+    )
+    return f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img">{"".join(lines)}{labels}</svg>'
+
+
+def _extremes(y: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+    """Indices of the lowest and highest value in each column of the picture: no peak is lost."""
+    index = np.flatnonzero(np.isfinite(y))
+    if len(index) <= 2 * _COLUMNS:
+        return index
+    parts = np.array_split(index, _COLUMNS)
+    chosen = [part[np.argmin(y[part])] for part in parts] + [part[np.argmax(y[part])] for part in parts]
+    return np.unique(np.array([index[0], *chosen, index[-1]]))

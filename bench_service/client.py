@@ -1,0 +1,353 @@
+"""Python client of the REST API, for campaigns and for the command line."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import quote
+
+import httpx
+
+Record = dict[str, Any]
+ENDED_RUN_STATES = frozenset({"completed", "stopped", "fault", "interrupted"})
+ENDED_CAMPAIGN_STATES = frozenset({"completed", "failed", "stopped", "interrupted"})
+_API = "/api/v1"
+# Within one wait the service may be restarted; longer silence is an error.
+_LONGEST_SILENCE_S = 30.0
+
+
+class ClientError(Exception):
+    """The service refused a request, or did not answer; the message is the service's own.
+
+    Parameters
+    ----------
+    message : str
+        One line for a person.
+    status : int or None
+        HTTP status; None where there was no answer.
+    code : str
+        The service's name for the kind of error.
+    where : list
+        Path to the offending part of the request.
+    """
+
+    def __init__(self, message: str, status: int | None = None, code: str = "no_answer", where: Any = None) -> None:
+        super().__init__(message)
+        self.status = status
+        self.code = code
+        self.where = where or []
+
+
+class BenchClient:
+    """Talks to one service; to be closed, or used in a ``with`` statement.
+
+    Parameters
+    ----------
+    url : str
+        Address that the service printed, for example ``http://127.0.0.1:8000``.
+    timeout_s : float
+        Longest wait for one answer.
+    """
+
+    def __init__(self, url: str, timeout_s: float = 30.0) -> None:
+        # trust_env=False: a proxy from the environment must not stand between a client and its bench.
+        self.url = url.rstrip("/")
+        self._http = httpx.Client(base_url=url.rstrip("/"), timeout=timeout_s, trust_env=False)
+
+    def __enter__(self) -> Self:
+        """Give itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    # --- service and benches -------------------------------------------------------------------------------
+
+    def health(self) -> Record:
+        """Version of the service, state of recorder and benches."""
+        return self._get("/healthz")
+
+    def benches(self) -> list[Record]:
+        """All benches."""
+        return self._get(f"{_API}/benches")["benches"]
+
+    def bench(self, name: str) -> Record:
+        """One bench: state, capabilities, limits, last live values."""
+        return self._get(f"{_API}/benches/{_part(name)}")
+
+    def stop_bench(self, name: str) -> Record:
+        """Stop the bench's run, if there is one."""
+        return self._post(f"{_API}/benches/{_part(name)}/stop")
+
+    def acknowledge(self, name: str) -> Record:
+        """Clear a latched fault."""
+        return self._post(f"{_API}/benches/{_part(name)}/acknowledge")
+
+    # --- profiles and runs ---------------------------------------------------------------------------------
+
+    def upload_profile(self, name: str, time_s: Sequence[float], current_A: Sequence[float]) -> Record:
+        """Store a profile (forward hold, positive current charges); give its record."""
+        body = {"name": name, "time_s": [float(t) for t in time_s], "current_A": [float(i) for i in current_A]}
+        return self._post(f"{_API}/profiles", body)
+
+    def profiles(self) -> list[Record]:
+        """All profiles."""
+        return self._get(f"{_API}/profiles")["profiles"]
+
+    def profile(self, profile_id: str, points: bool = False) -> Record:
+        """One profile; ``points`` adds ``time_s`` and ``current_A``."""
+        return self._get(f"{_API}/profiles/{_part(profile_id)}", points=points)
+
+    def start_run(
+        self,
+        bench: str,
+        profile_id: str,
+        dt_s: float,
+        initial_soc: float,
+        *,
+        limits: Record | None = None,
+        model_id: str | None = None,
+        observer_initial_soc: float | None = None,
+        name: str | None = None,
+        seed: int | None = None,
+    ) -> Record:
+        """Start a run; give its record, with state ``running``."""
+        body = {
+            "bench": bench,
+            "profile_id": profile_id,
+            "dt_s": float(dt_s),
+            "initial_soc": float(initial_soc),
+            "limits": limits,
+            "model_id": model_id,
+            "observer_initial_soc": observer_initial_soc,
+            "name": name,
+            "seed": seed,
+        }
+        return self._post(f"{_API}/runs", {key: value for key, value in body.items() if value is not None})
+
+    def runs(self, **filters: object) -> list[Record]:
+        """Runs, newest first; filters are bench, state, campaign_id, limit, offset."""
+        return self._get(f"{_API}/runs", **filters)["runs"]
+
+    def run(self, run_id: str) -> Record:
+        """One run."""
+        return self._get(f"{_API}/runs/{_part(run_id)}")
+
+    def stop_run(self, run_id: str) -> Record:
+        """Stop a run; its end is waited for with `wait_run`."""
+        return self._post(f"{_API}/runs/{_part(run_id)}/stop")
+
+    def wait_run(
+        self,
+        run_id: str,
+        on_progress: Callable[[Record, Record | None], None] | None = None,
+        *,
+        timeout_s: float | None = None,
+        poll_s: float = 0.2,
+    ) -> Record:
+        """Wait until a run has ended and give its record.
+
+        Parameters
+        ----------
+        run_id : str
+            The run.
+        on_progress : callable or None
+            Called with the run's record and the bench's live values at each look.
+        timeout_s : float or None
+            Longest wait; then `ClientError`. The run goes on.
+        poll_s : float
+            Time between looks.
+        """
+
+        def look() -> Record:
+            run = self.run(run_id)
+            if on_progress is not None:
+                live = self.bench(run["bench"])["live"] if run["state"] not in ENDED_RUN_STATES else None
+                on_progress(run, live if live and live["run_id"] == run_id else None)
+            return run
+
+        return _wait(look, lambda run: run["state"] in ENDED_RUN_STATES, f"run {run_id}", timeout_s, poll_s)
+
+    def samples(
+        self,
+        run_id: str,
+        *,
+        stream: str = "samples",
+        from_s: float | None = None,
+        to_s: float | None = None,
+        max_points: int | None = None,
+    ) -> Record:
+        """Columns of a run's samples, or with ``stream="observer"`` of its observer; None is a missing value."""
+        address = f"{_API}/runs/{_part(run_id)}/{_part(stream)}"
+        return self._get(address, from_s=from_s, to_s=to_s, max_points=max_points)
+
+    def export(self, run_id: str, format: str = "bdf") -> bytes:  # noqa: A002  # the option's public name
+        """Give the run as the bytes of a file."""
+        return self._send("GET", f"{_API}/runs/{_part(run_id)}/export", params={"format": format}).content
+
+    def events(self, run_id: str | None = None, limit: int | None = None) -> list[Record]:
+        """Events of a run, or the latest of all."""
+        address = f"{_API}/events" if run_id is None else f"{_API}/runs/{_part(run_id)}/events"
+        return self._get(address, limit=limit)["events"]
+
+    # --- models, comparisons, campaigns --------------------------------------------------------------------
+
+    def fit(
+        self,
+        name: str,
+        train: Sequence[str],
+        capacity_Ah: float,
+        *,
+        validate: Sequence[str] = (),
+        structure: str = "full",
+        seed: int = 0,
+        on_progress: Callable[[Record], None] | None = None,
+        timeout_s: float | None = None,
+    ) -> Record:
+        """Fit a model to runs, wait for it, and give the model's record."""
+        body = {
+            "name": name,
+            "train": list(train),
+            "validate": list(validate),
+            "capacity_Ah": float(capacity_Ah),
+            "structure": structure,
+            "seed": seed,
+        }
+        job = self.wait_job(self._post(f"{_API}/models", body)["id"], on_progress, timeout_s=timeout_s)
+        return self.model(job["result"]["model_id"])
+
+    def wait_job(
+        self, job_id: str, on_progress: Callable[[Record], None] | None = None, *, timeout_s: float | None = None
+    ) -> Record:
+        """Wait for a job and give its record; raises `ClientError` with the job's own words if it failed."""
+
+        def look() -> Record:
+            job = self._get(f"{_API}/jobs/{_part(job_id)}")
+            if on_progress is not None:
+                on_progress(job)
+            return job
+
+        job = _wait(look, lambda job: job["state"] in ("done", "failed"), f"job {job_id}", timeout_s, 0.2)
+        if job["state"] == "failed":
+            raise ClientError(job["error"], code="job_failed")
+        return job
+
+    def models(self) -> list[Record]:
+        """All models, without their documents."""
+        return self._get(f"{_API}/models")["models"]
+
+    def model(self, model_id: str) -> Record:
+        """One model with its metrics."""
+        return self._get(f"{_API}/models/{_part(model_id)}")
+
+    def model_document(self, model_id: str) -> Record:
+        """The model itself, as MODEL.json."""
+        return self._get(f"{_API}/models/{_part(model_id)}/document")
+
+    def import_model(self, document: Record) -> Record:
+        """Store a MODEL.json; give its record."""
+        return self._post(f"{_API}/models/import", document)
+
+    def compare(self, model_id: str, run_ids: Sequence[str], initial_soc: float | None = None) -> Record:
+        """Compare a model with runs."""
+        body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc}
+        return self._post(f"{_API}/comparisons", body)
+
+    def start_campaign(self, request: Record) -> Record:
+        """Start a campaign; give its record."""
+        return self._post(f"{_API}/campaigns", request)
+
+    def campaigns(self) -> list[Record]:
+        """All campaigns."""
+        return self._get(f"{_API}/campaigns")["campaigns"]
+
+    def campaign(self, campaign_id: str) -> Record:
+        """One campaign."""
+        return self._get(f"{_API}/campaigns/{_part(campaign_id)}")
+
+    def stop_campaign(self, campaign_id: str) -> Record:
+        """Stop a campaign and the run that it has started."""
+        return self._post(f"{_API}/campaigns/{_part(campaign_id)}/stop")
+
+    def wait_campaign(
+        self,
+        campaign_id: str,
+        on_progress: Callable[[Record], None] | None = None,
+        *,
+        timeout_s: float | None = None,
+        poll_s: float = 0.2,
+    ) -> Record:
+        """Wait until a campaign has ended and give its record, whatever its end."""
+
+        def look() -> Record:
+            campaign = self.campaign(campaign_id)
+            if on_progress is not None:
+                on_progress(campaign)
+            return campaign
+
+        what = f"campaign {campaign_id}"
+        return _wait(look, lambda found: found["state"] in ENDED_CAMPAIGN_STATES, what, timeout_s, poll_s)
+
+    # --- transport -----------------------------------------------------------------------------------------
+
+    def _get(self, address: str, **params: Any) -> Any:
+        given = {name: value for name, value in params.items() if value is not None}
+        return self._send("GET", address, params=given).json()
+
+    def _post(self, address: str, body: Record | None = None) -> Any:
+        return self._send("POST", address, json=body).json()
+
+    def _send(self, method: str, address: str, **content: Any) -> httpx.Response:
+        try:
+            answer = self._http.request(method, address, **content)
+        except httpx.HTTPError as error:
+            raise ClientError(f"no answer from {self._http.base_url}: {error}") from error
+        except ValueError as error:  # a number that JSON has no form for
+            raise ClientError(f"the request cannot be written as JSON: {error}", code="bad_request") from error
+        if answer.is_success:
+            return answer
+        raise _refusal(answer)
+
+
+def _refusal(answer: httpx.Response) -> ClientError:
+    try:
+        error = answer.json()["error"]
+        return ClientError(error["message"], answer.status_code, error["code"], error["where"])
+    except (ValueError, KeyError, TypeError):
+        shown = f"{answer.status_code} {answer.reason_phrase}"
+        return ClientError(f"{answer.url} answered {shown}; is it a bench-service?", answer.status_code, "error")
+
+
+def _part(name: str) -> str:
+    return quote(name, safe="")
+
+
+def _wait(
+    look: Callable[[], Record],
+    ended: Callable[[Record], bool],
+    what: str,
+    timeout_s: float | None,
+    poll_s: float,
+) -> Record:
+    start_s = heard_s = time.monotonic()
+    while True:
+        try:
+            record = look()
+            heard_s = time.monotonic()
+            if ended(record):
+                return record
+        except ClientError as error:
+            if error.status is not None or time.monotonic() - heard_s > _LONGEST_SILENCE_S:
+                raise
+        if timeout_s is not None and time.monotonic() - start_s > timeout_s:
+            raise ClientError(f"{what} has not ended within {timeout_s:g} s; it goes on", code="timeout")
+        time.sleep(poll_s)

@@ -1,0 +1,64 @@
+"""Names of columns: Battery Data Format labels, their machine names, and this project's own.
+
+Labels after the Battery Data Format ontology 1.3.0 and the package `batterydf` 0.1.0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from bench_service.exchange.errors import RunFileError
+
+# own name -> (BDF label, BDF machine names)
+BDF_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "time_s": ("Test Time / s", ("test_time_second",)),
+    "current_A": ("Current / A", ("current_ampere",)),
+    "voltage_V": ("Voltage / V", ("voltage_volt",)),
+    "temperature_degC": ("Surface Temperature / degC", ("surface_temperature_celsius",)),
+    "ambient_degC": ("Ambient Temperature / degC", ("ambient_temperature_celsius",)),
+}
+UNIX_TIME_LABEL = "Unix Time / s"
+OWN_NAMES = (*BDF_NAMES, "soc_ref")
+REQUIRED = ("time_s", "current_A", "voltage_V")
+
+_MEANING = {name: own for own, (label, machine) in BDF_NAMES.items() for name in (own, label, *machine)} | {
+    "soc_ref": "soc_ref"
+}
+
+
+def choose_columns(file: str, names: Iterable[str]) -> dict[str, str]:
+    """Say which column of a file holds what.
+
+    Parameters
+    ----------
+    file : name for messages
+    names : the file's column names
+
+    Returns
+    -------
+    dict
+        Own name -> the file's name.
+
+    Raises
+    ------
+    RunFileError
+        A needed column is absent, or two columns mean the same.
+    """
+    names = list(names)
+    chosen: dict[str, str] = {}
+    for name in names:
+        own = _MEANING.get(name)
+        if own is None:
+            continue
+        if own in chosen:
+            raise RunFileError(f"{file}: columns {chosen[own]!r} and {name!r} both hold {own}; remove one")
+        chosen[own] = name
+    missing = [own for own in REQUIRED if own not in chosen]
+    if "temperature_degC" not in chosen and "ambient_degC" not in chosen:
+        missing.append("temperature_degC")
+    if missing:
+        wanted = ", ".join(f"{own} (or {BDF_NAMES[own][0]!r})" for own in missing)
+        there = ", ".join(repr(name) for name in names[:12]) + (", ..." if len(names) > 12 else "")
+        hint = "; an empty temperature column will do" if missing == ["temperature_degC"] else ""
+        raise RunFileError(f"{file}: wrong columns: needs {wanted}{hint}; the file has {there}")
+    return chosen

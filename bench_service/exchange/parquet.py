@@ -1,0 +1,59 @@
+"""Apache Parquet: read by Battery Data Format label or own name, written with own names."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from bench_service.exchange.columns import choose_columns
+from bench_service.exchange.errors import RunFileError
+from bench_service.exchange.format import Format, RawTable, RunTable
+
+
+def _recognise(head: bytes) -> bool:
+    return head.startswith(b"PAR1")
+
+
+def _read(path: Path) -> RawTable:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as file:
+            names = tuple(file.schema_arrow.names)
+            chosen = choose_columns(str(path), names)
+            table = file.read(columns=list(chosen.values()))
+    except (pa.ArrowException, OSError) as cause:
+        reason = str(cause).splitlines()[0]
+        raise RunFileError(f"{path}: is not a readable Parquet file: {reason}") from cause
+    columns = {}
+    for own, name in chosen.items():
+        column = table.column(name)
+        kind = column.type
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind)):
+            raise RunFileError(f"{path}: column {name!r} holds {kind}, not numbers")
+        columns[own] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+    return RawTable(names, columns)
+
+
+def _encode(run: RunTable) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in run.columns.items()})
+    sink = io.BytesIO()
+    pq.write_table(table, sink, compression="zstd")
+    return sink.getvalue()
+
+
+FORMAT = Format(
+    name="parquet",
+    title="Apache Parquet with this project's column names",
+    suffix=".parquet",
+    media_type="application/vnd.apache.parquet",
+    recognise=_recognise,
+    read=_read,
+    encode=_encode,
+)

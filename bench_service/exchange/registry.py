@@ -1,0 +1,23 @@
+"""All formats there are, found by looking at the modules of this package."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import cache
+from pathlib import Path
+
+from bench_service.exchange.format import Format
+
+
+@cache
+def formats() -> dict[str, Format]:
+    """Return every format by name; a module with a constant ``FORMAT`` is one."""
+    found: dict[str, Format] = {}
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        candidate = getattr(importlib.import_module(f"{__package__}.{module.name}"), "FORMAT", None)
+        if isinstance(candidate, Format):
+            if candidate.name in found:
+                raise RuntimeError(f"exchange format {candidate.name!r} is defined twice")
+            found[candidate.name] = candidate
+    return found

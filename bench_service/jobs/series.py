@@ -1,0 +1,43 @@
+"""Stored runs as the arrays that models work on; used inside worker processes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from bench_service.errors import BadRequestError
+from bench_service.store.samples import SampleReader
+from models.timeseries import TimeSeries
+
+_FEWEST_SAMPLES = 2
+
+
+def read_series(data_dir: Path, run_ids: Sequence[str]) -> list[TimeSeries]:
+    """Read the samples of runs; the name of each series is the run's id.
+
+    Raises
+    ------
+    BadRequestError
+        A run has too few samples to be used.
+    """
+    with closing(SampleReader(data_dir)) as reader:
+        return [_series(reader, run_id) for run_id in run_ids]
+
+
+def _series(reader: SampleReader, run_id: str) -> TimeSeries:
+    data = reader.read(run_id)
+    if data.n < _FEWEST_SAMPLES:
+        raise BadRequestError("the run has too few samples to be used", ("run", run_id), value=data.n)
+    columns = data.columns
+    ambient_degC = columns["ambient_degC"]
+    return TimeSeries(
+        time_s=columns["time_s"],
+        current_A=columns["current_A"],
+        voltage_V=columns["voltage_V"],
+        temperature_degC=columns["temperature_degC"],
+        ambient_degC=None if np.isnan(ambient_degC).all() else ambient_degC,
+        name=run_id,
+    )

@@ -1,0 +1,1 @@
+"""The recorder: the one process that writes samples."""

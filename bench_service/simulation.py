@@ -1,0 +1,112 @@
+"""Starts a simulator as a process of its own, as everything but the command line must.
+
+The simulator runs below a guard (`python -m bench_service.simulation ARGUMENTS`), which ends it when the service says
+so, and a little later when the service has died: until then the control process can still bring it to rest.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import selectors
+import subprocess
+import sys
+from collections.abc import Sequence
+
+_START_TIMEOUT_S = 30.0
+_END_TIMEOUT_S = 5.0
+_GRACE_S = 10.0
+
+
+class SimulationError(RuntimeError):
+    """The simulator did not start; the message holds its own words."""
+
+
+class SimulatorProcess:
+    """A running simulator; made by `start`."""
+
+    def __init__(self, process: asyncio.subprocess.Process, address: str) -> None:
+        self._process = process
+        self.address = address
+
+    @classmethod
+    async def start(cls, arguments: Sequence[str]) -> SimulatorProcess:
+        """Start `bench-service simulate` and wait for its address.
+
+        Parameters
+        ----------
+        arguments : sequence of str
+            What follows the name of the command.
+
+        Raises
+        ------
+        SimulationError
+            It ended, or said nothing in time.
+        """
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "bench_service.simulation", *arguments, "--json"),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is for the service, which first brings its benches to rest
+        )
+        assert process.stdout is not None and process.stderr is not None  # noqa: S101  # piped above
+        try:
+            line = await asyncio.wait_for(process.stdout.readline(), _START_TIMEOUT_S)
+            return cls(process, json.loads(line)["address"])
+        except (TimeoutError, ValueError, KeyError) as error:
+            words = await _last_words(process)
+            raise SimulationError(f"the simulator did not start: {words or 'it gave no address'}") from error
+
+    async def wait(self) -> None:
+        """Wait until it has ended, by whatever cause."""
+        await self._process.wait()
+
+    async def stop(self) -> None:
+        """End it and wait for its end; harmless if it has ended."""
+        if self._process.returncode is not None:
+            return
+        assert self._process.stdin is not None  # noqa: S101  # piped at the start
+        with contextlib.suppress(ConnectionError):
+            self._process.stdin.write(b"end\n")
+            await self._process.stdin.drain()
+        try:
+            await asyncio.wait_for(self._process.wait(), 2 * _END_TIMEOUT_S)
+        except TimeoutError:
+            self._process.kill()
+            await self._process.wait()
+
+
+async def _last_words(process: asyncio.subprocess.Process) -> str:
+    try:
+        _, words = await asyncio.wait_for(process.communicate(), _END_TIMEOUT_S)
+    except TimeoutError:
+        process.kill()
+        _, words = await process.communicate()
+    return (words.decode(errors="replace").strip().splitlines() or [""])[-1]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Guard one simulator: standard input is the tie to the service."""
+    command = [sys.executable, "-m", "bench_service.cli", "simulate", *arguments]
+    simulator = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    with selectors.DefaultSelector() as selector:
+        ended = os.pidfd_open(simulator.pid)
+        selector.register(ended, selectors.EVENT_READ)
+        selector.register(0, selectors.EVENT_READ)
+        ready = {key.fd for key, _ in selector.select()}
+        if ended not in ready and os.read(0, 64) == b"":
+            selector.unregister(0)
+            selector.select(_GRACE_S)
+    simulator.terminate()
+    try:
+        return simulator.wait(_END_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        simulator.kill()
+        return simulator.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,107 @@
+"""The metadata file: opening it, its one writing connection, its readers."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, Row, Select, Table
+from sqlalchemy.exc import DBAPIError, IntegrityError, StatementError
+
+from bench_service.errors import ConflictError, NotFoundError, StoreError
+from bench_service.store import engine as engines
+from bench_service.store.engine import WriterLock
+from bench_service.store.migrate import upgrade
+
+FILE = "meta.sqlite"
+LOCK_FILE = "meta.lock"
+
+
+class MetadataFile:
+    """``meta.sqlite`` of a data directory, opened for writing; for several threads.
+
+    Every method raises `StoreError` where the database fails.
+    """
+
+    def __init__(self, lock: WriterLock, writer: Engine, reader: Engine) -> None:
+        self.lock = lock
+        self._writer = writer
+        self._reader = reader
+
+    @classmethod
+    def open(cls, data_dir: Path, lock_timeout_s: float) -> "MetadataFile":
+        """Open or create the file, and bring it to the present schema.
+
+        Raises
+        ------
+        StoreError
+            Another process writes it (the message names it), or it cannot be opened.
+        """
+        try:
+            data_dir.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StoreError(f"cannot create data directory {data_dir}: {error.strerror}") from error
+        lock = WriterLock.acquire(data_dir / LOCK_FILE, lock_timeout_s)
+        writer = engines.open_writer(data_dir / FILE)
+        try:
+            with _reported(f"open {data_dir / FILE}"):
+                upgrade(writer, "meta")
+        except StoreError:
+            writer.dispose()
+            lock.close()
+            raise
+        return cls(lock, writer, engines.open_reader(data_dir / FILE))
+
+    def close(self) -> None:
+        """Close the file and give the lock back."""
+        self._reader.dispose()
+        self._writer.dispose()
+        self.lock.close()
+
+    @contextmanager
+    def write(self) -> Iterator[Connection]:
+        """Give the writing connection, in a transaction that is on the disk when the block ends."""
+        with _reported("write the metadata"), self._writer.begin() as link:
+            yield link
+
+    @contextmanager
+    def read(self) -> Iterator[Connection]:
+        """Give a reading connection, in a transaction."""
+        with _reported("read the metadata"), self._reader.begin() as link:
+            yield link
+
+    def insert(self, table: Table, values: dict[str, Any]) -> Any:
+        """Insert one row; return its key."""
+        with self.write() as link:
+            key = link.execute(table.insert().values(values)).inserted_primary_key
+        return key[0] if key else None
+
+    def one(self, table: Table, query: Select[*tuple[Any, ...]], key: str) -> Row[Any]:
+        """Return the row of `query` whose id is `key`.
+
+        Raises
+        ------
+        NotFoundError
+            There is none.
+        """
+        with self.read() as link:
+            row = link.execute(query.where(table.c.id == key)).one_or_none()
+        if row is None:
+            raise NotFoundError.of(table.name, key)
+        return row
+
+    def page(self, table: Table, query: Select[*tuple[Any, ...]], limit: int, offset: int) -> Sequence[Row[Any]]:
+        """Return rows of `query`, newest first."""
+        ordered = query.order_by(table.c.created_utc.desc(), table.c.id.desc())
+        with self.read() as link:
+            return link.execute(ordered.limit(limit).offset(offset)).all()
+
+
+@contextmanager
+def _reported(doing: str) -> Iterator[None]:
+    try:
+        yield
+    except IntegrityError as error:
+        raise ConflictError(f"cannot {doing}: {error.orig}") from error
+    except (DBAPIError, StatementError) as error:
+        raise StoreError(f"cannot {doing}: {error.orig}") from error

@@ -1,0 +1,150 @@
+"""What the metadata store returns: frozen values with the names of the REST API.
+
+Times are UTC, ISO 8601 with microseconds and ``Z``. Positive current charges.
+"""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Literal
+
+RunState = Literal["created", "running", "completed", "stopped", "fault", "interrupted"]
+CampaignState = Literal["running", "completed", "failed", "stopped", "interrupted"]
+Severity = Literal["info", "warning", "error"]
+Json = dict[str, Any]
+
+OPEN_RUN_STATES: tuple[RunState, ...] = ("created", "running")
+
+
+def utc_text(moment: datetime) -> str:
+    """Return a moment, which must know its zone, as it is stored."""
+    return moment.astimezone(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+@dataclass(frozen=True, slots=True)
+class RunReference:
+    """A run as the input of something else: which run, and the content hash that it had."""
+
+    run_id: str
+    sha256: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileRecord:
+    """A current profile without its points.
+
+    Attributes
+    ----------
+    sha256 : str
+        Of the points: times, then currents, as little-endian float64.
+    current_A : (float, float)
+        Least and greatest current.
+    charge_Ah : (float, float, float)
+        Charge at the end, least and greatest charge on the way, from 0 at the start.
+    """
+
+    id: str
+    name: str
+    sha256: str
+    n_points: int
+    duration_s: float
+    current_A: tuple[float, float]
+    charge_Ah: tuple[float, float, float]
+    created_utc: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunRecord:
+    """A run: what was decided before it started, and what has become of it."""
+
+    id: str
+    name: str | None = None
+    bench: str
+    profile_id: str
+    state: RunState
+    reason: str | None = None
+    dt_s: float
+    created_utc: str
+    started_utc: str | None = None
+    ended_utc: str | None = None
+    n_samples: int | None = None
+    missed_ticks: int | None = None
+    sha256: str | None = None
+    model_id: str | None = None
+    initial_soc: float
+    observer_initial_soc: float | None = None
+    capacity_Ah: float
+    limits: Json
+    seed: int | None = None
+    campaign_id: str | None = None
+    code_version: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelRecord:
+    """An identified or imported model, without its document; `sha256` is that of the document in canonical JSON."""
+
+    id: str
+    name: str
+    structure: str
+    capacity_Ah: float
+    seed: int | None
+    parent_id: str | None
+    train: tuple[RunReference, ...]
+    validate: tuple[RunReference, ...]
+    metrics: Json | None
+    sha256: str
+    created_utc: str
+    campaign_id: str | None
+    code_version: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparisonRecord:
+    """A model compared with runs; `result` is the JSON of the command ``compare``."""
+
+    id: str
+    model_id: str
+    runs: tuple[RunReference, ...]
+    initial_soc: float | None
+    result: Json
+    created_utc: str
+    campaign_id: str | None
+    code_version: str
+
+    @property
+    def run_ids(self) -> tuple[str, ...]:
+        """Ids of the compared runs."""
+        return tuple(reference.run_id for reference in self.runs)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignRecord:
+    """A campaign. To change it: `dataclasses.replace`, then `MetadataStore.save_campaign`."""
+
+    id: str
+    name: str
+    bench: str
+    state: CampaignState
+    stage: str
+    stages: tuple[Json, ...]
+    progress: float = 0.0
+    message: str = ""
+    request: Json
+    result: Json | None = None
+    created_utc: str
+    ended_utc: str | None = None
+    code_version: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventRecord:
+    """Something that happened, for the people at the bench."""
+
+    id: int
+    created_utc: str
+    severity: Severity
+    code: str
+    text: str
+    bench: str | None
+    run_id: str | None
+    campaign_id: str | None

@@ -1,0 +1,174 @@
+"""Reading samples: any process may do this, while the recorder writes."""
+
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from sqlalchemy import Connection, Engine, Row, Select, func, select
+from sqlalchemy.exc import DBAPIError
+
+from bench_service.errors import StoreError
+from bench_service.store import engine as engines
+from bench_service.store.blocks import Block, BlockError, decode
+from bench_service.store.reading import Assembler, StreamData
+from bench_service.store.schema import chunk, closed_run
+from bench_service.streams import SAMPLES, content_hash
+
+FILE = "samples.sqlite"
+LOCK_FILE = "samples.lock"
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedRun:
+    """What the recorder knows of a run that is over.
+
+    Attributes
+    ----------
+    run_id, state, reason : str
+        As the control process closed it; ``"interrupted"`` where that process died.
+    n_samples : int
+    sha256 : str or None
+        Content hash of the stream ``samples``; None where a chunk is damaged.
+    """
+
+    run_id: str
+    state: str
+    reason: str | None
+    n_samples: int
+    sha256: str | None
+
+
+class SampleReader:
+    """Read access to the samples of one data directory; may be used from several threads."""
+
+    def __init__(self, data_dir: Path) -> None:
+        self._path = data_dir / FILE
+        self._engine: Engine | None = None
+
+    def __enter__(self) -> Self:
+        """Return self."""
+        return self
+
+    def __exit__(
+        self, _type: type[BaseException] | None, _value: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def read(
+        self, run_id: str, stream: str = SAMPLES, from_s: float | None = None, to_s: float | None = None
+    ) -> StreamData:
+        """Return a stream of a run, or its rows with ``from_s <= time_s <= to_s``.
+
+        Rows of sealed and of fresh chunks are returned alike. A run without rows gives no columns. A chunk that
+        cannot be read is logged and becomes a gap that names run, stream and chunk.
+
+        Raises
+        ------
+        StoreError
+            The file cannot be read at all.
+        """
+        return self._query(StreamData.empty(), lambda link: read_stream(link, run_id, stream, from_s, to_s))
+
+    def n_rows(self, run_id: str, stream: str = SAMPLES) -> int:
+        """Return how many rows of a stream are stored."""
+        return self._query(0, lambda link: count_rows(link, run_id, stream))
+
+    def content_hash(self, run_id: str) -> str:
+        """Return the content hash of a run's samples, computed anew from what is stored.
+
+        Raises
+        ------
+        StoreError
+            A chunk is damaged.
+        """
+        data = self.read(run_id)
+        if data.damaged:
+            raise StoreError(f"run {run_id} has no content hash: {_damage(data)}", ("run", run_id))
+        return content_hash(data.columns)
+
+    def closed(self, run_id: str) -> ClosedRun | None:
+        """Return how a run was closed, or None where it was not, or not yet."""
+        return self._query(None, lambda link: read_closed(link, run_id))
+
+    def close(self) -> None:
+        """Close the connections."""
+        if self._engine is not None:
+            self._engine.dispose()
+            self._engine = None
+
+    def _query(self, absent: Any, query: Any) -> Any:
+        # Before the first recorder there is no file: that is an empty store, no error.
+        if self._engine is None:
+            if not self._path.exists():
+                return absent
+            self._engine = engines.open_reader(self._path)
+        try:
+            with self._engine.begin() as link:
+                return query(link)
+        except DBAPIError as error:
+            raise StoreError(f"cannot read {self._path}: {error.orig}") from error
+
+
+def read_stream(
+    link: Connection, run_id: str, stream: str, from_s: float | None = None, to_s: float | None = None
+) -> StreamData:
+    """Return a stream of a run over an open connection; see `SampleReader.read`."""
+    where = [chunk.c.run_id == run_id, chunk.c.stream == stream]
+    if from_s is not None:
+        where.append(chunk.c.t1 >= from_s)
+    if to_s is not None:
+        where.append(chunk.c.t0 <= to_s)
+    capacity = link.execute(select(func.coalesce(func.sum(chunk.c.n), 0)).where(*where)).scalar_one()
+    # Rows are numbered from 0, so that a missing start shows; within a time range the first row is not known.
+    assembler = Assembler(int(capacity), 0 if from_s is None else None)
+    found = link.execution_options(yield_per=16).execute(_chunks().where(*where).order_by(chunk.c.seq0))
+    _assemble(assembler, found, run_id, stream)
+    return assembler.result().between(from_s, to_s)
+
+
+def count_rows(link: Connection, run_id: str, stream: str) -> int:
+    """Return how many rows of a stream are stored."""
+    query = select(func.coalesce(func.sum(chunk.c.n), 0))
+    return int(link.execute(query.where(chunk.c.run_id == run_id, chunk.c.stream == stream)).scalar_one())
+
+
+def read_closed(link: Connection, run_id: str) -> ClosedRun | None:
+    """Return how a run was closed, or None."""
+    row = link.execute(select(closed_run).where(closed_run.c.run_id == run_id)).one_or_none()
+    return None if row is None else ClosedRun(row.run_id, row.state, row.reason, row.n_samples, row.sha256)
+
+
+def block_of(row: Row[Any]) -> Block:
+    """Return the block in a row of the table `chunk`."""
+    return Block(row.seq0, row.n, row.codec, row.crc, row.data)
+
+
+def describe(run_id: str, stream: str, row: Row[Any], error: BlockError) -> str:
+    """Return the text that names a damaged chunk."""
+    last = row.seq0 + row.n - 1
+    return f"run {run_id}, stream {stream}, chunk {row.id} (rows {row.seq0} to {last}): {error}"
+
+
+def _chunks() -> Select[*tuple[Any, ...]]:
+    return select(chunk.c.id, chunk.c.seq0, chunk.c.n, chunk.c.codec, chunk.c.crc, chunk.c.data)
+
+
+def _assemble(assembler: Assembler, rows: Iterable[Row[Any]], run_id: str, stream: str) -> None:
+    for row in rows:
+        try:
+            layout, columns = decode(block_of(row))
+        except BlockError as error:
+            text = describe(run_id, stream, row, error)
+            _LOG.error("damaged chunk: %s", text)
+            assembler.add_damaged(row.seq0, row.n, text)
+        else:
+            assembler.add(row.seq0, row.n, layout, columns)
+
+
+def _damage(data: StreamData) -> str:
+    return "; ".join(gap.reason for gap in data.gaps if gap.reason != "missing")

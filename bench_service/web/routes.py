@@ -1,0 +1,56 @@
+"""Serves the page, its modules and the vendored chart library, with the headers that keep it at home."""
+
+from pathlib import Path
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import HTMLResponse
+from fastapi.staticfiles import StaticFiles
+from fastapi.templating import Jinja2Templates
+
+_HERE = Path(__file__).parent
+
+# The page shows and commands hardware: nothing may be loaded from, or sent to, another host, no inline script
+# or style is allowed, and nobody may frame it (a STOP button under somebody else's picture).
+SECURITY_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; font-src 'self'; "
+        "connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    # Revalidated by ETag on each load, so that a page never runs modules of two versions.
+    "Cache-Control": "no-cache",
+}
+
+router = APIRouter(include_in_schema=False)
+_templates = Jinja2Templates(directory=_HERE / "templates")
+_static = StaticFiles(directory=_HERE / "static")
+
+
+@router.get("/", response_class=HTMLResponse)
+async def page(request: Request) -> Response:
+    """Return the page; everything that changes reaches it through the API."""
+    context = {"version": request.app.version, "openapi_url": request.app.openapi_url}
+    return _templates.TemplateResponse(request, "bench.html", context, headers=SECURITY_HEADERS)
+
+
+@router.get("/static/{path:path}", response_class=Response)
+async def static_file(request: Request, path: str) -> Response:
+    """Return one static file.
+
+    Parameters
+    ----------
+    request
+        The request, for its conditional headers.
+    path
+        The file below ``static/``.
+
+    Raises
+    ------
+    starlette.exceptions.HTTPException
+        404 where there is no such file below ``static/``.
+    """
+    # A route, not a mount: a router that is included in an application does not carry mounts along.
+    response = await _static.get_response(path, request.scope)
+    response.headers.update(SECURITY_HEADERS)
+    return response

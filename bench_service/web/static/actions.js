@@ -1,0 +1,41 @@
+// Commands to the service and what came of them.
+import { api } from "./api.js";
+import { duration } from "./format.js";
+
+const inMotion = (bench) => bench?.state === "running" || bench?.state === "stopping";
+
+/** After a STOP, say once when the bench has left its motion: that is what the person waits for. */
+export function confirmRest(state, name) {
+  const answer = state.answers.get(name);
+  const bench = state.benches.get(name);
+  if (!answer?.stopAsked || answer.confirmed || inMotion(bench)) return;
+  const after = duration((performance.now() - answer.stopAsked) / 1000);
+  state.setAnswer(name, { ...answer, confirmed: true, text: `${answer.text} Bench ${bench.state} after ${after}.` });
+}
+
+/** Stop what runs on a bench, now; the answer, or that none came, is shown beside the bench. */
+export async function stopBench(state, name) {
+  const asked = performance.now();
+  state.setAnswer(name, { ok: null, text: "STOP sent, waiting for the answer …" });
+  try {
+    await api.stopBench(name);
+    const took_ms = Math.round(performance.now() - asked);
+    state.setAnswer(name, { ok: true, stopAsked: asked, text: `STOP: taken by the service after ${took_ms} ms.` });
+    if (!inMotion(state.benches.get(name))) confirmRest(state, name);
+  } catch (error) {
+    // 4xx: the service is there and says why; anything else: nobody has confirmed that the current is off.
+    const heard = error.status >= 400 && error.status < 500;
+    const advice = heard ? "" : " Nobody confirmed the stop: use the cycler's own stop if the current must go off.";
+    state.setAnswer(name, { ok: false, text: `STOP: ${error.message}${advice}` });
+  }
+}
+
+export async function acknowledge(state, name) {
+  state.setAnswer(name, { ok: null, text: "Acknowledging …" });
+  try {
+    state.mergeBench(await api.acknowledge(name));
+    state.setAnswer(name, { ok: true, text: "Fault acknowledged." });
+  } catch (error) {
+    state.setAnswer(name, { ok: false, text: `Acknowledge: ${error.message}` });
+  }
+}

@@ -1,0 +1,55 @@
+// The public REST API, as any other client uses it.
+
+const BASE = "/api/v1";
+
+/** An answer that is not the asked one: `code`, `message`, `where` from the service, `status` 0 where none came. */
+export class ApiError extends Error {
+  constructor(status, code, message, where = null) {
+    super(message);
+    Object.assign(this, { status, code, where: Array.isArray(where) ? where : [] });
+  }
+}
+
+async function request(method, path, body, timeout_s) {
+  const options = { method, headers: { Accept: "application/json" }, signal: AbortSignal.timeout(timeout_s * 1000) };
+  if (body !== undefined) {
+    options.headers["Content-Type"] = "application/json";
+    options.body = JSON.stringify(body);
+  }
+  let response;
+  try {
+    response = await fetch(path, options);
+  } catch (error) {
+    const late = error.name === "TimeoutError";
+    throw new ApiError(0, late ? "timeout" : "unreachable",
+      late ? `The service did not answer within ${timeout_s} s.` : "The service cannot be reached.");
+  }
+  const payload = await response.json().catch(() => null);
+  if (response.ok) return payload;
+  const told = payload?.error;
+  throw new ApiError(response.status, told?.code ?? "http", told?.message ?? `HTTP ${response.status}`, told?.where);
+}
+
+const get = (path, timeout_s = 15) => request("GET", BASE + path, undefined, timeout_s);
+const post = (path, body, timeout_s = 15) => request("POST", BASE + path, body, timeout_s);
+const query = (values) => new URLSearchParams(Object.entries(values).filter(([, v]) => v !== undefined)).toString();
+const id = encodeURIComponent;
+const list = (payload, name) => (Array.isArray(payload) ? payload : payload?.[name] ?? []);
+
+export const api = {
+  health: () => request("GET", "/healthz", undefined, 4),
+  benches: async () => list(await get("/benches"), "benches"),
+  // A stop is worth a quick verdict: the person at the bench needs to know whether to use the emergency stop.
+  stopBench: (name) => post(`/benches/${id(name)}/stop`, undefined, 5),
+  acknowledge: (name) => post(`/benches/${id(name)}/acknowledge`),
+  runs: async (filter) => list(await get(`/runs?${query(filter)}`), "runs"),
+  run: (runId) => get(`/runs/${id(runId)}`),
+  samples: (runId, max_points) => get(`/runs/${id(runId)}/samples?${query({ max_points })}`, 60),
+  observer: (runId, max_points) => get(`/runs/${id(runId)}/observer?${query({ max_points })}`, 60),
+  exportUrl: (runId, format) => `${BASE}/runs/${id(runId)}/export?format=${format}`,
+  campaigns: async () => list(await get("/campaigns"), "campaigns"),
+  startCampaign: (body) => post("/campaigns", body),
+  stopCampaign: (campaignId) => post(`/campaigns/${id(campaignId)}/stop`, undefined, 5),
+  comparisonSeries: (comparisonId) => get(`/comparisons/${id(comparisonId)}/series?max_points=2000`, 60),
+  events: async (limit) => list(await get(`/events?${query({ limit })}`), "events"),
+};

@@ -1,0 +1,34 @@
+// The chooser: one card per bench, shown where there is more than one.
+import { chip, el, renderKeyed, setText } from "./dom.js";
+import { quantity } from "./format.js";
+import { benchWord } from "./words.js";
+
+export function benchCards(state, { select }) {
+  const box = document.getElementById("bench-cards");
+  const readings = new Map();
+  const draw = () => {
+    const benches = [...state.benches.values()];
+    box.hidden = benches.length < 2;
+    const key = JSON.stringify([state.selected, state.connected, benches.map((bench) => [bench.name, bench.state])]);
+    renderKeyed(box, key, () => benches.map((bench) => card(state, bench, readings, select)));
+    for (const bench of benches) drawReading(readings.get(bench.name), bench.live);
+  };
+  state.on("benches select link", draw);
+  state.on("live", ({ name, live }) => drawReading(readings.get(name), live));
+}
+
+function card(state, bench, readings, select) {
+  const [tone, word] = benchWord(state, bench);
+  const reading = el("span", { class: "card-reading" });
+  readings.set(bench.name, reading);
+  return el("button", {
+    class: "bench-card", type: "button", id: `card-${bench.name}`, data: { tone },
+    "aria-pressed": String(bench.name === state.selected), on: { click: () => select(bench.name) },
+  }, el("strong", { text: bench.name }), chip(tone, word), reading);
+}
+
+function drawReading(node, live) {
+  if (!node) return;
+  const parts = live ? [quantity(live.voltage_V, 3, "V"), quantity(live.current_A, 2, "A"), quantity(live.temperature_degC, 1, "°C")] : [];
+  setText(node, parts.length ? parts.join("  ") : "no reading yet");
+}

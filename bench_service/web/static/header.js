@@ -1,0 +1,82 @@
+// Service and connection state, the banner for old values, and the STOP buttons that are always in sight.
+import { stopBench } from "./actions.js";
+import { el, setText } from "./dom.js";
+import { duration, percent } from "./format.js";
+import { wordFor } from "./words.js";
+
+export function header(state, { reconnect }) {
+  const service = document.getElementById("service");
+  const banner = document.getElementById("offline-banner");
+  const bannerText = el("span");
+  banner.append(el("strong", { text: "Disconnected, values are old. " }), bannerText,
+    el("button", { class: "small", type: "button", text: "Try now", on: { click: reconnect } }));
+  const draw = () => {
+    drawService(state, service);
+    drawBanner(state, banner, bannerText);
+  };
+  state.on("link health tick", draw);
+  draw();
+}
+
+function serviceWords(state) {
+  if (state.link.state === "connecting" && !state.failed) return ["neutral", "Connecting …"];
+  if (!state.connected) return ["bad", "Disconnected"];
+  if (!state.health) return ["warn", "Live, health unknown"];
+  if (state.health.status !== "ok") return ["warn", `Live, service ${state.health.status}`];
+  if (state.health.recorder && state.health.recorder !== "running") return ["bad", `Live, recorder ${state.health.recorder}`];
+  return ["good", "Live, service ok"];
+}
+
+function drawService(state, node) {
+  const [tone, word] = serviceWords(state);
+  node.firstElementChild.dataset.tone = tone;
+  setText(node.lastElementChild, word);
+  node.title = state.health ? `recorder ${state.health.recorder ?? "?"}, version ${state.health.version ?? "?"}` : "";
+}
+
+function drawBanner(state, banner, text) {
+  const down = !state.connected && (state.everConnected || state.failed);
+  document.body.classList.toggle("stale", Boolean(down));
+  banner.hidden = !down;
+  if (!down) return;
+  const why = state.link.reason ? `The service says: ${state.link.reason}. ` : "";
+  const age = state.lastHeard ? `Last word from the service ${duration((Date.now() - state.lastHeard) / 1000)} ago. ` : "";
+  const wait_s = state.link.retryAt ? Math.ceil((state.link.retryAt - Date.now()) / 1000) : 0;
+  const next = wait_s > 0 ? `Next try in ${wait_s} s. ` : "Trying again … ";
+  setText(text, `${why}${age}Benches keep to their limits by themselves, and go to rest if the service itself is gone. ${next}`);
+}
+
+/** One STOP button per bench in motion, in a place that never scrolls away. */
+export function stopButtons(state) {
+  const box = document.getElementById("stops");
+  const entries = new Map();
+  const draw = () => {
+    for (const [name, bench] of state.benches) {
+      const moving = bench.state === "running" || bench.state === "stopping";
+      if (moving && !entries.has(name)) entries.set(name, addEntry(state, box, name));
+      if (!moving && entries.has(name)) {
+        entries.get(name).node.remove();
+        entries.delete(name);
+      }
+      if (moving) drawEntry(entries.get(name), bench);
+    }
+    document.body.classList.toggle("has-stops", entries.size > 0);
+  };
+  state.on("benches live", draw);
+}
+
+function addEntry(state, box, name) {
+  const text = el("span", { class: "stop-text" });
+  const button = el("button", {
+    class: "stop", type: "button", "aria-label": `STOP ${name}`, on: { click: () => stopBench(state, name) },
+  }, el("span", { class: "stop-sign", "aria-hidden": "true" }), `STOP ${name}`);
+  const node = el("div", { class: "stop-entry" }, text, button);
+  box.append(node);
+  return { node, text };
+}
+
+function drawEntry(entry, bench) {
+  const [, word] = wordFor("bench", bench.state);
+  const progress = bench.live?.progress;
+  setText(entry.text, Number.isFinite(progress) ? `${word}, ${percent(progress, 0)}` : word);
+}

@@ -1,0 +1,41 @@
+// One place for what a state is called and which tone it has.
+
+const BENCH = {
+  offline: ["muted", "offline"], idle: ["good", "idle"], running: ["active", "running"],
+  stopping: ["warn", "stopping"], fault: ["bad", "fault"],
+};
+const RUN = {
+  created: ["muted", "created"], running: ["active", "running"], completed: ["good", "completed"],
+  stopped: ["warn", "stopped"], fault: ["bad", "fault"], interrupted: ["bad", "interrupted"],
+};
+const CAMPAIGN = {
+  running: ["active", "running"], completed: ["good", "completed"], failed: ["bad", "failed"],
+  stopped: ["warn", "stopped"], interrupted: ["bad", "interrupted"],
+};
+const STAGE = {
+  pending: ["muted", "waiting"], waiting: ["muted", "waiting"], running: ["active", "running"], done: ["good", "done"],
+  completed: ["good", "done"], failed: ["bad", "failed"], stopped: ["warn", "stopped"], skipped: ["muted", "skipped"],
+  interrupted: ["bad", "interrupted"],
+};
+const SEVERITY = { info: ["muted", "info"], warning: ["warn", "warning"], error: ["bad", "error"] };
+const BOOKS = { bench: BENCH, run: RUN, campaign: CAMPAIGN, stage: STAGE, severity: SEVERITY };
+
+/** [tone, word] of a state; one that the page does not know is shown as it is. */
+export function wordFor(book, state) {
+  return BOOKS[book][state] ?? ["neutral", String(state ?? "unknown")];
+}
+
+/** [tone, word] of a bench as the page may claim it: without a connection a state is only what it was. */
+export function benchWord(state, bench) {
+  const [tone, word] = wordFor("bench", bench.state);
+  return !state.connected && state.everConnected ? ["muted", `was ${word}`] : [tone, word];
+}
+
+const STAGE_TITLES = {
+  design: "Design profile", run: "Run on the bench", fit: "Fit the model", observe: "Observe live",
+  compare: "Compare", report: "Report", done: "Done",
+};
+
+export function stageTitle(name) {
+  return STAGE_TITLES[name] ?? name;
+}

@@ -1,0 +1,1 @@
+"""Pure mathematics of the test bench: arrays in, arrays out."""

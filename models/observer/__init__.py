@@ -1,0 +1,5 @@
+"""State-of-charge estimation with the local model network: the fuzzy observer and its tuning."""
+
+from models.observer.fuzzy_observer import FuzzyObserver, ObserverOutput, ObserverSettings
+
+__all__ = ["FuzzyObserver", "ObserverOutput", "ObserverSettings"]

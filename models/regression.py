@@ -1,0 +1,148 @@
+"""From runs to the arrays of a regression: normalised regressors, partition variables and outputs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models import signals
+from models.errors import StructureError
+from models.resampling import GridRun
+from models.structure import Structure, split_signal
+from models.timeseries import FloatArray
+
+Scaling = dict[str, tuple[float, float]]
+VOLTAGE = "voltage"
+KELVIN = 273.15
+
+
+@dataclass(frozen=True)
+class CellContext:
+    """What turns measured current into signals: capacity, efficiency and the current that counts as rest."""
+
+    capacity_Ah: float
+    efficiency: float = 1.0
+
+    @property
+    def rest_A(self) -> float:
+        """Current magnitude in A up to which the cell counts as resting."""
+        return signals.REST_C_RATE * self.capacity_Ah
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Arrays of one or several runs, one after the other.
+
+    Attributes
+    ----------
+    u : (N, q + 1) normalised input taps and a last column of ones
+    z : (N, n_axes) normalised partition variables
+    y : (N,) normalised voltage, NaN where missing
+    starts : first index of each part; outputs never reach across
+    run_index : (N,) which run a sample belongs to
+    """
+
+    u: FloatArray
+    z: FloatArray
+    y: FloatArray
+    starts: np.ndarray
+    run_index: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.y)
+
+
+def signal_values(name: str, run: GridRun, soc: FloatArray, cell: CellContext) -> FloatArray:
+    """Values of one named signal over a run in its physical unit (A, degC, 1/K, fraction)."""
+    kind, time_constant_s = split_signal(name)
+    if kind == "soc":
+        return soc
+    if kind == "current":
+        return run.current_A
+    if kind == "relaxation":
+        assert time_constant_s is not None
+        return signals.relaxation(run.current_A, time_constant_s, run.dt_s)
+    if kind == "low_pass":
+        assert time_constant_s is not None
+        return signals.low_pass(run.current_A, time_constant_s, run.dt_s)
+    if kind == "hysteresis":
+        return signals.held_sign(run.current_A, cell.rest_A)
+    if kind == "temperature":
+        return _known_temperature(run)
+    if kind == "inverse_temperature":
+        return 1.0 / (_known_temperature(run) + KELVIN)
+    raise StructureError(f"signal {name!r} is unknown")
+
+
+def run_signals(structure: Structure, run: GridRun, initial_soc: float, cell: CellContext) -> dict[str, FloatArray]:
+    """All signals that a structure uses, over one run, in physical units."""
+    soc = signals.soc_by_counting(run.charge_Ah, initial_soc, cell.capacity_Ah, cell.efficiency)
+    return {name: signal_values(name, run, soc, cell) for name in structure.signals}
+
+
+def find_scaling(structure: Structure, runs: list[GridRun], initial_soc: list[float], cell: CellContext) -> Scaling:
+    """Ranges that map every signal of the training runs to 0..1; a constant signal gets a range of 1 unit around it."""
+    collected: dict[str, list[FloatArray]] = {}
+    for run, soc in zip(runs, initial_soc, strict=True):
+        for name, values in run_signals(structure, run, soc, cell).items():
+            collected.setdefault(name, []).append(values)
+        collected.setdefault(VOLTAGE, []).append(run.voltage_V[run.measured])
+    scaling = {}
+    for name, parts in collected.items():
+        low = min(float(p.min()) for p in parts)
+        high = max(float(p.max()) for p in parts)
+        if split_signal(name)[0] == "hysteresis":
+            low, high = -1.0, 1.0
+        scaling[name] = (low, high) if high - low > 1e-9 * max(1.0, abs(low)) else (low - 0.5, low + 0.5)
+    return scaling
+
+
+def normalise(values: FloatArray, bounds: tuple[float, float]) -> FloatArray:
+    """Map a range to 0..1."""
+    return (values - bounds[0]) / (bounds[1] - bounds[0])
+
+
+def build_dataset(
+    structure: Structure, scaling: Scaling, runs: list[GridRun], initial_soc: list[float], cell: CellContext
+) -> Dataset:
+    """Regressors, partition variables and outputs of several runs.
+
+    The SoC in the partition space is SoC(k-1), as in the observer, where SoC(k) is not known yet when the validity
+    functions are needed; all other partition variables are taken at k.
+    """
+    parts_u, parts_z, parts_y, starts, index = [], [], [], [], []
+    offset = 0
+    for number, (run, soc) in enumerate(zip(runs, initial_soc, strict=True)):
+        physical = run_signals(structure, run, soc, cell)
+        scaled = {name: normalise(values, scaling[name]) for name, values in physical.items()}
+        columns = [_tap(scaled[c.signal], c.delay + t) for c in structure.inputs for t in range(c.taps)]
+        parts_u.append(np.column_stack([*columns, np.ones(len(run))]))
+        parts_z.append(np.column_stack([_tap(scaled[a.signal], 1 if a.signal == "soc" else 0) for a in structure.axes]))
+        parts_y.append(normalise(run.voltage_V, scaling[VOLTAGE]))
+        starts.extend(offset + s for s in run.segment_starts)
+        index.append(np.full(len(run), number))
+        offset += len(run)
+    return Dataset(
+        u=np.ascontiguousarray(np.vstack(parts_u)),
+        z=np.ascontiguousarray(np.vstack(parts_z)),
+        y=np.concatenate(parts_y),
+        starts=np.array(starts, dtype=np.int64),
+        run_index=np.concatenate(index),
+    )
+
+
+def _tap(values: FloatArray, lag: int) -> FloatArray:
+    """Return values(k - lag), with the first value before the start."""
+    if lag == 0:
+        return values
+    return np.concatenate([np.full(min(lag, len(values)), values[0]), values[:-lag]])
+
+
+def _known_temperature(run: GridRun) -> FloatArray:
+    if np.isnan(run.temperature_degC).all():
+        raise StructureError(
+            f"{run.name}: no temperature was measured, but the structure needs it; use the minimal structure"
+        )
+    return run.temperature_degC

@@ -1,0 +1,202 @@
+"""The page in Chromium against the real service: a process of its own, simulated benches over real sockets."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, Page, Request, WebSocketRoute, expect, sync_playwright
+
+pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(180)]
+
+_CHROMIUM_ARGUMENTS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+_DESKTOP = {"width": 1280, "height": 800}
+_PHONE = {"width": 390, "height": 844}
+# One bench on the wall clock, whose runs last long enough to be stopped, and one in lock-step.
+_CONFIG = """
+[bench.slow.simulate]
+lock_step = false
+[bench.fast.simulate]
+lock_step = true
+"""
+# Chromium itself reports each answer that is no success; a refused request is part of some tests.
+_REFUSAL = "the server responded with a status of 4"
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a service that runs until the module's last test has ended."""
+    folder: Path = tmp_path_factory.mktemp("service")
+    (folder / "bench.toml").write_text(_CONFIG, encoding="utf-8")
+    with (folder / "log").open("w") as log:
+        command = [sys.executable, "-m", "bench_service.cli", "serve", "--port", "0", "--json"]
+        process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=log, text=True)
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line, f"the service did not start: {(folder / 'log').read_text()}"
+            yield json.loads(line)["address"]
+        finally:
+            process.terminate()
+            process.wait(timeout=30)
+            assert process.stdout is not None
+            process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=_CHROMIUM_ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+OpenPage = Callable[..., Page]
+
+
+@pytest.fixture
+def open_page(chromium: Browser, address: str) -> Iterator[OpenPage]:
+    """Open the page; afterwards nothing may stand in its console, and nothing have gone to another host."""
+    complaints: list[str] = []
+    hosts: set[str] = set()
+
+    def note(request: Request) -> None:
+        hosts.add(urlsplit(request.url).netloc)
+
+    def open_it(bench: str, viewport: dict[str, int] = _DESKTOP, prepare: Callable[[Page], None] | None = None) -> Page:
+        context = chromium.new_context(viewport=viewport, timezone_id="Europe/Berlin")  # pyright: ignore[reportArgumentType]
+        context.set_default_timeout(20_000)
+        page = context.new_page()
+        page.on("request", note)
+        page.on("websocket", lambda socket: hosts.add(urlsplit(socket.url).netloc))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        if prepare:
+            prepare(page)
+        page.goto(f"{address}/?bench={bench}")
+        return page
+
+    yield open_it
+    for context in list(chromium.contexts):
+        context.close()
+    assert [text for text in complaints if _REFUSAL not in text] == []
+    assert hosts == {urlsplit(address).netloc}
+
+
+def _reading(page: Page, name: str) -> float:
+    text = page.locator(f"[data-reading={name}] .number").inner_text()
+    return float(text.replace("\u2212", "-"))
+
+
+def _start_campaign(page: Page, name: str, duration_s: int) -> None:
+    page.get_by_label("Name", exact=True).fill(name)
+    page.get_by_label("Duration per run / s").fill(str(duration_s))
+    page.get_by_role("button", name="Start campaign").click()
+
+
+def test_idle_bench_is_shown_with_state_in_words_and_live_values(open_page: OpenPage) -> None:
+    page = open_page("slow")
+    panel = page.get_by_role("region", name="Bench slow")
+    expect(panel.locator(".bench-head .chip")).to_have_text("idle")
+    expect(page.locator("#service")).to_have_text("Live, service ok")
+    expect(panel.locator("[data-reading=current] .note")).to_have_text("at rest")
+    assert 2.5 < _reading(page, "voltage") < 4.2
+    first = page.locator("[data-reading=voltage] .number").inner_text()
+    expect(page.locator("[data-reading=voltage] .number")).not_to_have_text(first)  # the sensor's noise moves it
+
+
+def test_stop_ends_a_run_at_once_and_shows_the_answer_on_a_phone(open_page: OpenPage) -> None:
+    page = open_page("slow", _PHONE)
+    expect(page.locator("button.stop")).to_have_count(0)
+    _start_campaign(page, "to be stopped", 12_000)
+    stop = page.get_by_role("button", name="STOP slow")
+    stop.wait_for()
+    page.locator("#events-section").scroll_into_view_if_needed()
+    expect(stop).to_be_in_viewport()
+    expect(page.locator(".plot-box canvas")).to_be_attached()
+    expect(page.locator("[data-reading=soc] .number")).not_to_have_text("–")
+    stop.click()
+    expect(page.locator(".answer")).to_contain_text("Bench idle after")
+    expect(stop).to_have_count(0)
+    expect(page.locator(".bench-head .chip")).to_have_text("idle")
+    expect(page.locator("#runs-body tbody tr").first).to_contain_text("stopped")
+    expect(page.locator("#campaign-body .campaign-head .chip")).to_have_text("failed")
+    assert page.evaluate("document.documentElement.scrollWidth") == _PHONE["width"]
+
+
+def test_campaign_runs_through_to_figures_and_pictures(open_page: OpenPage) -> None:
+    page = open_page("fast")
+    new = page.get_by_role("button", name="New campaign")
+    if new.is_visible():
+        new.click()
+    page.get_by_text("Cell and ranges").click()
+    page.get_by_label("Lowest current / A").fill("-5")
+    page.get_by_label("Highest current / A").fill("5000")
+    _start_campaign(page, "in lock-step", 3600)
+    expect(
+        page.locator("#campaign-body .field-error:not(:empty), #campaign-body .form-message:not(:empty)")
+    ).to_have_count(1)
+    page.get_by_label("Lowest current / A").fill("")
+    page.get_by_label("Highest current / A").fill("")
+    page.get_by_label("Lowest SoC / %").fill("40")
+    page.get_by_label("Highest SoC / %").fill("60")
+    page.get_by_label("Model structure").select_option("minimal")
+    _start_campaign(page, "in lock-step", 3600)
+    expect(page.locator(".stage .chip", has_text="done")).to_have_count(6, timeout=120_000)
+    result = page.locator("#campaign-result")
+    expect(result.locator(".figure").first).to_contain_text("mV")
+    expect(result.locator(".result-chart canvas")).to_have_count(2)
+    expect(page.get_by_role("table", name="Runs of the campaign").locator("tbody tr")).to_have_count(2)
+    with page.expect_download() as download:
+        page.get_by_role("link", name="BDF of in lock-step: validate").click()
+    assert download.value.path().read_text(encoding="utf-8").startswith("Test Time / s")
+
+
+def test_values_are_marked_old_while_the_service_cannot_be_heard(open_page: OpenPage) -> None:
+    links: list[WebSocketRoute] = []
+    let_through = True
+
+    def relay(socket: WebSocketRoute) -> None:
+        if let_through:
+            socket.connect_to_server()
+            links.append(socket)
+        else:
+            socket.close()
+
+    page = open_page("slow", prepare=lambda page: page.route_web_socket("**/api/v1/live", relay))
+    banner = page.locator("#offline-banner")
+    expect(page.locator("#service")).to_have_text("Live, service ok")
+    expect(banner).to_be_hidden()
+    let_through = False
+    links[-1].close()
+    expect(banner).to_contain_text("Disconnected, values are old")
+    expect(page.locator(".age")).to_contain_text("Last reading")
+    expect(page.locator(".bench-head .chip")).to_contain_text("was")
+    let_through = True
+    page.get_by_role("button", name="Try now").click()
+    expect(banner).to_be_hidden()
+    expect(page.locator("#service")).to_have_text("Live, service ok")
+
+
+def test_page_forbids_foreign_sources(open_page: OpenPage) -> None:
+    page = open_page("fast")
+    policy = page.request.get(page.url).headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy and "http" not in policy
+    assert page.request.get(f"{page.url.split('?')[0]}static/../routes.py").status == 404
+    assert page.request.get(f"{page.url.split('?')[0]}static/%2e%2e/routes.py").status == 404

@@ -1,0 +1,174 @@
+"""A bench for tests of the control process: simulator, recorder and control process, each a real process."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench_service.bench.limits import Limits
+from bench_service.bench.request import RunRequest
+from bench_service.bench.settings import BenchSettings
+from bench_service.bench.supervisor import BenchStatus, BenchSupervisor
+from bench_service.recorder.client import RecorderProcess
+from drivers.cycler import Reading
+from drivers.factory import open_cycler
+
+DEADLINE_S = 20.0
+WIDE = Limits((2.5, 4.3), (-9.0, 9.0), (-20.0, 60.0), (0.0, 1.0), None, 1e6)
+_SIMULATOR = """
+import asyncio, sys
+from simulators.bench import SimulatorSettings, serve
+lock_step, port, soc = sys.argv[1:]
+settings = SimulatorSettings(lock_step=lock_step == "1", seed=7, port=int(port), initial_soc=float(soc))
+asyncio.run(serve(settings, lambda address: print(address, flush=True)))
+"""
+
+
+class Simulator:
+    """A simulated cycler in a process of its own."""
+
+    def __init__(self, *, lock_step: bool, port: int = 0, initial_soc: float = 0.5) -> None:
+        command = [sys.executable, "-c", _SIMULATOR, str(int(lock_step)), str(port), str(initial_soc)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        self.url = self.process.stdout.readline().strip()
+        assert self.url, "the simulator did not start"
+
+    @property
+    def port(self) -> int:
+        return int(self.url.rsplit(":", 1)[1])
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.end()
+
+    def end(self) -> None:
+        self.process.terminate()
+        self.process.wait(10)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+@dataclass
+class Listener:
+    """Keeps everything a supervisor tells."""
+
+    states: list[BenchStatus] = field(default_factory=list)
+    live: list[dict[str, Any]] = field(default_factory=list)
+    events: list[dict[str, Any]] = field(default_factory=list)
+    ended: list[dict[str, Any]] = field(default_factory=list)
+
+    def on_state(self, bench: str, status: BenchStatus) -> None:
+        self.states.append(status)
+
+    def on_live(self, bench: str, live: dict[str, Any]) -> None:
+        self.live.append(live)
+
+    def on_event(self, bench: str, event: dict[str, Any]) -> None:
+        self.events.append(event)
+
+    def on_ended(self, bench: str, ended: dict[str, Any]) -> None:
+        self.ended.append(ended)
+
+    def codes(self, severity: str) -> list[str]:
+        return [event["code"] for event in self.events if event["severity"] == severity]
+
+
+@dataclass
+class Rig:
+    simulator: Simulator
+    recorder: RecorderProcess
+    supervisor: BenchSupervisor
+    heard: Listener
+    data_dir: Path
+
+    async def until(self, condition: Callable[[], Any], what: str) -> None:
+        try:
+            async with asyncio.timeout(DEADLINE_S):
+                while not condition():
+                    await asyncio.sleep(0.005)
+        except TimeoutError:
+            raise AssertionError(f"not within {DEADLINE_S} s: {what}; events: {self.heard.events}") from None
+
+    async def play(self, request: RunRequest) -> dict[str, Any]:
+        """Play a run to its end."""
+        self.begin(request)
+        return await self.end_of(request.run_id)
+
+    def begin(self, request: RunRequest) -> None:
+        self.supervisor.start_run(request)
+
+    async def running(self, time_s: float = 0.0) -> None:
+        """Wait until the run is past `time_s`."""
+        await self.until(
+            lambda: any(live["run_id"] and live["time_s"] >= time_s for live in self.heard.live), "run in progress"
+        )
+
+    async def end_of(self, run_id: str) -> dict[str, Any]:
+        await self.until(lambda: self.heard.ended, f"end of {run_id}")
+        assert [ended["run_id"] for ended in self.heard.ended] == [run_id]
+        return self.heard.ended[0]
+
+    async def reading(self) -> Reading:
+        """Read the cycler over a connection of the test's own."""
+        cycler = open_cycler(self.simulator.url, "generic", 0.5)
+        await cycler.connect()
+        try:
+            return await cycler.sample()
+        finally:
+            await cycler.close()
+
+    async def output_is_off(self, deadline_s: float) -> Reading:
+        async with asyncio.timeout(deadline_s):
+            while (reading := await self.reading()).output_on:
+                await asyncio.sleep(0.01)
+        return reading
+
+
+def settings(simulator: Simulator, **changes: Any) -> BenchSettings:
+    return replace(BenchSettings("sim", simulator.url, "generic", WIDE), **changes)
+
+
+def request(
+    time_s: list[float], current_A: list[float], *, dt_s: float = 0.1, run_id: str = "run-1", **changes: Any
+) -> RunRequest:
+    profile = np.asarray(time_s, float), np.asarray(current_A, float)
+    return replace(RunRequest(run_id, dt_s, WIDE, 3.0, *profile, initial_soc=0.5), **changes)
+
+
+@contextlib.asynccontextmanager
+async def rig(data_dir: Path, *, lock_step: bool, initial_soc: float = 0.5, **changes: Any) -> AsyncIterator[Rig]:
+    """Start everything, wait until the bench is idle, end everything by its own pid afterwards."""
+    simulator = Simulator(lock_step=lock_step, initial_soc=initial_soc)
+    recorder = RecorderProcess.start(data_dir, commit_period_s=0.2)
+    heard = Listener()
+    supervisor = BenchSupervisor(settings(simulator, **changes), recorder.attach, heard)
+    bench = Rig(simulator, recorder, supervisor, heard, data_dir)
+    try:
+        await supervisor.start()
+        await supervisor.wait_for("idle", timeout_s=DEADLINE_S)
+        yield bench
+    finally:
+        await supervisor.close()
+        recorder.stop()
+        bench.simulator.end()
+
+
+def send_signal(pid: int | None, number: signal.Signals) -> None:
+    assert pid is not None
+    os.kill(pid, number)
+
+
+def free_port() -> int:
+    with socket.socket() as sock:
+        sock.bind(("127.0.0.1", 0))
+        return sock.getsockname()[1]

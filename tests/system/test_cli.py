@@ -1,0 +1,348 @@
+"""The command line as users see it: processes, exit statuses, one line on standard error, one object in JSON."""
+
+import contextlib
+import io
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from bench_service.cli.main import main
+from bench_service.exchange import write_run
+
+CLI = (sys.executable, "-m", "bench_service.cli")
+HEADER = "time_s,current_A,voltage_V,temperature_degC"
+
+
+class Done(NamedTuple):
+    """How a command ended and what it said."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+METRICS = {"rmse_mV", "mae_mV", "p95_mV", "max_mV", "bias_mV", "nrmse", "n_samples"}
+
+
+def spawn(*arguments: object, cwd: Path | None = None, timeout_s: float = 60.0) -> Done:
+    """Run a command as a process."""
+    environment = {key: value for key, value in os.environ.items() if key != "BENCH_DATA_DIR"}
+    done = subprocess.run(
+        [*CLI, *map(str, arguments)], capture_output=True, text=True, cwd=cwd, env=environment, timeout=timeout_s
+    )
+    return Done(done.returncode, done.stdout, done.stderr)
+
+
+def call(*arguments: object) -> Done:
+    """Run a command in this process, which saves the second that a new one needs for its imports."""
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as complaints:
+        try:
+            status = main([str(each) for each in arguments])
+        except SystemExit as ended:
+            status = int(ended.code or 0)
+    return Done(status, out.getvalue(), complaints.getvalue())
+
+
+def answer(done: Done) -> dict[str, Any]:
+    """The one JSON object of a command that succeeded."""
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n") == 1
+    return json.loads(done.stdout)
+
+
+def refusal(done: Done) -> str:
+    """The one line of a command that was given bad input."""
+    assert done.returncode == 2, f"{done.returncode}: {done.stdout} {done.stderr}"
+    assert done.stdout == ""
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    return done.stderr
+
+
+def save_run(path: Path, seed: int, *, sign: float = 1.0, soc: float = 0.5) -> Path:
+    """Pulses on a cell of 20 mOhm and one RC pair, 1500 samples at 1 s."""
+    rng = np.random.default_rng(seed)
+    current_A = np.repeat(rng.choice([-2.0, -1.0, 0.0, 1.0, 2.0], 75), 20)
+    time_s = np.arange(len(current_A), dtype=float)
+    soc_ref = soc + np.concatenate([[0.0], np.cumsum(current_A[1:])]) / 3600 / 2.5
+    polarisation_V = np.zeros(len(current_A))
+    for k in range(1, len(current_A)):
+        polarisation_V[k] = 0.95 * polarisation_V[k - 1] + 0.05 * 0.015 * current_A[k]
+    voltage_V = 3.4 + 0.6 * soc_ref + 0.02 * current_A + polarisation_V + 5e-4 * rng.standard_normal(len(current_A))
+    columns = {"time_s": time_s, "current_A": sign * current_A, "voltage_V": voltage_V}
+    columns |= {"temperature_degC": np.full(len(time_s), 25.0), "soc_ref": soc_ref}
+    write_run(path, columns, "csv")
+    return path
+
+
+def without_reference(run: Path, path: Path) -> Path:
+    """Copy a run without its last column, the reference SoC."""
+    path.write_text("\n".join(line.rsplit(",", 1)[0] for line in run.read_text().splitlines()))
+    return path
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A model from two runs, and what `fit` said."""
+    folder = tmp_path_factory.mktemp("fit")
+    runs = [save_run(folder / f"train{k}.csv", k) for k in range(2)]
+    held_out = save_run(folder / "held_out.csv", 9)
+    model = folder / "model.json"
+    options = ("--capacity-Ah", 2.5, "--structure", "minimal", "--out", model, "--json")
+    return model, answer(spawn("fit", *runs, "--validate", held_out, *options, timeout_s=110))
+
+
+def test_help_lists_the_commands() -> None:
+    done = spawn("--help")
+    assert done.returncode == 0
+    listed = set(re.findall(r"^    ([a-z]+) ", done.stdout, re.MULTILINE))
+    assert {"compare", "config", "export", "fit", "observe", "run", "serve", "simulate"} <= listed
+    for command in listed:
+        assert call(command, "--help").returncode == 0, command
+
+
+@pytest.mark.parametrize("arguments", [[], ["nonsense"], ["fit"], ["fit", "a.csv", "--capacity-Ah", "zero"]])
+def test_wrong_usage_is_one_line(arguments: list[str]) -> None:
+    refusal(spawn(*arguments))
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf"])
+def test_capacity_must_be_a_positive_number(value: str, tmp_path: Path) -> None:
+    done = call("fit", "a.csv", f"--capacity-Ah={value}", "--out", tmp_path / "m.json")
+    assert "--capacity-Ah" in refusal(done)
+
+
+# --- config ------------------------------------------------------------------------------------------------
+
+
+def test_config_init_writes_a_file_that_loads(tmp_path: Path) -> None:
+    from bench_service.config import ServiceConfig, load_config
+
+    assert answer(spawn("config", "init", "--json", cwd=tmp_path)) == {"file": "bench.toml"}
+    assert load_config(tmp_path / "bench.toml", {}) == ServiceConfig()
+
+
+def test_config_init_replaces_nothing_unasked(tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text("# mine")
+    assert "exists already" in refusal(spawn("config", "init", cwd=tmp_path))
+    assert (tmp_path / "bench.toml").read_text() == "# mine"
+    assert spawn("config", "init", "--force", cwd=tmp_path).returncode == 0
+
+
+# --- simulate ----------------------------------------------------------------------------------------------
+
+
+def start_simulator(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen([*CLI, "simulate", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_simulator_announces_itself_and_ends_on_a_signal(end: signal.Signals) -> None:
+    simulator = start_simulator()
+    assert simulator.stdout is not None
+    line = simulator.stdout.readline()
+    found = re.fullmatch(r"listening on modbus-tcp://127\.0\.0\.1:(\d+)\n", line)
+    assert found, line
+    with socket.create_connection(("127.0.0.1", int(found[1])), timeout=5):
+        pass
+    simulator.send_signal(end)
+    rest, complaints = simulator.communicate(timeout=10)
+    assert (simulator.returncode, rest, complaints) == (0, "", "")
+
+
+def test_simulator_answers_json() -> None:
+    simulator = start_simulator(
+        "--json", "--cell", "lfp", "--effects", "hysteresis=0.02,relaxation=0.008", "--lock-step"
+    )
+    assert simulator.stdout is not None
+    said = json.loads(simulator.stdout.readline())
+    assert said["state"] == "listening"
+    assert said["address"].startswith("modbus-tcp://127.0.0.1:")
+    simulator.terminate()
+    assert simulator.communicate(timeout=10) == ("", "")
+    assert simulator.returncode == 0
+
+
+def test_port_in_use() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        message = refusal(spawn("simulate", "--port", port))
+    assert str(port) in message
+    assert "choose another port" in message
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--effects", "gravity=1"], "unknown effect 'gravity'"),
+        (["--effects", "hysteresis"], "does not read name=value"),
+        (["--effects", "hysteresis=nan"], "not a finite number"),
+        (["--map", "nowhere"], "nowhere"),
+        (["--cell", "lead"], "--cell"),
+        (["--lock-step", "--speed", "2"], "not allowed with"),
+        (["--port", "70000"], "not a TCP port"),
+        (["--initial-soc", "50"], "fraction"),
+    ],
+)
+def test_simulator_refuses(arguments: list[str], reason: str) -> None:
+    assert reason in refusal(call("simulate", *arguments))
+
+
+# --- fit and compare ---------------------------------------------------------------------------------------
+
+
+def test_fit_answers_the_contract(fitted: tuple[Path, dict[str, Any]]) -> None:
+    model, said = fitted
+    assert {"model", "structure", "n_samples", "n_local_models", "seconds", "train", "validation"} <= set(said)
+    assert said["model"] == str(model)
+    assert said["structure"] == "minimal"
+    assert set(said["train"]) == METRICS
+    assert said["train"]["rmse_mV"] < 2.0
+    assert said["validation"]["rmse_mV"] < 3.0
+    assert [each["run"] for each in said["runs"]["train"]] == ["train0", "train1"]
+    assert json.loads(model.read_text())["kind"] == "local_model_network"
+
+
+def test_compare_answers_the_contract(fitted: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    model, said = fitted
+    page = tmp_path / "page.html"
+    held_out = model.parent / "held_out.csv"
+    compared = answer(call("compare", model, held_out, "--report", page, "--json"))
+    assert {"overall", "runs", "noise_floor_mV", "where", "outside_training", "temperature"} <= set(compared)
+    assert compared["overall"] == said["validation"]
+    assert set(compared["runs"][0]) >= METRICS | {"run"}
+    where = {"variable", "from", "to", "unit", "rmse_mV", "share_of_squared_error", "share_of_time"}
+    assert where <= set(compared["where"][0])
+    assert "held_out" in page.read_text()
+    assert "http" not in page.read_text()
+
+
+def test_a_wrong_initial_soc_shows_in_the_error(fitted: tuple[Path, dict[str, Any]]) -> None:
+    model, said = fitted
+    shifted = answer(call("compare", model, model.parent / "held_out.csv", "--initial-soc", "0.6", "--json"))
+    assert shifted["overall"]["rmse_mV"] > said["validation"]["rmse_mV"] + 20.0
+
+
+def test_compare_prints_tables(fitted: tuple[Path, dict[str, Any]]) -> None:
+    model, _ = fitted
+    done = call("compare", model, model.parent / "held_out.csv")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "held_out" in done.stdout
+    assert "RMSE mV" in done.stdout
+
+
+def test_compare_refuses_as_many_soc_as_do_not_fit(fitted: tuple[Path, dict[str, Any]]) -> None:
+    model, _ = fitted
+    runs = [model.parent / f"train{k}.csv" for k in range(2)]
+    assert "3 values for 2 run(s)" in refusal(call("compare", model, *runs, "--initial-soc", "0.1,0.2,0.3"))
+
+
+def test_compare_needs_an_initial_soc(fitted: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    model, _ = fitted
+    bare = without_reference(model.parent / "held_out.csv", tmp_path / "bare.csv")
+    assert "--initial-soc" in refusal(call("compare", model, bare))
+    assert answer(call("compare", model, bare, "--initial-soc", "0.5", "--json"))["overall"]["rmse_mV"] < 5.0
+
+
+def test_observe_answers_the_contract(fitted: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    model, _ = fitted
+    out = tmp_path / "soc.csv"
+    arguments = ("observe", model, model.parent / "held_out.csv", "--initial-soc", "0.3", "--out", out, "--json")
+    observed = answer(call(*arguments))
+    assert {"runs", "innovation_rms_mV", "us_per_step"} <= set(observed)
+    run = observed["runs"][0]
+    assert set(run) == {"run", "soc_rmse", "soc_max_error", "soc_end_error", "converged_after_s", "coverage_95"}
+    assert run["converged_after_s"] < 600.0
+    assert run["soc_rmse"] < 0.02
+    lines = out.read_text().splitlines()
+    assert lines[0] == "run,time_s,soc,soc_std,model_voltage_V,innovation_V"
+    assert len(lines) == 1501
+
+
+def test_observe_needs_no_reference(fitted: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    model, _ = fitted
+    bare = without_reference(model.parent / "held_out.csv", tmp_path / "bare.csv")
+    done = call("observe", model, bare, "--json")
+    run = answer(done)["runs"][0]
+    assert run.pop("run") == "bare"
+    assert set(run.values()) == {None}
+    assert "starts at 0.5" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [("{", "not valid JSON"), ("[]", "not a model document"), ('{"kind": "local_model_network"}', "schema version")],
+)
+def test_compare_refuses_what_is_no_model(content: str, reason: str, tmp_path: Path) -> None:
+    model = tmp_path / "m.json"
+    model.write_text(content)
+    assert reason in refusal(call("compare", model, save_run(tmp_path / "a.csv", 0)))
+
+
+def test_missing_model(tmp_path: Path) -> None:
+    assert "no such file" in refusal(call("compare", tmp_path / "m.json", save_run(tmp_path / "a.csv", 0)))
+
+
+# --- bad runs ----------------------------------------------------------------------------------------------
+
+
+def fit_refusal(tmp_path: Path, run: Path, *options: object) -> str:
+    """Why `fit` refuses a run; it leaves no model behind."""
+    out = tmp_path / "m.json"
+    message = refusal(call("fit", run, "--capacity-Ah", 2.5, "--out", out, *options))
+    assert not out.exists()
+    return message
+
+
+def test_run_with_wrong_columns(tmp_path: Path) -> None:
+    run = tmp_path / "a.csv"
+    run.write_text("t,i,u,temp\n0,0,3.7,25\n1,0,3.7,25\n")
+    message = fit_refusal(tmp_path, run)
+    assert "needs time_s (or 'Test Time / s')" in message
+    assert "'t', 'i', 'u', 'temp'" in message
+
+
+def test_run_with_wrong_sign(tmp_path: Path) -> None:
+    run = save_run(tmp_path / "a.csv", 0, sign=-1.0)
+    out = tmp_path / "m.json"
+    message = refusal(spawn("fit", run, "--capacity-Ah", 2.5, "--out", out))
+    assert "--current-sign discharge-positive" in message
+    assert not out.exists()
+
+
+def test_current_sign_settles_the_sign(fitted: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    model, said = fitted
+    run = save_run(tmp_path / "held_out.csv", 9, sign=-1.0)
+    settled = answer(call("compare", model, run, "--current-sign", "discharge-positive", "--json"))
+    assert settled["overall"]["rmse_mV"] == pytest.approx(said["validation"]["rmse_mV"])
+
+
+def test_run_without_any_movement(tmp_path: Path) -> None:
+    run = tmp_path / "a.csv"
+    run.write_text("\n".join([HEADER + ",soc_ref", *(f"{k},0,3.7,25,0.5" for k in range(500))]))
+    assert "current never exceeds" in fit_refusal(tmp_path, run)
+
+
+def test_missing_run(tmp_path: Path) -> None:
+    assert "no such file" in fit_refusal(tmp_path, tmp_path / "nowhere.csv")
+
+
+def test_unknown_structure(tmp_path: Path) -> None:
+    run = save_run(tmp_path / "a.csv", 0)
+    assert "'grand' is unknown" in fit_refusal(tmp_path, run, "--structure", "grand")
+
+
+def test_output_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+    run = save_run(tmp_path / "a.csv", 0)
+    done = call("fit", run, "--capacity-Ah", 2.5, "--out", tmp_path / "nowhere" / "m.json")
+    assert "does not exist" in refusal(done)

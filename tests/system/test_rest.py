@@ -1,0 +1,416 @@
+"""The REST interface against a real service with a real recorder, control process and simulator."""
+
+import json
+import signal
+import socket
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from service_rig import Service, until
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+from bench_service.client import BenchClient, ClientError
+
+SIMULATED = "[bench.sim]\nsimulate = { seed = 3 }\n"
+RUN = {"bench": "sim", "dt_s": 0.1, "initial_soc": 0.5}
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The service, a client of it, and what the tests share."""
+
+    service: Service
+    client: BenchClient
+    profile_id: str
+
+    def post(self, address: str, body: object, **headers: str) -> httpx.Response:
+        """Send a body as it stands; text is sent as raw JSON."""
+        text = body if isinstance(body, str | bytes) else json.dumps(body)
+        content_type = {"content-type": "application/json"}
+        return httpx.post(f"{self.service.url}/api/v1{address}", content=text, headers=content_type | headers)
+
+    def get(self, address: str, **headers: str) -> httpx.Response:
+        return httpx.get(f"{self.service.url}{address}", headers=headers)
+
+
+@pytest.fixture(scope="module")
+def rest(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rest]:
+    service = Service(tmp_path_factory.mktemp("rest"), SIMULATED)
+    try:
+        service.idle("sim")
+        profile = service.client.upload_profile("pulse", [0, 10, 40, 60], [0.0, 2.0, -2.0, 0.0])
+        yield Rest(service, service.client, profile["id"])
+    finally:
+        status, words = service.end(signal.SIGINT)
+        assert (status, words) == (0, "")
+
+
+@pytest.fixture(scope="module")
+def finished(rest: Rest) -> dict[str, Any]:
+    rest.service.idle("sim")
+    run = rest.client.start_run("sim", rest.profile_id, 0.1, 0.5, name="first", seed=7)
+    return rest.client.wait_run(run["id"], timeout_s=30)
+
+
+def error_of(answer: httpx.Response) -> dict[str, Any]:
+    assert answer.headers["content-type"] == "application/json"
+    error = answer.json()["error"]
+    assert set(error) == {"code", "message", "where"}
+    assert "\n" not in error["message"]
+    return error
+
+
+def test_health_names_every_process(rest: Rest) -> None:
+    health = rest.client.health()
+    assert health["status"] == "ok" and health["recorder"] == "running" and set(health["benches"]) == {"sim"}
+
+
+def test_a_bench_shows_what_it_is(rest: Rest) -> None:
+    bench = until(lambda: (b := rest.client.bench("sim"))["live"] and b, "live values")
+    assert bench["lock_step"] is True and bench["limits"]["voltage_V"] == [2.5, 4.2]
+    assert bench["capabilities"]["name"] and bench["url"].startswith("modbus-tcp://127.0.0.1:")
+    assert rest.client.benches()[0]["name"] == "sim"
+
+
+def test_a_profile_comes_back_as_it_was(rest: Rest) -> None:
+    sent = ([0.0, 0.1, 0.30000000000000004], [1 / 3, -1e-17, 0.0])
+    stored = rest.client.upload_profile("exact", *sent)
+    found = rest.client.profile(stored["id"], points=True)
+    assert (found["time_s"], found["current_A"]) == sent
+    assert stored["id"] in [profile["id"] for profile in rest.client.profiles()]
+
+
+def test_a_profile_may_be_csv(rest: Rest) -> None:
+    csv = "time_s,current_A\n0,1.5\n10,0\n"
+    answer = rest.post("/profiles?name=table", csv, **{"content-type": "text/csv; charset=utf-8"})
+    assert answer.status_code == 201 and answer.json()["current_A"] == [0.0, 1.5]
+
+
+@pytest.mark.parametrize(
+    ("csv", "message"),
+    [
+        (b"time_s,amps\n0,1\n1,0\n", "wrong columns"),
+        (b"time_s,current_A\n0,1\n1,nan\n", "missing"),
+        (b"time_s,current_A\n0,1\n1,1e999\n", "infinite"),
+        (b"\x1f\x8b\x08\x00", "compressed"),
+        (b"", "empty"),
+    ],
+)
+def test_a_bad_csv_is_refused_without_naming_files(rest: Rest, csv: bytes, message: str) -> None:
+    answer = rest.post("/profiles?name=x", csv, **{"content-type": "text/csv"})
+    assert answer.status_code == 422
+    assert message in error_of(answer)["message"] and "/tmp" not in answer.text
+
+
+def test_a_run_is_played_and_stored(rest: Rest, finished: dict[str, Any]) -> None:
+    assert finished["state"] == "completed" and finished["n_samples"] == 601 and finished["missed_ticks"] == 0
+    assert finished["name"] == "first" and finished["seed"] == 7 and finished["sha256"]
+    columns = rest.client.samples(finished["id"])["columns"]
+    assert columns["seq"] == list(range(601))
+    setpoint_A = np.array(columns["setpoint_A"])
+    assert (setpoint_A.max(), setpoint_A.min(), columns["current_A"][0]) == (2.0, -2.0, pytest.approx(0, abs=0.01))
+    assert finished["id"] in [run["id"] for run in rest.client.runs(bench="sim", state="completed")]
+    assert rest.client.runs(bench="other") == []
+
+
+def test_samples_of_a_range_and_thinned(rest: Rest, finished: dict[str, Any]) -> None:
+    part = rest.client.samples(finished["id"], from_s=10.0, to_s=20.0)
+    assert part["n"] == 101 and part["decimated"] is False and part["columns"]["time_s"][0] == 10.0
+    thin = rest.client.samples(finished["id"], max_points=50)
+    whole = rest.client.samples(finished["id"])["columns"]["voltage_V"]
+    assert thin["decimated"] is True and thin["n"] == len(thin["columns"]["voltage_V"]) <= 50
+    assert max(thin["columns"]["voltage_V"]) == max(whole) and min(thin["columns"]["voltage_V"]) == min(whole)
+    assert rest.client.samples(finished["id"], stream="observer") == {"columns": {}, "n": 0, "decimated": False}
+
+
+def test_export_is_a_file(rest: Rest, finished: dict[str, Any]) -> None:
+    answer = rest.get(f"/api/v1/runs/{finished['id']}/export?format=bdf")
+    assert answer.headers["content-disposition"].startswith("attachment;")
+    lines = answer.text.splitlines()
+    assert lines[0].startswith("Test Time / s,Current / A,Voltage / V") and len(lines) == 602
+    assert rest.get(f"/api/v1/runs/{finished['id']}/export?format=exe").status_code == 422
+
+
+def test_a_running_run_is_stopped(rest: Rest) -> None:
+    rest.service.idle("sim")
+    long = rest.client.upload_profile("long", [0, 30_000], [0.05, 0.0])
+    run = rest.client.start_run("sim", long["id"], 0.1, 0.5)
+    # At once: the control process may not have begun the run when this arrives.
+    rest.client.stop_run(run["id"])
+    ended = rest.client.wait_run(run["id"], timeout_s=20)
+    assert ended["state"] == "stopped" and ended["n_samples"] < 300_000
+    assert rest.client.stop_run(run["id"])["state"] == "stopped"
+    assert rest.client.stop_bench("sim")["state"] in ("idle", "stopping")
+
+
+def test_of_many_clients_one_gets_the_bench(rest: Rest) -> None:
+    rest.service.idle("sim")
+    before = len(rest.client.runs(limit=1000))
+    long = rest.client.upload_profile("long", [0, 30_000], [0.05, 0.0])
+
+    def start(_: int) -> httpx.Response:
+        return rest.post("/runs", RUN | {"profile_id": long["id"]})
+
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(start, range(8)))
+    assert sorted(answer.status_code for answer in answers) == [201] + [409] * 7
+    assert {error_of(answer)["code"] for answer in answers if answer.status_code == 409} == {"bench_busy"}
+    # Those that lost left nothing behind.
+    assert len(rest.client.runs(limit=1000)) == before + 1
+    winner = next(answer.json()["id"] for answer in answers if answer.status_code == 201)
+    rest.client.stop_run(winner)
+    assert rest.client.wait_run(winner, timeout_s=20)["state"] == "stopped"
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999", '"0.5"', "true", "null", "[0.5]", "{}"])
+@pytest.mark.parametrize("field", ["dt_s", "initial_soc"])
+def test_what_is_no_number_is_refused(rest: Rest, field: str, number: str) -> None:
+    body = json.dumps(RUN | {"profile_id": rest.profile_id, field: "HERE"}).replace('"HERE"', number)
+    answer = rest.post("/runs", body)
+    assert answer.status_code == 422
+    assert error_of(answer)["code"] in ("bad_request", "bad_json")
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999", '"1"', "true", "null"])
+def test_what_is_no_number_in_a_profile_is_refused(rest: Rest, number: str) -> None:
+    answer = rest.post("/profiles", f'{{"name":"x","time_s":[0,1],"current_A":[{number},0]}}')
+    assert answer.status_code == 422 and error_of(answer)
+
+
+@pytest.mark.parametrize(
+    ("changes", "where"),
+    [
+        ({"colour": "red"}, ["colour"]),
+        ({"limits": {"voltage_v": [3, 4]}}, ["limits", "voltage_v"]),
+        ({"limits": {"voltage_V": [3.0, 4.3]}}, ["limits"]),
+        ({"limits": {"current_A": [-1.0, 1.0]}}, ["profile", "current_A", 1]),
+        ({"limits": {"duration_s": 59.0}}, ["profile", "time_s"]),
+        ({"limits": {"ramp_A_per_s": 1.0}}, ["profile", "current_A", 1]),
+        ({"limits": {"soc": [0.495, 0.6]}}, ["profile", "time_s", 3]),
+        ({"initial_soc": 1.5}, ["initial_soc"]),
+        ({"dt_s": 0}, ["dt_s"]),
+        ({"name": "two\nlines"}, ["name"]),
+        ({"seed": 1.5}, ["seed"]),
+    ],
+)
+def test_a_run_that_is_not_admitted_says_why(rest: Rest, changes: dict[str, Any], where: list[Any]) -> None:
+    if "soc" in changes.get("limits", {}):
+        changes = changes | {"profile_id": rest.client.upload_profile("down", [0, 1, 2, 60], [0, 0, -2, 0])["id"]}
+        changes["limits"] = {"soc": [0.49, 0.6]}
+        changes["initial_soc"] = 0.5
+        where = ["profile", "time_s", 3]
+    answer = rest.post("/runs", RUN | {"profile_id": rest.profile_id} | changes)
+    assert answer.status_code == 422
+    assert error_of(answer)["where"] == where
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "",
+        "{",
+        "[]",
+        '{"\\ud800":1}',
+        "null",
+        '{"bench":"sim","bench":"sim"}',
+        "[" * 100_000,
+        b"\xff\xfe",
+        '{"dt_s":' + "9" * 5000 + "}",
+    ],
+)
+def test_a_body_that_is_no_object_is_refused(rest: Rest, body: str | bytes) -> None:
+    answer = rest.post("/runs", body)
+    assert answer.status_code == 422 and error_of(answer)
+
+
+@pytest.mark.parametrize("content_type", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data", ""])
+def test_other_content_types_are_refused(rest: Rest, content_type: str) -> None:
+    for address in ("/runs", "/profiles", "/models"):
+        answer = rest.post(address, "{}", **{"content-type": content_type})
+        assert answer.status_code == 415 and error_of(answer)["code"] == "wrong_content_type"
+
+
+def peak_MB(rest: Rest) -> float:
+    status = Path(f"/proc/{rest.service.process.pid}/status").read_text()
+    return next(int(line.split()[1]) / 1000 for line in status.splitlines() if line.startswith("VmHWM"))
+
+
+def test_a_body_that_is_too_large_is_refused(rest: Rest) -> None:
+    answer = rest.post("/runs", b" " * 1_000_001)
+    assert answer.status_code == 413 and error_of(answer)["code"] == "too_large"
+    assert rest.post("/profiles", b" " * 1_000_001).status_code == 422
+
+
+def test_a_flood_without_an_end_is_refused_while_it_comes(rest: Rest) -> None:
+    before_MB = peak_MB(rest)
+    host, port = rest.service.url.removeprefix("http://").split(":")
+    part = b"f4240\r\n" + b" " * 1_000_000 + b"\r\n"
+    sent = 0
+    with socket.create_connection((host, int(port)), 20) as link:
+        head = f"POST /api/v1/profiles HTTP/1.1\r\nHost: {host}\r\nContent-Type: application/json\r\n"
+        link.sendall(f"{head}Transfer-Encoding: chunked\r\n\r\n".encode())
+        with pytest.raises(ConnectionError):
+            for _ in range(300):
+                link.sendall(part)
+                sent += 1
+    assert 20 <= sent < 100
+    assert peak_MB(rest) < before_MB + 60
+    assert rest.client.health()["status"] == "ok"
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "/api/v1/none",
+        "/none",
+        "/api/v1/benches/none",
+        "/api/v1/profiles/none",
+        "/api/v1/runs/none",
+        "/api/v1/runs/none/samples",
+        "/api/v1/runs/none/export",
+        "/api/v1/runs/none/events",
+        "/api/v1/models/none",
+        "/api/v1/models/none/document",
+        "/api/v1/jobs/none",
+        "/api/v1/comparisons/none",
+        "/api/v1/runs/..%2f..%2f..%2fetc%2fpasswd",
+        "/api/v1/runs/%00",
+        "/static/..%2f..%2fconfig.py",
+        "/static/%2e%2e/%2e%2e/config.py",
+    ],
+)
+def test_what_is_not_there_is_404(rest: Rest, address: str) -> None:
+    answer = rest.get(address)
+    assert answer.status_code == 404 and error_of(answer)["code"] == "not_found"
+
+
+def test_unknown_things_in_a_run_are_404(rest: Rest) -> None:
+    assert rest.post("/runs", RUN | {"profile_id": rest.profile_id, "bench": "none"}).status_code == 404
+    assert rest.post("/runs", RUN | {"profile_id": "none"}).status_code == 404
+    assert rest.post("/runs", RUN | {"profile_id": rest.profile_id, "model_id": "none"}).status_code == 404
+    assert rest.post("/runs/none/stop", "").status_code == 404
+
+
+def test_wrong_methods_and_queries(rest: Rest, finished: dict[str, Any]) -> None:
+    assert error_of(httpx.delete(f"{rest.service.url}/api/v1/runs"))["code"] == "method_not_allowed"
+    for query in ("from_s=nan", "to_s=1e999", "max_points=0", "max_points=x", "from_s=2&to_s=1"):
+        assert rest.get(f"/api/v1/runs/{finished['id']}/samples?{query}").status_code == 422
+    assert rest.get("/api/v1/runs?limit=0").status_code == 422
+    assert rest.get("/api/v1/runs?offset=99999999999999999999").status_code == 422
+
+
+def test_other_hosts_and_origins_are_turned_away(rest: Rest) -> None:
+    host = rest.service.url.removeprefix("http://")
+    port = host.split(":")[1]
+    for own in (host, f"localhost:{port}", f"[::1]:{port}"):
+        assert rest.get("/healthz", host=own).status_code == 200
+    for foreign in ("evil.example", f"evil.example:{port}", "127.0.0.1.evil.example", f"192.168.1.1:{port}"):
+        answer = rest.get("/healthz", host=foreign)
+        assert answer.status_code == 403 and error_of(answer)["code"] == "forbidden"
+    stop = "/benches/sim/stop"
+    for origin in ("http://evil.example", "null", f"http://localhost:{int(port) + 1}", "http://["):
+        assert rest.post(stop, "", origin=origin).status_code == 403
+    assert rest.post(stop, "", origin=rest.service.url).status_code == 200
+
+
+def test_live_feed_shows_a_run(rest: Rest) -> None:
+    rest.service.idle("sim")
+    with connect(rest.service.url.replace("http", "ws") + "/api/v1/live", open_timeout=10) as feed:
+        first = json.loads(feed.recv(10))
+        assert first["type"] == "bench" and first["name"] == "sim" and "limits" not in first
+        run = rest.client.start_run("sim", rest.profile_id, 0.1, 0.5)
+        states, live = [], []
+        while states[-1:] != ["idle"] or not live:
+            message = json.loads(feed.recv(20))
+            if message["type"] == "bench":
+                states.append(message["state"])
+            elif message["type"] == "live" and message["run_id"] == run["id"]:
+                live.append(message)
+    assert states[0] == "running" and live[0]["voltage_V"] > 3 and live[0]["bench"] == "sim"
+    rest.client.wait_run(run["id"], timeout_s=20)
+
+
+def test_live_feed_of_another_site_is_refused(rest: Rest) -> None:
+    address = rest.service.url.replace("http", "ws") + "/api/v1/live"
+    with pytest.raises(InvalidStatus) as refusal:
+        with connect(address, origin=Origin("http://evil.example"), open_timeout=10):
+            pass
+    assert refusal.value.response.status_code == 403
+
+
+def test_live_feed_has_a_cap_on_readers(rest: Rest) -> None:
+    address = rest.service.url.replace("http", "ws") + "/api/v1/live"
+    with ExitStack() as readers:
+        for _ in range(20):
+            readers.enter_context(connect(address, open_timeout=10)).recv(10)
+        with connect(address, open_timeout=10) as one_more, pytest.raises(ConnectionClosed) as refusal:
+            one_more.recv(10)
+    assert refusal.value.rcvd is not None and refusal.value.rcvd.code == 1013
+
+
+def test_the_interface_describes_itself(rest: Rest) -> None:
+    description = rest.get("/api/v1/openapi.json").json()
+    assert {"/healthz", "/api/v1/runs", "/api/v1/profiles", "/api/v1/models"} <= set(description["paths"])
+    assert set(description["paths"]["/api/v1/profiles"]["post"]["requestBody"]["content"]) == {
+        "application/json",
+        "text/csv",
+    }
+
+
+def test_a_model_is_fitted_compared_and_given_out(rest: Rest) -> None:
+    rest.service.idle("sim")
+    # Levels and pulses over half of the range, enough for the smallest model.
+    rng = np.random.default_rng(5)
+    time_s = np.arange(0, 7200.0, 60.0)
+    current_A = rng.choice([-2.5, -1.0, 0.0, 1.0, 2.5], len(time_s))
+    current_A -= current_A.mean()
+    profile = rest.client.upload_profile("levels", time_s.tolist(), current_A.tolist())
+    run = rest.client.start_run("sim", profile["id"], 1.0, 0.5)
+    assert rest.client.wait_run(run["id"], timeout_s=60)["state"] == "completed"
+    model = rest.client.fit("small", [run["id"]], 2.5, structure="minimal", timeout_s=90)
+    assert model["metrics"]["train"]["rmse_mV"] < 50 and model["train"][0]["run_id"] == run["id"]
+    compared = rest.client.compare(model["id"], [run["id"]])
+    assert compared["result"]["overall"]["rmse_mV"] == pytest.approx(model["metrics"]["train"]["rmse_mV"], rel=0.2)
+    assert compared["run_ids"] == [run["id"]]
+    document = rest.client.model_document(model["id"])
+    assert rest.client.import_model(document)["sha256"] == model["sha256"]
+    assert len(rest.client.models()) == 2
+
+
+def test_a_fit_that_cannot_be_is_told(rest: Rest, finished: dict[str, Any]) -> None:
+    with pytest.raises(ClientError) as refusal:
+        rest.client.fit("none", ["none"], 2.5)
+    assert refusal.value.status == 404
+    with pytest.raises(ClientError) as refusal:
+        rest.client.import_model({"kind": "cake"})
+    assert refusal.value.status == 422
+    same = [finished["id"], finished["id"]]
+    assert rest.post("/models", {"name": "m", "train": same, "capacity_Ah": 2.5}).status_code == 422
+    assert rest.post("/models", {"name": "m", "train": [], "capacity_Ah": 2.5}).status_code == 422
+    body = {"name": "m", "train": [finished["id"]], "capacity_Ah": 2.5, "structure": "huge"}
+    assert rest.post("/models", body).status_code == 422
+
+
+def test_a_port_in_use_and_a_data_directory_in_use_give_one_line(rest: Rest, tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(AssertionError) as refusal:
+            Service(tmp_path, SIMULATED, port=taken.getsockname()[1])
+    assert "(2, 'error: cannot listen on 127.0.0.1:" in str(refusal.value)
+    assert str(refusal.value).count("\\n") == 1
+    second = tmp_path / "second"
+    second.mkdir()
+    (second / "data").symlink_to(rest.service.data_dir)
+    with pytest.raises(AssertionError, match=rf"\(2, .*{rest.service.url}") as refusal:
+        Service(second, SIMULATED)
+    assert str(refusal.value).count("\\n") == 1

@@ -1,0 +1,246 @@
+"""The loop with a cycler made of plain Python: every way to end is an end at rest with the output off."""
+
+import asyncio
+import math
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from bench_service.bench.clock import LockStepClock, WallClock
+from bench_service.bench.limits import Limits
+from bench_service.bench.links import FrameLink
+from bench_service.bench.live import LiveFeed
+from bench_service.bench.observer_link import ObserverError, ObserverRow
+from bench_service.bench.player import make_player
+from bench_service.bench.recording import Recording
+from bench_service.bench.request import RunRequest
+from bench_service.bench.run_loop import RunLoop, RunParts, RunPlan
+from bench_service.bench.safety import Rules
+from bench_service.bench.stop import StopSignal
+from bench_service.streams import OBSERVER, SAMPLES
+from drivers.cycler import Capabilities, CyclerTimeoutError, DeviceLimits, Reading, SetPointRefusedError
+
+LIMITS = Limits((2.5, 4.2), (-5.0, 5.0), (0.0, 45.0), (0.0, 1.0), None, 100.0)
+AT_REST = Reading(0.0, 0, 3.7, 0.0, 25.0, 25.0, 0.0, False, frozenset(), frozenset())
+
+
+@dataclass
+class FakeCycler:
+    """Does what it is told; `spoil` changes or refuses the reading of a given sequence."""
+
+    spoil: Callable[[Reading], Reading] = lambda reading: reading
+    unsafe: int = 0
+    reading: Reading = AT_REST
+    applied: list[float] = field(default_factory=list)
+    safe_calls: int = 0
+
+    async def connect(self) -> Capabilities:
+        raise NotImplementedError
+
+    async def acquire(self, limits: DeviceLimits, watchdog_s: float, lock_step_period_s: float | None) -> None:
+        await asyncio.sleep(0)
+
+    async def output(self, on: bool) -> None:
+        self.reading = replace(self.reading, output_on=on)
+
+    async def sample(self) -> Reading:
+        await asyncio.sleep(0)
+        return self.spoil(self.reading)
+
+    async def apply(self, current_A: float) -> None:
+        self.applied.append(current_A)
+        sequence = self.reading.sequence + 1
+        self.reading = replace(self.reading, sequence=sequence, current_A=current_A, setpoint_in_force_A=current_A)
+
+    async def safe(self) -> None:
+        self.safe_calls += 1
+        await asyncio.sleep(0)
+        if self.safe_calls <= self.unsafe:
+            raise CyclerTimeoutError("no answer")
+        self.reading = replace(self.reading, output_on=False, current_A=0.0, setpoint_in_force_A=0.0)
+
+    async def clear_fault(self) -> None:
+        raise NotImplementedError
+
+    async def release(self) -> None:
+        raise NotImplementedError
+
+    async def close(self) -> None:
+        raise NotImplementedError
+
+
+@dataclass
+class Bench:
+    recording: Recording
+    feed: LiveFeed
+    stop: StopSignal = field(default_factory=StopSignal)
+    notes: list[tuple[str, str, str]] = field(default_factory=list)
+
+    def loop(
+        self, cycler: FakeCycler, *, clock=None, capacity: int = 1000, observer=None, every: int = 1, max_age_s=5.0
+    ) -> RunLoop:
+        request = RunRequest("r", 0.1, LIMITS, 3.0, np.array([0.0, 1.0]), np.array([2.0, 0.0]), initial_soc=0.5)
+        rules = Rules("b", LIMITS, current_tolerance_A=0.1, max_age_s=max_age_s, tick_s=0.1)
+        player = make_player(request.time_s, request.current_A, request.dt_s / every)
+        clock = clock or LockStepClock()
+        self.stop.on_order(clock.interrupt)
+        self.recording.open("r", (SAMPLES, OBSERVER), capacity)
+        parts = RunParts(cycler, clock, self.recording, self.feed, self.stop, observer, self.note)
+        return RunLoop(RunPlan(request, player, rules, 1.0, every), parts)
+
+    def note(self, severity: str, code: str, text: str) -> None:
+        self.notes.append((severity, code, text))
+
+
+@pytest.fixture
+async def bench() -> AsyncIterator[Bench]:
+    pairs = [socket.socketpair(), socket.socketpair()]
+    link = FrameLink(pairs[0][0], lambda *_: None, lambda _: None)
+    recording = Recording(pairs[1][0], lambda _: None)
+    yield Bench(recording, LiveFeed(link))
+    link.close()
+    recording.shut()
+    for _, theirs in pairs:
+        theirs.close()
+
+
+def at(sequence: int, change: Callable[[Reading], Reading]) -> Callable[[Reading], Reading]:
+    return lambda reading: change(reading) if reading.output_on and reading.sequence == sequence else reading
+
+
+def refuse(reading: Reading) -> Reading:
+    raise SetPointRefusedError("2 A was written, 0 A is in force", reading)
+
+
+def no_answer(reading: Reading) -> Reading:
+    raise CyclerTimeoutError("no answer in 0.5 s")
+
+
+def defect(reading: Reading) -> Reading:
+    raise ZeroDivisionError
+
+
+async def test_a_run_to_its_end(bench: Bench) -> None:
+    cycler = FakeCycler()
+    end = await bench.loop(cycler).play()
+    assert (end.state, end.reason, end.at_rest) == ("completed", None, True)
+    assert cycler.applied == [2.0] * 10
+    assert bench.recording.n_rows == 11
+    assert not cycler.reading.output_on
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "n_rows"),
+    [
+        (lambda r: replace(r, voltage_V=math.nan), "voltage_limit", 5),
+        (lambda r: replace(r, output_on=False), "output_off", 5),
+        (lambda r: replace(r, alarms=frozenset({"internal"})), "device_alarm", 5),
+        (refuse, "cycler", 5),
+        (no_answer, "cycler", 4),
+        (defect, "internal_error", 4),
+    ],
+)
+async def test_faults_end_at_rest_with_the_sample_recorded(
+    bench: Bench, change: Callable, code: str, n_rows: int
+) -> None:
+    cycler = FakeCycler(at(4, change))
+    end = await bench.loop(cycler).play()
+    assert (end.state, end.code, end.at_rest) == ("fault", code, True)
+    assert "b" in (end.reason or "")
+    assert bench.recording.n_rows == n_rows
+    assert len(cycler.applied) == 4
+    assert cycler.safe_calls == 1 and not cycler.reading.output_on
+
+
+async def test_no_output_on_a_cell_outside_its_limits(bench: Bench) -> None:
+    cycler = FakeCycler(lambda reading: replace(reading, temperature_degC=60.0))
+    end = await bench.loop(cycler).play()
+    assert end.code == "temperature_limit"
+    assert (bench.recording.n_rows, cycler.applied, cycler.safe_calls) == (0, [], 1)
+
+
+async def test_no_heartbeat_from_a_stale_reading(bench: Bench) -> None:
+    cycler = FakeCycler(lambda reading: replace(reading, sequence=min(reading.sequence, 4)))
+    end = await bench.loop(cycler).play()
+    assert end.code == "stale_readings"
+    # Samples 0 to 4 are fresh and followed by a set-point each; the three stale ones are not.
+    assert len(cycler.applied) == 5
+    assert bench.recording.n_rows == 8
+
+
+async def test_stop_ends_before_the_next_command(bench: Bench) -> None:
+    cycler = FakeCycler(at(4, lambda reading: bench.stop.give("stopped", "enough") or reading))
+    end = await bench.loop(cycler).play()
+    assert (end.state, end.reason) == ("stopped", "enough")
+    assert len(cycler.applied) == 5 and cycler.safe_calls == 1
+
+
+async def test_cancellation_brings_to_rest_first(bench: Bench) -> None:
+    cycler = FakeCycler(at(4, lambda reading: task.cancel() and reading))
+    task = asyncio.create_task(bench.loop(cycler).play())
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert cycler.safe_calls == 1 and not cycler.reading.output_on
+
+
+async def test_rest_is_tried_again_and_told_if_it_is_not_confirmed(bench: Bench) -> None:
+    cycler = FakeCycler(unsafe=1)
+    end = await bench.loop(cycler).play()
+    assert (end.state, end.at_rest, cycler.safe_calls) == ("completed", True, 2)
+    cycler = FakeCycler(unsafe=9)
+    end = await bench.loop(cycler).play()
+    assert (end.state, end.code, end.at_rest) == ("fault", "not_at_rest", False)
+
+
+async def test_on_the_wall_clock_a_full_queue_is_a_fault(bench: Bench) -> None:
+    def timed(reading: Reading) -> Reading:
+        return replace(reading, monotonic_s=time.monotonic())
+
+    cycler = FakeCycler(timed)
+    end = await bench.loop(cycler, clock=WallClock(), capacity=3).play()
+    assert (end.state, end.code) == ("fault", "recorder")
+    assert "not acknowledged the last 3 samples" in (end.reason or "")
+    assert bench.recording.n_rows == 3
+
+
+async def test_ticks_between_samples_command_but_do_not_record(bench: Bench) -> None:
+    cycler = FakeCycler()
+    end = await bench.loop(cycler, every=5).play()
+    assert end.state == "completed"
+    assert (bench.recording.n_rows, len(cycler.applied)) == (11, 50)
+
+
+class SlowObserver:
+    """Holds the loop up at the third sample for longer than a reading may be old."""
+
+    def __init__(self) -> None:
+        self.steps = 0
+
+    def step(self, current_A: float, voltage_V: float, temperature_degC: float) -> ObserverRow:
+        self.steps += 1
+        until_s = time.monotonic() + (0.25 if self.steps == 3 else 0.0)
+        while time.monotonic() < until_s:
+            pass
+        return ObserverRow(0.5, 0.1, 3.7, 0.0)
+
+
+async def test_no_heartbeat_from_a_reading_that_has_grown_old(bench: Bench) -> None:
+    cycler = FakeCycler(lambda reading: replace(reading, monotonic_s=time.monotonic()))
+    end = await bench.loop(cycler, clock=WallClock(), observer=SlowObserver(), max_age_s=0.2).play()
+    assert (end.state, end.code) == ("fault", "reading_too_old")
+    assert (bench.recording.n_rows, len(cycler.applied)) == (3, 2)
+
+
+class DivergingObserver:
+    def step(self, current_A: float, voltage_V: float, temperature_degC: float) -> ObserverRow:
+        raise ObserverError("the observer has diverged")
+
+
+async def test_an_observer_that_diverges_is_told_once_and_the_run_goes_on(bench: Bench) -> None:
+    end = await bench.loop(FakeCycler(), observer=DivergingObserver()).play()
+    assert end.state == "completed"
+    assert [(severity, code) for severity, code, _ in bench.notes] == [("warning", "observer")]

@@ -1,0 +1,145 @@
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench_service.bench.limits import Limits
+from bench_service.bench.safety import Context, Rules, Track, Trip, check, check_at_rest, follow
+from drivers.cycler import Reading
+
+LIMITS = Limits((2.5, 4.2), (-5.0, 5.0), (0.0, 45.0), (0.1, 0.9), 10.0, 100.0)
+RULES = Rules("bench-1", LIMITS, current_tolerance_A=0.1, max_age_s=0.5, tick_s=0.1)
+GOOD = Reading(1.0, 7, 3.7, 1.0, 25.0, 24.0, 1.0, True, frozenset({"output_on"}), frozenset())
+TRACK = Track(sequence=7, fresh_s=1.0, time_s=1.0, current_A=1.0, interval_s=0.1)
+CONTEXT = Context(RULES, TRACK, now_s=1.0, soc=0.5, commanded_A=1.0)
+
+any_float = st.floats(allow_nan=True, allow_infinity=True)
+
+
+def code(trip: Trip | None) -> str | None:
+    return None if trip is None else trip.code
+
+
+def test_a_good_reading_trips_nothing() -> None:
+    assert check(GOOD, CONTEXT) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "expected", "words"),
+    [
+        ({"voltage_V": 4.21}, "voltage_limit", ["bench-1", "1.000 s", "4.21 V", "2.5 to 4.2 V", "acknowledge"]),
+        ({"voltage_V": math.nan}, "voltage_limit", ["voltage is missing"]),
+        ({"current_A": -5.2}, "current_limit", ["-5.2 A", "-5 to 5 A"]),
+        ({"temperature_degC": 45.5}, "temperature_limit", ["45.5 degC"]),
+        ({"temperature_degC": math.nan}, "temperature_limit", ["temperature is missing"]),
+        ({"alarms": frozenset({"over_current", "internal"})}, "device_alarm", ["internal, over_current"]),
+        ({"output_on": False}, "output_off", ["output is off"]),
+    ],
+)
+def test_readings_that_trip(change: dict, expected: str, words: list[str]) -> None:
+    trip = check(replace(GOOD, **change), CONTEXT)
+    assert trip is not None and trip.code == expected
+    assert all(word in trip.text for word in words), trip.text
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"soc": 0.91}, "soc_limit"),
+        ({"soc": math.nan}, "soc_limit"),
+        ({"soc": None}, None),
+        ({"now_s": 100.3, "track": replace(TRACK, fresh_s=100.3)}, "duration_limit"),
+        ({"now_s": math.nan}, "duration_limit"),
+        ({"now_s": 1.6}, "reading_too_old"),
+        ({"track": replace(TRACK, stale=2)}, None),
+        ({"track": replace(TRACK, stale=3)}, "stale_readings"),
+        ({"track": replace(TRACK, mismatched=2)}, None),
+        ({"track": replace(TRACK, mismatched=3)}, "current_mismatch"),
+        ({"track": replace(TRACK, change_A=1.1)}, None),
+        ({"track": replace(TRACK, change_A=-1.3)}, "ramp_limit"),
+    ],
+)
+def test_contexts_that_trip(change: dict, expected: str | None) -> None:
+    assert code(check(GOOD, replace(CONTEXT, **change))) == expected
+
+
+def test_values_are_told_before_the_alarm_they_cause() -> None:
+    reading = replace(GOOD, voltage_V=4.3, output_on=False, alarms=frozenset({"over_voltage"}))
+    assert code(check(reading, CONTEXT)) == "voltage_limit"
+
+
+def test_at_rest_the_output_may_be_off_but_values_must_be_good() -> None:
+    off = replace(GOOD, output_on=False, current_A=0.0)
+    context = replace(CONTEXT, commanded_A=0.0)
+    assert check_at_rest(off, context) is None
+    assert code(check_at_rest(replace(off, voltage_V=2.4), context)) == "voltage_limit"
+    assert code(check_at_rest(replace(off, alarms=frozenset({"internal"})), context)) == "device_alarm"
+
+
+@given(voltage_V=any_float, current_A=any_float, temperature_degC=any_float, soc=any_float)
+def test_what_is_not_inside_every_limit_trips(
+    voltage_V: float, current_A: float, temperature_degC: float, soc: float
+) -> None:
+    reading = replace(GOOD, voltage_V=voltage_V, current_A=current_A, temperature_degC=temperature_degC)
+    inside = 2.5 <= voltage_V <= 4.2 and abs(current_A) <= 5.11 and 0.0 <= temperature_degC <= 45.0
+    inside = inside and 0.095 <= soc <= 0.905
+    assert (check(reading, replace(CONTEXT, soc=soc)) is None) == inside
+
+
+@given(
+    st.sampled_from(["voltage_V", "current_A", "temperature_degC"]), st.sampled_from([math.nan, math.inf, -math.inf])
+)
+def test_no_value_that_is_not_finite_passes(name: str, value: float) -> None:
+    assert check(replace(GOOD, **{name: value}), CONTEXT) is not None
+
+
+@given(st.lists(st.booleans(), max_size=30))
+def test_stale_readings_are_counted_in_a_row(fresh: list[bool]) -> None:
+    track, sequence, expected = follow(Track(), RULES, replace(GOOD, sequence=0), 0.0, 1.0, True), 0, 0
+    for k, is_fresh in enumerate(fresh, 1):
+        sequence += is_fresh
+        track = follow(track, RULES, replace(GOOD, sequence=sequence), k * 0.1, 1.0, True)
+        expected = 0 if is_fresh else expected + 1
+        assert track.stale == expected
+        assert track.fresh_s == pytest.approx((k - expected) * 0.1)
+
+
+def test_a_device_without_a_sequence_is_never_stale() -> None:
+    rules = replace(RULES, has_sequence=False)
+    track = follow(follow(Track(), rules, GOOD, 0.0, 1.0, True), rules, GOOD, 0.1, 1.0, True)
+    assert track.stale == 0
+
+
+@given(st.lists(st.tuples(any_float, st.booleans()), min_size=1, max_size=20))
+def test_mismatched_current_is_counted_after_settling(samples: list[tuple[float, bool]]) -> None:
+    track, expected = Track(), 0
+    for k, (current_A, settled) in enumerate(samples):
+        track = follow(track, RULES, replace(GOOD, current_A=current_A), k * 0.1, 1.0, settled)
+        good = not settled or abs(current_A - 1.0) <= 0.11
+        expected = 0 if good else expected + 1
+        assert track.mismatched == expected
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"voltage_V": (4.2, 2.5)},
+        {"current_A": (math.nan, 1.0)},
+        {"soc": (0.5, 0.5)},
+        {"ramp_A_per_s": 0.0},
+        {"duration_s": math.inf},
+    ],
+)
+def test_limits_that_protect_nothing_are_refused(change: dict) -> None:
+    with pytest.raises(ValueError, match=next(iter(change))):
+        replace(LIMITS, **change)
+
+
+def test_limits_may_only_be_narrowed() -> None:
+    assert LIMITS.wider_than(LIMITS) is None
+    assert replace(LIMITS, soc=(0.2, 0.8), ramp_A_per_s=1.0).wider_than(LIMITS) is None
+    assert "voltage_V" in (replace(LIMITS, voltage_V=(2.4, 4.2)).wider_than(LIMITS) or "")
+    assert "ramp" in (replace(LIMITS, ramp_A_per_s=None).wider_than(LIMITS) or "")
+    assert Limits.from_json(LIMITS.to_json()) == LIMITS

@@ -1,0 +1,84 @@
+"""bench.toml and the environment."""
+
+from pathlib import Path
+
+import pytest
+
+from bench_service.config import ConfigError, ServiceConfig, example_config, load_config, parse_config
+
+LIMITS = "limits = { voltage_V = [2.5, 4.2], current_A = [-5, 5], temperature_degC = [0, 45] }"
+
+
+def test_without_a_file_there_is_one_simulated_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    config = load_config(environ={})
+    assert list(config.bench) == ["sim"]
+    assert config.bench["sim"].simulate is not None and config.bench["sim"].simulate.lock_step
+    assert config.data_dir == Path("bench-data")
+
+
+def test_the_example_says_the_defaults() -> None:
+    assert parse_config(example_config()) == ServiceConfig()
+
+
+def test_the_example_explains_every_key() -> None:
+    keys = {line.split("=")[0].strip("# ") for line in example_config().splitlines() if "=" in line}
+    for model in (ServiceConfig(), ServiceConfig().bench["sim"], ServiceConfig().bench["sim"].limits):
+        assert set(type(model).model_fields) - {"bench", "limits", "simulate", "url"} <= keys
+
+
+def test_a_file_of_the_working_directory_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bench.toml").write_text('[bench.left]\nurl = "modbus-tcp://10.0.0.7:502"\ncapacity_Ah = 5\n' + LIMITS)
+    config = load_config(environ={})
+    assert config.bench["left"].url == "modbus-tcp://10.0.0.7:502"
+    assert config.bench["left"].capacity_Ah == 5.0
+
+
+def test_the_environment_wins_over_the_file(tmp_path: Path) -> None:
+    (tmp_path / "b.toml").write_text('data_dir = "here"\n')
+    assert load_config(tmp_path / "b.toml", {"BENCH_DATA_DIR": "/there"}).data_dir == Path("/there")
+    with pytest.raises(ConfigError, match="environment: BENCH_DATA_DIR: is empty"):
+        load_config(tmp_path / "b.toml", {"BENCH_DATA_DIR": " "})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("data_dir = ", "b.toml: not valid TOML"),
+        ("datadir = 'x'", "b.toml: datadir: unknown key"),
+        ("[bench.a]\nsimulate = {}\nlimits = {voltage_v = [2.5, 4.2]}", "bench.a.limits.voltage_v: unknown key"),
+        ("[bench.a]\nsimulate = {}\nlimits = {voltage_V = [4.2, 2.5]}", "low 4.2 must be below high 2.5"),
+        ("[bench.a]\nsimulate = {}\nlimits = {current_A = ['-9', 9]}", "bench.a.limits.current_A.0: must be a number"),
+        ("[bench.a]\nsimulate = {}\nlimits = {current_A = [-9, nan]}", "bench.a.limits.current_A.1: must be finite"),
+        ("[bench.a]\nsimulate = {}\nlimits = {soc = [0, 100]}", "fraction between 0 and 1"),
+        ("[bench.a]\nsimulate = {}\ncapacity_Ah = true", "bench.a.capacity_Ah: must be a number"),
+        ("[bench.a]\nsimulate = {}\ncapacity_Ah = inf", "bench.a.capacity_Ah: must be finite"),
+        ("[bench.a]\nsimulate = {}\nwatchdog_s = 30", "external_interlock = true"),
+        ("[bench.a]\nsimulate = {lock_step = 1}", "bench.a.simulate.lock_step"),
+        ("[bench.a]\n", "bench.a: give exactly one of 'url'"),
+        ("[bench.a]\nsimulate = {}\nurl = 'modbus-tcp://h:1'", "give exactly one of 'url'"),
+        ("[bench.a]\nurl = 'modbus-tcp://h:1'", "no default limits.voltage_V, limits.current_A"),
+        ("[bench.a]\nurl = 'modbus-tcp://h:1'\n" + LIMITS, "bench.a: a real cell has no default capacity_Ah"),
+        ("[bench.a]\nurl = 'http://h:1'", "bench.a.url: 'http://h:1' must read modbus-tcp://host:port"),
+        ("[bench.a]\nurl = 'modbus-tcp://h:99999'", "must read modbus-tcp://host:port"),
+        ("[bench.'../a']\nsimulate = {}", "bench.../a"),
+        ("bench = {}", "bench: needs at least one bench"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_line(text: str, message: str) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        parse_config(text, "b.toml")
+    assert message in str(refusal.value) and str(refusal.value).startswith("b.toml: ")
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_missing_file_names_the_remedy(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no such file; 'bench-service config init'"):
+        load_config(tmp_path / "none.toml", {})
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_config(tmp_path / "b.toml", {})

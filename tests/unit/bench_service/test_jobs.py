@@ -1,0 +1,85 @@
+"""Jobs run in real worker processes."""
+
+import asyncio
+import os
+import signal
+import time
+from collections.abc import AsyncIterator
+
+import pytest
+
+from bench_service.errors import NotFoundError
+from bench_service.jobs.progress import Reporter
+from bench_service.jobs.runner import Job, JobRunner
+
+
+def add(report: Reporter, a: float, b: float) -> dict:
+    report(0.5, "adding")
+    return {"sum": a + b, "nice": os.nice(0), "pid": os.getpid()}
+
+
+def refuse(report: Reporter) -> dict:
+    raise ValueError("the runs hold 3 samples, at least 100 are needed")
+
+
+def die(report: Reporter) -> dict:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def last_long(report: Reporter) -> dict:
+    time.sleep(60)
+    return {}
+
+
+@pytest.fixture
+async def changes() -> list[Job]:
+    return []
+
+
+@pytest.fixture
+async def runner(changes: list[Job]) -> AsyncIterator[JobRunner]:
+    runner = JobRunner(1, changes.append)
+    await runner.start()
+    yield runner
+    await runner.stop()
+
+
+async def test_result_is_stored_before_the_job_is_done(runner: JobRunner, changes: list[Job]) -> None:
+    stored: list[dict] = []
+    job = await runner.wait(
+        runner.submit("fit", add, 1.0, 2.0, store=lambda result: stored.append(result) or {"id": "m"}).id
+    )
+    assert job.state == "done" and job.progress == 1.0 and job.result == {"id": "m"}
+    assert stored[0]["sum"] == 3.0 and stored[0]["nice"] == 19 and stored[0]["pid"] != os.getpid()
+    assert [change.state for change in changes][0] == "queued" and "adding" in {c.message for c in changes}
+
+
+async def test_a_job_that_refuses_tells_why(runner: JobRunner) -> None:
+    job = await runner.wait(runner.submit("fit", refuse).id)
+    assert (job.state, job.error) == ("failed", "the runs hold 3 samples, at least 100 are needed")
+
+
+async def test_a_dead_worker_fails_its_job_and_the_next_one_runs(runner: JobRunner) -> None:
+    dead = runner.submit("fit", die)
+    alive = runner.submit("fit", add, 2.0, 2.0)
+    assert (await runner.wait(dead.id)).state == "failed"
+    assert "worker process died" in (runner.get(dead.id).error or "")
+    assert (await runner.wait(alive.id)).state == "done"
+
+
+async def test_cancelling_ends_a_running_and_a_queued_job(runner: JobRunner, changes: list[Job]) -> None:
+    running, queued = runner.submit("fit", last_long), runner.submit("fit", last_long)
+    async with asyncio.timeout(20):
+        while not any(c.id == running.id and c.state == "running" and c.progress == 0 for c in changes[3:]):
+            await asyncio.sleep(0.01)
+    runner.cancel(queued.id)
+    runner.cancel(running.id)
+    async with asyncio.timeout(10):
+        jobs = [await runner.wait(job.id) for job in (running, queued)]
+    assert [(job.state, job.error) for job in jobs] == [("failed", "cancelled")] * 2
+
+
+async def test_unknown_job(runner: JobRunner) -> None:
+    with pytest.raises(NotFoundError, match="unknown job 'x'"):
+        runner.get("x")

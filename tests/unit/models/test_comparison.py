@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from models.comparison import compare, simulate_runs
+from models.errors import ModelError
+from models.identification import fit_network
+from models.metrics import metrics, noise_floor_V
+from models.timeseries import TimeSeries
+from tests.unit.models import synthetic
+
+
+def test_metrics_of_known_errors() -> None:
+    measured = np.array([3.0, 3.1, 3.2, np.nan])
+    figures = metrics(measured, np.array([3.001, 3.098, 3.2, 5.0]))
+    assert figures["n_samples"] == 3
+    assert figures["rmse_mV"] == pytest.approx(np.sqrt(5 / 3))
+    assert figures["max_mV"] == pytest.approx(2.0)
+    assert figures["bias_mV"] == pytest.approx(-1 / 3)
+    assert figures["nrmse"] == pytest.approx(np.sqrt(5 / 3) / 200)
+
+
+@pytest.mark.parametrize("sigma_V", [2e-4, 1e-3, 5e-3])
+def test_noise_floor_is_found_under_a_drifting_voltage_with_steps(sigma_V: float) -> None:
+    rng = np.random.default_rng(8)
+    n = 5000
+    current = np.repeat(rng.normal(size=n // 50), 50)
+    voltage = 3.5 + 1e-5 * np.arange(n) + 0.02 * current + sigma_V * rng.standard_normal(n)
+    assert noise_floor_V(voltage, current) == pytest.approx(sigma_V, rel=0.1)
+
+
+@pytest.fixture(scope="module")
+def network():
+    run = synthetic.run(4000, seed=2, noise_V=1e-3)
+    return fit_network([run], capacity_Ah=synthetic.CAPACITY_AH, structure="minimal").network
+
+
+def test_shares_add_up_within_each_variable(network) -> None:
+    result = compare(network, [synthetic.run(2000, seed=5, noise_V=1e-3)], [0.6])
+    for variable in ("soc", "current_A", "direction", "temperature_degC"):
+        rows = [row for row in result["where"] if row["variable"] == variable]
+        assert sum(row["share_of_squared_error"] for row in rows) == pytest.approx(1.0)
+        assert sum(row["share_of_time"] for row in rows) == pytest.approx(1.0)
+
+
+def test_a_local_error_is_named_first(network) -> None:
+    run = synthetic.run(3000, seed=5)
+    wrong = run.voltage_V + np.where(run.current_A > 2.5, 0.03, 0.0)
+    hidden = TimeSeries(run.time_s, run.current_A, wrong, run.temperature_degC, None, run.soc_ref)
+    worst = compare(network, [hidden], [0.6])["where"][0]
+    assert worst["variable"] == "current_A"
+    assert worst["from"] >= 2.0
+
+
+def test_samples_outside_the_trained_domain_are_counted(network) -> None:
+    run = synthetic.run(1000, seed=5)
+    hot = TimeSeries(run.time_s, run.current_A, run.voltage_V, run.temperature_degC + 30, None, run.soc_ref)
+    assert compare(network, [hot], [0.6])["outside_training"] == 1.0
+    assert not simulate_runs(network, [hot], [0.6])[0].inside.any()
+
+
+def test_no_run_is_refused(network) -> None:
+    with pytest.raises(ModelError, match="no run"):
+        compare(network, [], [])
