@@ -116,6 +116,13 @@ class SimulateConfig(_Table):
     capacity_Ah: Positive | None = None
 
 
+# What the data sheets of the simulated cells allow; a test compares with the simulator's own catalogue.
+_ROOM_degC = (-20.0, 60.0)
+_SIMULATED_CELLS: dict[str, dict[str, Any]] = {
+    "nmc": {"capacity_Ah": 2.5, "voltage_V": (2.5, 4.2), "current_A": (-10.0, 5.0), "temperature_degC": _ROOM_degC},
+    "lfp": {"capacity_Ah": 2.5, "voltage_V": (2.0, 3.65), "current_A": (-25.0, 10.0), "temperature_degC": _ROOM_degC},
+    "nimh": {"capacity_Ah": 2.0, "voltage_V": (0.9, 1.6), "current_A": (-6.0, 2.0), "temperature_degC": (-10.0, 50.0)},
+}
 _STATED_FOR_HARDWARE = ("voltage_V", "current_A", "temperature_degC")
 
 
@@ -123,7 +130,7 @@ class BenchConfig(_Table):
     """One bench: a cycler channel with a cell on it.
 
     Exactly one of ``url`` (``modbus-tcp://host:port``) and ``simulate`` is given. The defaults of capacity and
-    limits are those of the simulated NMC cell; for a real cell they must be stated.
+    limits are those of the simulated cell; for a real cell they must be stated.
     """
 
     url: str | None = None
@@ -135,6 +142,22 @@ class BenchConfig(_Table):
     external_interlock: bool = Field(default=False, strict=True)
     timeout_s: Positive = 0.5
     settle_s: Annotated[float, BeforeValidator(_number), Field(ge=0)] = 1.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_simulated(cls, table: Any) -> Any:
+        """Fill in what the simulated cell allows; values of a wrong type are left for the fields to refuse."""
+        simulate = table.get("simulate") if isinstance(table, dict) else None
+        if isinstance(simulate, SimulateConfig):
+            simulate = simulate.model_dump()
+        limits = table.get("limits", {}) if isinstance(table, dict) else None
+        if not isinstance(simulate, dict) or not isinstance(limits, dict):
+            return table
+        known = dict(_SIMULATED_CELLS.get(str(simulate.get("cell", "nmc")), _SIMULATED_CELLS["nmc"]))
+        capacity_Ah = known.pop("capacity_Ah")
+        if simulate.get("capacity_Ah") is not None:
+            capacity_Ah = simulate["capacity_Ah"]
+        return {"capacity_Ah": capacity_Ah} | table | {"limits": known | limits}
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -272,7 +295,7 @@ workers = 1
 # capacity_Ah and the limits of voltage, current and temperature must then be stated.
 # Register map: a name from drivers/maps, or the path of a .toml file.
 map = "generic"
-# Nominal capacity of the cell, for counting charge before a run.
+# Nominal capacity of the cell, for counting charge before a run. Simulated: the simulated cell's own.
 capacity_Ah = 2.5
 # The cycler's own watchdog switches its output off after this time without a command. Above 2 s, or with a
 # device that has none, the bench starts only with external_interlock = true: your declaration that hardware
@@ -300,7 +323,7 @@ ambient_degC = 25.0
 # True capacity of the simulated cell. Absent: the cell's own.
 # capacity_Ah = 2.5
 
-# Limits of the bench. A run may only narrow them.
+# Limits of the bench. A run may only narrow them. Simulated: what the simulated cell allows.
 [bench.sim.limits]
 voltage_V = [2.5, 4.2]
 current_A = [-10.0, 5.0]

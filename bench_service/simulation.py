@@ -9,12 +9,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import os
 import selectors
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
 
+_log = logging.getLogger(__name__)
 _START_TIMEOUT_S = 30.0
 _END_TIMEOUT_S = 5.0
 _GRACE_S = 10.0
@@ -30,6 +33,8 @@ class SimulatorProcess:
     def __init__(self, process: asyncio.subprocess.Process, address: str) -> None:
         self._process = process
         self.address = address
+        # Unread complaints would fill the pipe and stop the simulator in the middle of a run.
+        self._listening = asyncio.create_task(self._pass_on_complaints())
 
     @classmethod
     async def start(cls, arguments: Sequence[str]) -> SimulatorProcess:
@@ -60,14 +65,27 @@ class SimulatorProcess:
             words = await _last_words(process)
             raise SimulationError(f"the simulator did not start: {words or 'it gave no address'}") from error
 
+    @property
+    def pid(self) -> int:
+        """Process id of the guard."""
+        return self._process.pid
+
     async def wait(self) -> None:
         """Wait until it has ended, by whatever cause."""
         await self._process.wait()
 
+    async def _pass_on_complaints(self) -> None:
+        assert self._process.stderr is not None  # noqa: S101  # piped at the start
+        async for line in self._process.stderr:
+            _log.warning("simulator: %s", line.decode(errors="replace").rstrip())
+
     async def stop(self) -> None:
         """End it and wait for its end; harmless if it has ended."""
-        if self._process.returncode is not None:
-            return
+        if self._process.returncode is None:
+            await self._end()
+        await self._listening
+
+    async def _end(self) -> None:
         assert self._process.stdin is not None  # noqa: S101  # piped at the start
         with contextlib.suppress(ConnectionError):
             self._process.stdin.write(b"end\n")
@@ -90,8 +108,18 @@ async def _last_words(process: asyncio.subprocess.Process) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """Guard one simulator: standard input is the tie to the service."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     command = [sys.executable, "-m", "bench_service.cli", "simulate", *arguments]
     simulator = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    try:
+        _watch(simulator)
+    finally:
+        status = _end(simulator)
+    return status
+
+
+def _watch(simulator: subprocess.Popen[bytes]) -> None:
+    """Return when the simulator has ended, the service says so, or the service has been dead for a while."""
     with selectors.DefaultSelector() as selector:
         ended = os.pidfd_open(simulator.pid)
         selector.register(ended, selectors.EVENT_READ)
@@ -100,6 +128,9 @@ def main(arguments: Sequence[str]) -> int:
         if ended not in ready and os.read(0, 64) == b"":
             selector.unregister(0)
             selector.select(_GRACE_S)
+
+
+def _end(simulator: subprocess.Popen[bytes]) -> int:
     simulator.terminate()
     try:
         return simulator.wait(_END_TIMEOUT_S)

@@ -102,10 +102,12 @@ def sensitivity_block(
                 carry[0, c] = out[b, c]
 
 
+def samples_since_start(n_samples: int, starts: np.ndarray) -> np.ndarray:
+    """(N,) how many samples each one is away from its part's start."""
+    index = np.arange(n_samples)
+    return index - starts[np.searchsorted(starts, index, side="right") - 1]
+
+
 def initial_samples(n_samples: int, starts: np.ndarray, order: int) -> np.ndarray:
     """(N,) 1 at the samples of each part that hold measured initial values."""
-    flags = np.zeros(n_samples, dtype=np.uint8)
-    for lag in range(order):
-        index = starts + lag
-        flags[index[index < n_samples]] = 1
-    return flags
+    return (samples_since_start(n_samples, starts) < order).astype(np.uint8)

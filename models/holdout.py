@@ -1,4 +1,4 @@
-"""Which training samples are kept back to judge choices: whole runs where there are several, else blocks in time."""
+"""Groups of training samples that are held out together when choices are judged."""
 
 from __future__ import annotations
 
@@ -6,32 +6,29 @@ import numpy as np
 
 from models.regression import Dataset
 
-_BLOCKS_PER_FOLD = 5
+N_FOLDS = 5
+_GROUPS = 10
 
 
-def folds(data: Dataset, n_folds: int = 2) -> list[np.ndarray]:
-    """Masks of held-out samples, one per fold.
+def groups(data: Dataset) -> np.ndarray:
+    """(N,) number of the group that each sample belongs to.
 
-    Parameters
-    ----------
-    data : training samples
-    n_folds : how many
-
-    Returns
-    -------
-    list of (N,) bool, True where held out. With four runs or more every third run is held out (another third in each
-    fold); with fewer, blocks spread over each run, about a fifth of it. The free run passes through held-out blocks,
-    so the error there is one of simulation, not of prediction from measured voltage.
+    Whole runs where there are at least as many as folds; else each run in blocks in time, long enough that a block
+    spans operating points which the rest of its fold has not seen. The free run passes through held-out samples, so
+    the error there is one of simulation, not of prediction from measured voltage.
     """
     n_runs = int(data.run_index.max()) + 1
-    if n_runs >= 4:
-        return [data.run_index % 3 == fold for fold in range(n_folds)]
-    masks = []
-    for fold in range(n_folds):
-        mask = np.zeros(len(data), dtype=bool)
-        for run in range(n_runs):
-            index = np.flatnonzero(data.run_index == run)
-            block = np.minimum((np.arange(len(index)) * 5 * _BLOCKS_PER_FOLD) // len(index), 5 * _BLOCKS_PER_FOLD - 1)
-            mask[index[block % 5 == (1 + 2 * fold) % 5]] = True
-        masks.append(mask)
-    return masks
+    if n_runs >= N_FOLDS:
+        return data.run_index.astype(np.int64)
+    blocks = -(-_GROUPS // n_runs)
+    out = np.empty(len(data), dtype=np.int64)
+    for run in range(n_runs):
+        index = np.flatnonzero(data.run_index == run)
+        out[index] = run * blocks + (np.arange(len(index)) * blocks) // len(index)
+    return out
+
+
+def folds(n_groups: int) -> list[np.ndarray]:
+    """Numbers of the groups that each fold holds out."""
+    every = np.arange(n_groups)
+    return [every[every % N_FOLDS == fold] for fold in range(min(N_FOLDS, n_groups))]

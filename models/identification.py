@@ -11,18 +11,15 @@ import numpy as np
 from models.comparison import inside_domain, simulate_runs
 from models.errors import ModelError, NotIdentifiableError
 from models.local_model_network import LocalModelNetwork
-from models.lolimot import construct
 from models.metrics import Metrics, metrics, noise_floor_V
-from models.output_error import refine
-from models.regression import CellContext, build_dataset, find_scaling
+from models.refinement import refined_theta
+from models.regression import CellContext
 from models.resampling import GridRun, to_grid, typical_interval_s
 from models.signals import REST_C_RATE, soc_by_counting
-from models.structure import Structure
-from models.structure_search import Candidate, Progress, Search
+from models.structure_search import Progress, Search
 from models.timeseries import TimeSeries
 
 STRUCTURES = ("full", "minimal")
-_FINAL_ITERATIONS = 25
 _MIN_SAMPLES = 200
 
 
@@ -54,7 +51,7 @@ def fit_network(
     train: list[TimeSeries],
     *,
     capacity_Ah: float,
-    structure: str | Structure = "full",
+    structure: str = "full",
     validate: list[TimeSeries] | None = None,
     initial_soc: list[float] | None = None,
     validate_soc: list[float] | None = None,
@@ -67,7 +64,7 @@ def fit_network(
     ----------
     train : runs that the model is made from
     capacity_Ah : cell capacity
-    structure : "full", "minimal", or a structure of one's own, whose orders are then kept
+    structure : "full" or "minimal"
     validate : runs that only judge the result
     initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
     dt_s : sampling time; by default the typical interval of the training runs
@@ -95,28 +92,20 @@ def fit_network(
     soc = initial_soc or [start_soc(run) for run in train]
     cell = CellContext(capacity_Ah)
     _check_excitation(grid, soc, cell)
-    candidates: list[dict[str, Any]] = []
-    if isinstance(structure, Structure):
-        chosen = Candidate(structure.name)
-        network_structure = structure
-    elif structure in STRUCTURES:
-        search = Search(grid, soc, cell, lambda share, text: report(0.8 * share, text))
-        chosen = search.best(structure)
-        network_structure = chosen.structure(step_s)
-        candidates = search.table
-    else:
-        raise ModelError(f"structure {structure!r} is unknown; use one of {', '.join(STRUCTURES)} or a structure file")
-    report(0.8, f"building {chosen.n_models} local models")
-    network = _build(network_structure, chosen, grid, soc, cell, lambda text: report(0.9, text))
-    record = {
+    search = Search(grid, soc, cell, lambda share, text: report(0.7 * share, text))
+    if structure not in STRUCTURES:
+        raise ModelError(f"structure {structure!r} is unknown; use one of {', '.join(STRUCTURES)}")
+    chosen = search.best(structure)
+    report(0.7, f"building {chosen.n_models} local models")
+    fitted = search.fitted(chosen)
+    record: dict[str, Any] = {
         "domain": _domain(grid, soc, cell),
         "train_runs": [run.name for run in train],
-        "choices": {key: getattr(chosen, key) for key in chosen.__dataclass_fields__},
-        "candidates": candidates,
+        "choices": chosen.to_json() | {"log_strengths": list(fitted.fit.log_strengths)},
+        "candidates": search.table,
     }
-    network = LocalModelNetwork(
-        network.structure, network.partition, network.theta, network.scaling, network.cell, record
-    )
+    theta, record["refinement"] = refined_theta(fitted, lambda share, text: report(0.7 + 0.3 * share, text))
+    network = LocalModelNetwork(fitted.structure, fitted.partition, theta, fitted.scaling, cell, record)
     train_all, train_each = _figures(network, train, soc)
     validation_all, validation_each = None, []
     if validate:
@@ -134,7 +123,7 @@ def fit_network(
         validation=validation_all,
         train_runs=train_each,
         validation_runs=validation_each,
-        candidates=candidates,
+        candidates=search.table,
         n_samples=sum(len(run) for run in grid),
         seconds=time.perf_counter() - started,
     )
@@ -153,24 +142,6 @@ def start_soc(run: TimeSeries) -> float:
         if len(known):
             return float(known[0])
     raise ModelError(f"{run.name}: its initial SoC is not known (no soc_ref column); give it with --initial-soc")
-
-
-def _build(
-    structure: Structure, chosen: Candidate, grid: list[GridRun], soc: list[float], cell: CellContext, report: Any
-) -> LocalModelNetwork:
-    scaling = find_scaling(structure, grid, soc, cell)
-    data = build_dataset(structure, scaling, grid, soc, cell)
-    *_, local = construct(structure, data, chosen.n_models)
-    refined = refine(
-        local.theta,
-        structure.output_order,
-        local.partition,
-        data,
-        chosen.penalty,
-        max_iterations=_FINAL_ITERATIONS,
-        on_iteration=lambda step, rmse: report(f"refining on the free run, step {step}"),
-    )
-    return LocalModelNetwork(structure, local.partition, refined.theta, scaling, cell)
 
 
 def _figures(

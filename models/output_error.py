@@ -36,38 +36,13 @@ class Refinement:
     converged: bool
 
 
-@dataclass(frozen=True)
-class Penalty:
-    """Quadratic pull of the parameters: towards a start value and towards neighbouring local models.
-
-    Strengths are relative to the data's own information per local model, so that a value of 1e-3 means the same for
-    short and long records.
-    """
-
-    towards_start: float = 1e-6
-    towards_neighbours: float = 1e-3
-
-    def matrix(self, scale: FloatArray, partition: Partition) -> tuple[FloatArray, FloatArray]:
-        """Return (ridge, smoothness) of size (M p, M p); `scale` is the mean squared sensitivity per parameter kind."""
-        m, p = partition.n_models, len(scale)
-        laplacian = np.zeros((m, m))
-        for i, j in partition.neighbours():
-            laplacian[i, i] += 1.0
-            laplacian[j, j] += 1.0
-            laplacian[i, j] -= 1.0
-            laplacian[j, i] -= 1.0
-        smooth = self.towards_neighbours * np.kron(laplacian, np.diag(scale))
-        ridge = self.towards_start * np.kron(np.eye(m), np.diag(scale))
-        assert smooth.shape == (m * p, m * p)
-        return ridge, smooth
-
-
 def refine(
     theta: FloatArray,
     order: int,
     partition: Partition,
     data: Dataset,
-    penalty: Penalty,
+    penalty: FloatArray,
+    towards_start: float,
     weights: FloatArray | None = None,
     max_iterations: int = 30,
     on_iteration: Callable[[int, float], None] | None = None,
@@ -76,11 +51,12 @@ def refine(
 
     Parameters
     ----------
-    theta : (M, p) start values, from the one-step fit
+    theta : (M, p) start values
     order : output order n
     partition : validity functions' boxes
     data : training samples
-    penalty : regularisation
+    penalty : (M q, M q) quadratic penalty on the input parameters, as the shared-pole fit has it
+    towards_start : pull of every parameter towards its start, relative to the information that the data have of it
     weights : (N,) weight of each sample; missing voltages always count 0
     max_iterations : budget of steps
     on_iteration : called with the number of accepted steps and the RMSE
@@ -93,10 +69,18 @@ def refine(
     with threadpool_limits(1, user_api="blas"):
         problem = _Problem(order, partition, data, weights)
         start = stabilised(theta, order)
-        gauss = problem.normal_equations(start)
-        scale = _parameter_scale(gauss.information, theta.shape)
-        ridge, smooth = penalty.matrix(scale, partition)
-        return _iterate(problem, start, ridge, smooth, max_iterations, on_iteration)
+        information = problem.normal_equations(start).information
+        ridge = towards_start * np.diag(np.diag(information))
+        return _iterate(problem, start, ridge, _on_inputs(penalty, theta.shape, order), max_iterations, on_iteration)
+
+
+def _on_inputs(penalty: FloatArray, shape: tuple[int, int], order: int) -> FloatArray:
+    """Spread a penalty on input parameters over all parameters; past outputs are left free."""
+    n_models, p = shape
+    index = np.concatenate([np.arange(order, p) + i * p for i in range(n_models)])
+    spread = np.zeros((n_models * p, n_models * p))
+    spread[np.ix_(index, index)] = penalty
+    return spread
 
 
 def _iterate(
@@ -209,9 +193,3 @@ def stabilised(theta: FloatArray, order: int) -> FloatArray:
                 real = np.clip(poles.real, -0.5, _POLE_LIMIT)
                 out[i, 0], out[i, 1] = real.sum(), -real.prod()
     return out
-
-
-def _parameter_scale(information: FloatArray, shape: tuple[int, int]) -> FloatArray:
-    """Mean information per local model for each kind of parameter."""
-    diagonal = np.diag(information).reshape(shape)
-    return diagonal.mean(axis=0) + 1e-12 * diagonal.mean()

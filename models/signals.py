@@ -58,17 +58,21 @@ def held_sign(current_A: FloatArray, rest_A: float, initial: float = -1.0) -> Fl
     return np.where(index >= 0, sign[np.maximum(index, 0)], initial)
 
 
-def relaxation_coefficients(time_constant_s: float, dt_s: float) -> tuple[float, float]:
-    """Pole and input gain of one stage of the third-order relaxation filter at sampling time `dt_s`."""
-    pole = float(np.exp(-3.0 * dt_s / time_constant_s))
-    return pole, 1.0 - pole
+# Time constants of the three stages of the relaxation filter over the slowest of them: the slowest is the relaxation
+# itself, the others round off the step's edge.
+_RELAXATION_STAGES = (1.0, 0.002, 0.002)
+
+
+def relaxation_poles(time_constant_s: float, dt_s: float) -> FloatArray:
+    """(3,) poles of the relaxation filter's stages at sampling time `dt_s`."""
+    return np.exp(-dt_s / (time_constant_s * np.array(_RELAXATION_STAGES)))
 
 
 def relaxation(current_A: FloatArray, time_constant_s: float, dt_s: float) -> FloatArray:
     """Third-order low-pass of the current's change: zero at rest and at constant current, non-zero in between.
 
-    Three equal first-order stages of `time_constant_s` / 3 each, so that the filter's mean delay is
-    `time_constant_s`; scaled by time_constant_s / dt_s, which makes it independent of the sampling time.
+    After a step of the current it rises to about the step's height and dies out with `time_constant_s`. It is scaled
+    by time_constant_s / dt_s, which makes it independent of the sampling time.
 
     Parameters
     ----------
@@ -82,13 +86,14 @@ def relaxation(current_A: FloatArray, time_constant_s: float, dt_s: float) -> Fl
 
     Notes
     -----
-    Eq. 2.7 of the method; third order after Unger et al. 2014.
+    Eq. 2.7 of the method; third order and time constant from the voltage's return after pulses, after Unger et al.
+    2014. Three equal stages would have a return like t^2 exp(-3 t / tau), which no pulse test shows.
     """
-    pole, gain = relaxation_coefficients(time_constant_s, dt_s)
     change = np.diff(current_A, prepend=current_A[:1])
-    numerator = [gain**3 * time_constant_s / dt_s]
-    denominator = np.poly([pole, pole, pole])
-    return np.asarray(lfilter(numerator, denominator, change), dtype=np.float64)
+    poles = relaxation_poles(time_constant_s, dt_s)
+    for pole in poles:
+        change = lfilter([1.0 - pole], [1.0, -pole], change)
+    return np.asarray(change, dtype=np.float64) / (1.0 - poles[0])
 
 
 def low_pass(current_A: FloatArray, time_constant_s: float, dt_s: float) -> FloatArray:

@@ -1,40 +1,42 @@
 """Choosing orders, time constants, sharpness, regularisation and size from the training data alone.
 
-Each candidate is constructed and refined without the held-out samples and judged by its free-run error on them. The
+Each candidate is constructed, fitted with shared poles and judged by its free-run error on held-out samples. The
 choices are made one after the other, each with the best of those before; the table of all candidates is kept.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from models.holdout import folds
-from models.local_model_network import free_run
+from models.holdout import groups
 from models.lolimot import construct
-from models.output_error import Penalty, refine
-from models.regression import CellContext, Scaling, build_dataset, find_scaling
+from models.partition import Partition
+from models.regression import VOLTAGE, CellContext, Dataset, Scaling, build_dataset, find_scaling
 from models.resampling import GridRun
+from models.shared_poles import Moments, SharedPoleFit, fit, moments, output_coefficients, penalties
 from models.structure import Structure, full_structure, minimal_structure
+from models.timeseries import FloatArray
 
 Progress = Callable[[float, str], None]
 
-_RELAXATION_S = (30.0, 100.0, 300.0, 1000.0, 3000.0)
-_ORDERS = ((1, 1), (1, 2), (2, 2))
-_SOC_K_SIGMA = (0.35, 0.5, 0.75)
-_TEMPERATURE_K_SIGMA = (0.45, 0.6, 0.85)
-_NEIGHBOURS = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
-_SIZES = (6, 12, 18, 24, 30)
-_SEARCH_SIZE = 18
-# Steps of the refinement while inputs and sharpness are compared, and while sizes and regularisation are: a large
-# network needs more steps to show what it can do.
-_SEARCH_ITERATIONS = 6
-_SIZE_ITERATIONS = 15
-# A larger network must lower the held-out error by this share to be preferred.
-_WORTH = 0.01
+_RELAXATION_S = (100.0, 300.0, 600.0, 1000.0, 3000.0)
+_POLES_S = (4.0, 10.0, 25.0, 60.0)
+_CURRENT_ORDERS = (1, 2, 3)
+_SOC_K_SIGMA = (0.35, 0.5, 0.7, 1.0)
+_TEMPERATURE_K_SIGMA = (0.45, 0.6, 0.85, 1.2, 2.0)
+_SIZES = (6, 12, 18, 24, 30, 36)
+_FINER = (0.5, 0.7, 1.4, 2.0)
+# The fastest pole that a sampling time can show, in samples.
+_FASTEST_SAMPLES = 2.0
+# A change must lower the held-out error by this share to be made.
+_WORTH = 0.005
+# Samples in the sums while candidates are compared; all samples pass through the filters.
+_SEARCH_SAMPLES = 12_000
 
 
 @dataclass(frozen=True)
@@ -44,33 +46,56 @@ class Candidate:
     Attributes
     ----------
     family : "full" or "minimal"
+    poles_s : time constants of the shared poles
+    current_order : taps of the current beyond the present one
+    relaxation_s : time constant of the relaxation input
+    soc_k_sigma, temperature_k_sigma : sharpness of the validity functions
     n_models : number of local models asked for
-    towards_neighbours : regularisation of the refinement
-    iterations : steps of the refinement while the candidate is judged
     """
 
     family: str
-    output_order: int = 1
-    current_order: int = 1
+    poles_s: tuple[float, ...] = (25.0,)
+    current_order: int = 2
     relaxation_s: float = 600.0
-    soc_k_sigma: float = 0.5
-    temperature_k_sigma: float = 0.6
-    towards_neighbours: float = 1e-6
-    n_models: int = _SEARCH_SIZE
-    iterations: int = _SEARCH_ITERATIONS
+    soc_k_sigma: float = 0.7
+    temperature_k_sigma: float = 1.2
+    n_models: int = 12
 
     def structure(self, dt_s: float) -> Structure:
         """Build the structure that these choices stand for."""
+        order = len(self.poles_s)
         if self.family == "minimal":
-            return minimal_structure(dt_s, self.output_order, self.current_order, self.soc_k_sigma)
+            return minimal_structure(dt_s, order, self.current_order, self.soc_k_sigma)
         return full_structure(
-            dt_s, self.output_order, self.current_order, self.relaxation_s, self.soc_k_sigma, self.temperature_k_sigma
+            dt_s, order, self.current_order, self.relaxation_s, self.soc_k_sigma, self.temperature_k_sigma
         )
 
+    def to_json(self) -> dict[str, Any]:
+        """Return a document of plain types."""
+        return asdict(self) | {"poles_s": list(self.poles_s)}
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A candidate with its parameters: everything that refinement and document need."""
+
+    structure: Structure
+    scaling: Scaling
+    data: Dataset
+    partition: Partition
+    a: FloatArray
+    sums: Moments
+    fit: SharedPoleFit
+
     @property
-    def penalty(self) -> Penalty:
-        """Regularisation of the refinement."""
-        return Penalty(towards_start=1e-6, towards_neighbours=self.towards_neighbours)
+    def theta(self) -> FloatArray:
+        """(M, p) parameters with the shared poles in each local model."""
+        return full_theta(self.a, self.fit.b, self.partition.n_models)
+
+    @property
+    def held_out_rmse_V(self) -> float:
+        """Free-run RMSE on held-out samples in V."""
+        return float(np.sqrt(self.fit.held_out_mse)) * span_V(self.scaling)
 
 
 @dataclass
@@ -84,72 +109,82 @@ class Search:
     table: list[dict[str, Any]] = field(default_factory=list)
     _known: dict[Candidate, float] = field(default_factory=dict)
 
+    @property
+    def dt_s(self) -> float:
+        """Sampling time of the runs' grid in s."""
+        return self.runs[0].dt_s
+
     def best(self, family: str) -> Candidate:
-        """Choose one thing after the other and return the best candidate."""
-        best = Candidate(family)
-        if family == "full":
-            best = self._choose(best, [replace(best, relaxation_s=tau) for tau in _RELAXATION_S], 0.0)
-        best = self._choose(best, [replace(best, output_order=n, current_order=m) for n, m in _ORDERS], 0.3)
-        best = self._choose(best, [replace(best, soc_k_sigma=k) for k in _SOC_K_SIGMA], 0.5)
-        if family == "full":
-            best = self._choose(best, [replace(best, temperature_k_sigma=k) for k in _TEMPERATURE_K_SIGMA], 0.6)
-        best = replace(best, iterations=_SIZE_ITERATIONS)
-        best = self._choose(best, [replace(best, n_models=size) for size in _SIZES], 0.7)
-        return self._choose(best, [replace(best, towards_neighbours=s) for s in _NEIGHBOURS], 0.85)
+        """Choose one thing after the other, twice, and return the best candidate."""
+        best = Candidate(family, poles_s=(self._slow_enough(25.0),))
+        best = self._pass(best, 0.0)
+        return self._pass(best, 0.6)
+
+    def _pass(self, best: Candidate, done: float) -> Candidate:
+        full = best.family == "full"
+        slow = sorted({self._slow_enough(pole) for pole in _POLES_S})
+        relaxations = _RELAXATION_S if full else (best.relaxation_s,)
+        grid = [replace(best, relaxation_s=r, poles_s=(*best.poles_s[:-1], p)) for r in relaxations for p in slow]
+        best = self._choose(best, grid, done)
+        best = self._choose(best, [replace(best, n_models=size) for size in _SIZES], done + 0.2)
+        best = self._choose(best, [replace(best, current_order=m) for m in _CURRENT_ORDERS], done + 0.25)
+        fast = self._slow_enough(best.poles_s[-1] / 8.0)
+        if fast < 0.5 * best.poles_s[-1]:
+            two = [replace(best, poles_s=(fast, best.poles_s[-1]), current_order=m) for m in _CURRENT_ORDERS[1:]]
+            best = self._choose(best, two, done + 0.28)
+        best = self._choose(best, [replace(best, soc_k_sigma=k) for k in _SOC_K_SIGMA], done + 0.3)
+        if full:
+            best = self._choose(best, [replace(best, temperature_k_sigma=k) for k in _TEMPERATURE_K_SIGMA], done + 0.33)
+            best = self._choose(best, [replace(best, relaxation_s=f * best.relaxation_s) for f in _FINER], done + 0.36)
+        slower = [replace(best, poles_s=(*best.poles_s[:-1], self._slow_enough(f * best.poles_s[-1]))) for f in _FINER]
+        return self._choose(best, slower, done + 0.38)
+
+    def fitted(self, candidate: Candidate, keep_every: int = 1) -> Fitted:
+        """Construct and fit a candidate with its poles shared."""
+        structure = candidate.structure(self.dt_s)
+        scaling = find_scaling(structure, self.runs, self.initial_soc, self.cell)
+        data = build_dataset(structure, scaling, self.runs, self.initial_soc, self.cell)
+        *_, local = construct(structure, data, candidate.n_models)
+        a = output_coefficients(candidate.poles_s, self.dt_s)
+        with threadpool_limits(1, user_api="blas"):
+            sums = moments(local.partition, data, a, groups(data), keep_every)
+            chosen = fit(sums, penalties(structure, local.partition, data, a))
+        return Fitted(structure, scaling, data, local.partition, a, sums, chosen)
 
     def _choose(self, current: Candidate, candidates: list[Candidate], share_done: float) -> Candidate:
-        """Return the best; of those within the worth of a change, the first."""
-        errors = []
-        for candidate in candidates:
-            self.progress(share_done, f"trying {candidate.structure(self.runs[0].dt_s).name} {_short(candidate)}")
-            errors.append(self.held_out_error(candidate))
-        limit = min(errors) * (1.0 + _WORTH)
-        if current in self._known and self._known[current] <= limit and current not in candidates:
-            return current
-        return next(c for c, e in zip(candidates, errors, strict=True) if e <= limit)
+        """Return the best; the present choice stays unless another is worth the change."""
+        errors = {}
+        for candidate in dict.fromkeys([current, *candidates]):
+            self.progress(share_done, f"trying {_short(candidate)}")
+            errors[candidate] = self._held_out_error(candidate)
+        best = min(errors, key=errors.__getitem__)
+        return best if errors[best] < errors[current] * (1.0 - _WORTH) else current
 
-    def held_out_error(self, candidate: Candidate) -> float:
-        """Free-run RMSE in V on held-out samples; infinite where the candidate cannot be built."""
-        if candidate in self._known:
-            return self._known[candidate]
-        structure = candidate.structure(self.runs[0].dt_s)
-        scaling = find_scaling(structure, self.runs, self.initial_soc, self.cell)
-        squares, count, sizes = 0.0, 0, []
-        data = build_dataset(structure, scaling, self.runs, self.initial_soc, self.cell)
-        for held in folds(data):
-            *_, local = construct(structure, data, candidate.n_models, use=~held)
-            refined = refine(
-                local.theta,
-                structure.output_order,
-                local.partition,
-                data,
-                candidate.penalty,
-                weights=(~held).astype(np.float64),
-                max_iterations=candidate.iterations,
-            )
-            simulated = free_run(refined.theta, structure.output_order, local.partition.validity(data.z), data)
-            error = (simulated - data.y)[held & ~np.isnan(data.y)]
-            squares += float(error @ error)
-            count += len(error)
-            sizes.append(local.partition.n_models)
-        rmse_V = float(np.sqrt(squares / max(count, 1))) * span_V(scaling)
-        rmse_V = rmse_V if np.isfinite(rmse_V) else float("inf")
-        self._known[candidate] = rmse_V
-        self.table.append({**_plain(candidate), "n_models_built": max(sizes), "held_out_rmse_mV": 1e3 * rmse_V})
-        return rmse_V
+    def _held_out_error(self, candidate: Candidate) -> float:
+        """Free-run RMSE in V on held-out samples."""
+        if candidate not in self._known:
+            n_samples = sum(len(run) for run in self.runs)
+            found = self.fitted(candidate, keep_every=max(1, n_samples // _SEARCH_SAMPLES))
+            self._known[candidate] = found.held_out_rmse_V
+            row = {"n_models_built": found.partition.n_models, "held_out_rmse_mV": 1e3 * found.held_out_rmse_V}
+            self.table.append(candidate.to_json() | row)
+        return self._known[candidate]
+
+    def _slow_enough(self, time_constant_s: float) -> float:
+        return max(time_constant_s, _FASTEST_SAMPLES * self.dt_s)
+
+
+def full_theta(a: FloatArray, b: FloatArray, n_models: int) -> FloatArray:
+    """(M, p) parameters from shared output coefficients and stacked input parameters."""
+    return np.hstack([np.tile(a, (n_models, 1)), b.reshape(n_models, -1)])
 
 
 def span_V(scaling: Scaling) -> float:
     """Volts per unit of normalised output."""
-    return scaling["voltage"][1] - scaling["voltage"][0]
-
-
-def _plain(candidate: Candidate) -> dict[str, Any]:
-    return {key: getattr(candidate, key) for key in candidate.__dataclass_fields__}
+    return scaling[VOLTAGE][1] - scaling[VOLTAGE][0]
 
 
 def _short(candidate: Candidate) -> str:
-    return (
-        f"n={candidate.output_order} m={candidate.current_order} tau={candidate.relaxation_s:g} s "
-        f"M={candidate.n_models}"
-    )
+    poles = " and ".join(f"{pole:g} s" for pole in candidate.poles_s)
+    relaxation = f", relaxation {candidate.relaxation_s:g} s" if candidate.family == "full" else ""
+    return f"poles {poles}{relaxation}, {candidate.n_models} local models"

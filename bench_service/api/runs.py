@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import asdict
 from typing import Annotated, Any
 
@@ -70,6 +71,6 @@ def get_run(run_id: PathId, services: ServicesOf) -> dict[str, Any]:
 @router.post("/{run_id}/stop")
 async def stop_run(run_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Stop a run: rest, output off. One that has ended stays as it is."""
-    run = services.store.run(run_id)
+    run = await asyncio.to_thread(services.store.run, run_id)
     services.runs.stop(services.benches, run, "stopped by a client")
     return asdict(run)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from argparse import ArgumentParser
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,11 @@ def read_runs(paths: Sequence[Path], current_sign: str | None, output: Output) -
         read = read_run_file(path, current_sign)  # pyright: ignore[reportArgumentType]  # argparse checked it
         output.warn(*read.warnings)
         runs.append(read.series)
-    return runs
+    names = [run.name for run in runs]
+    return [
+        replace(run, name=f"{path.absolute().parent.name}/{run.name}") if names.count(run.name) > 1 else run
+        for path, run in zip(paths, runs, strict=True)
+    ]
 
 
 def read_model(path: Path) -> LocalModelNetwork:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
+_WIDTH_IN_A_FILE = 120
+
 Report = Callable[[float, str], None]
 
 
@@ -41,7 +43,8 @@ class Output:
         else:
             from rich.console import Console
 
-            show(Console(highlight=False, soft_wrap=True))
+            width = None if sys.stdout.isatty() else _WIDTH_IN_A_FILE
+            show(Console(highlight=False, soft_wrap=True, width=width))
         sys.stdout.flush()
 
     @contextmanager

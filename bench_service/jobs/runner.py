@@ -112,7 +112,7 @@ class JobRunner:
             Module-level function ``(report, *arguments) -> JSON object``; it and its arguments are pickled
             on the way to the worker, never to disk.
         store : callable or None
-            Called in the service with the function's result; gives the record's ``result``. Whoever keeps
+            Called in a thread of the service with the function's result; gives the record's ``result``. Whoever keeps
             what a job made does it here, before the job is ``done``.
         """
         job = Job(uuid.uuid4().hex, kind)
@@ -160,7 +160,7 @@ class JobRunner:
             if not self._jobs[job_id].ended:
                 result = await self._work(worker, job_id, function, arguments)
                 if not self._jobs[job_id].ended:
-                    result = result if store is None else store(result)
+                    result = result if store is None else await asyncio.to_thread(store, result)
                     self._set(replace(self._jobs[job_id], state="done", progress=1.0, result=result))
         except BrokenProcessPool:
             worker.shutdown(wait=False)

@@ -91,7 +91,10 @@ def _level(
     pulse_s = max(_PULSE_SHARE * level_s, 2.0 * request.dt_s)
     steps_s = _STEP_SHARE * level_s
     fixed_s = steps_s + 2.0 * pulse_s * (1.0 + REST_RATIO)
-    builder.move_to(level, max(end_s - builder.elapsed_s - fixed_s, request.dt_s))
+    # Moved fast and then rested rather than slowly throughout: at one mild current the slow part of the response
+    # cannot be told from the open-circuit curve.
+    builder.move_to(level, rng.uniform(0.5, 1.0), max(end_s - builder.elapsed_s - fixed_s, request.dt_s))
+    builder.rest(0.5 * (end_s - builder.elapsed_s - fixed_s))
     for sign in (-1.0, 1.0):
         limit = request.current_A[0] if sign < 0 else request.current_A[1]
         builder.hold(rng.uniform(0.5, 1.0) * limit, pulse_s)
@@ -133,16 +136,14 @@ class _Builder:
     def rest(self, duration_s: float) -> None:
         self.hold(0.0, duration_s)
 
-    def move_to(self, soc: float, duration_s: float) -> None:
-        """Go to a SoC within the time given, at the mildest current on the grid that does it."""
+    def move_to(self, soc: float, share: float, duration_s: float) -> None:
+        """Go to a SoC at a share of the largest current, faster where the time given demands it."""
         request = self._request
-        needed = (soc - self._soc) * 3600.0 * request.capacity_Ah
-        limit = request.current_A[1] if needed > 0 else request.current_A[0]
-        current = float(np.clip(needed / duration_s, *request.current_A))
-        if abs(needed) > abs(limit) * duration_s:
-            current = limit
-        if current:
-            self.hold(current, needed / current)
+        needed_As = (soc - self._soc) * 3600.0 * request.capacity_Ah
+        limit_A = request.current_A[1] if needed_As > 0 else request.current_A[0]
+        current_A = np.sign(needed_As) * max(share * abs(limit_A), min(abs(needed_As) / duration_s, abs(limit_A)))
+        if current_A:
+            self.hold(current_A, needed_As / current_A)
 
     def random_steps(self, level: float, duration_s: float, rng: np.random.Generator) -> None:
         """Random levels and durations whose charge returns to the level."""

@@ -60,7 +60,7 @@ def step(
     ----------
     theta, centres, inverse_widths : (M, ...) parameters, kernel centres and inverse widths
     gains : (M, s + 1) gains K_i and, last, the steady-state variance of the SoC
-    kind, pole, gain, low, span : per signal: code, filter pole and gain, normalisation
+    kind, pole, gain, low, span : per signal: code, poles of three filter stages and gain, normalisation
     tap_signal, tap_lag : per input tap: which signal, how many samples back
     axis_signal, axis_lag : per partition axis: the same
     constants : [SoC per A and sample, q_output, q_soc, R, rest_A]
@@ -94,12 +94,12 @@ def step(
         elif kind[s] == CURRENT:
             value = current_A
         elif kind[s] == RELAXATION:
-            filters[s, 0] = pole[s] * filters[s, 0] + (1.0 - pole[s]) * change
-            filters[s, 1] = pole[s] * filters[s, 1] + (1.0 - pole[s]) * filters[s, 0]
-            filters[s, 2] = pole[s] * filters[s, 2] + (1.0 - pole[s]) * filters[s, 1]
+            filters[s, 0] = pole[s, 0] * filters[s, 0] + (1.0 - pole[s, 0]) * change
+            filters[s, 1] = pole[s, 1] * filters[s, 1] + (1.0 - pole[s, 1]) * filters[s, 0]
+            filters[s, 2] = pole[s, 2] * filters[s, 2] + (1.0 - pole[s, 2]) * filters[s, 1]
             value = gain[s] * filters[s, 2]
         elif kind[s] == LOW_PASS:
-            filters[s, 0] = pole[s] * filters[s, 0] + (1.0 - pole[s]) * current_A
+            filters[s, 0] = pole[s, 0] * filters[s, 0] + (1.0 - pole[s, 0]) * current_A
             value = filters[s, 0]
         elif kind[s] == HYSTERESIS:
             value = held[1]

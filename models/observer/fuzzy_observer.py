@@ -12,7 +12,7 @@ from models.local_model_network import LocalModelNetwork
 from models.observer import compiled
 from models.observer.gains import soc_tap, state_matrices, steady_state_gains
 from models.regression import VOLTAGE
-from models.signals import relaxation_coefficients
+from models.signals import relaxation_poles
 from models.structure import split_signal
 from models.timeseries import FloatArray
 
@@ -198,16 +198,16 @@ class FuzzyObserver:
         network, structure = self.network, self.network.structure
         names = structure.signals
         kind = np.array([compiled.CODES[split_signal(name)[0]] for name in names])
-        pole, gain = np.zeros(len(names)), np.ones(len(names))
+        pole, gain = np.zeros((len(names), 3)), np.ones(len(names))
         for i, name in enumerate(names):
             signal, time_constant_s = split_signal(name)
             if time_constant_s is None:
                 continue
             if signal == "relaxation":
-                pole[i], _ = relaxation_coefficients(time_constant_s, self.dt_s)
-                gain[i] = time_constant_s / self.dt_s
+                pole[i] = relaxation_poles(time_constant_s, self.dt_s)
+                gain[i] = 1.0 / (1.0 - pole[i, 0])
             else:
-                pole[i] = np.exp(-self.dt_s / time_constant_s)
+                pole[i, 0] = np.exp(-self.dt_s / time_constant_s)
         low = np.array([network.scaling[name][0] for name in names])
         span = np.array([network.scaling[name][1] - network.scaling[name][0] for name in names])
         taps = [(names.index(c.signal), c.delay + t) for c in structure.inputs for t in range(c.taps)]

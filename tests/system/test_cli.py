@@ -226,6 +226,15 @@ def test_compare_answers_the_contract(fitted: tuple[Path, dict[str, Any]], tmp_p
     assert "http" not in page.read_text()
 
 
+def test_runs_of_one_name_are_told_apart(fitted: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    model, _ = fitted
+    for folder in ("first", "second"):
+        (tmp_path / folder).mkdir()
+        save_run(tmp_path / folder / "a.csv", 3)
+    compared = answer(call("compare", model, tmp_path / "first" / "a.csv", tmp_path / "second" / "a.csv", "--json"))
+    assert [each["run"] for each in compared["runs"]] == ["first/a", "second/a"]
+
+
 def test_a_wrong_initial_soc_shows_in_the_error(fitted: tuple[Path, dict[str, Any]]) -> None:
     model, said = fitted
     shifted = answer(call("compare", model, model.parent / "held_out.csv", "--initial-soc", "0.6", "--json"))

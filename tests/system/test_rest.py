@@ -386,6 +386,25 @@ def test_a_model_is_fitted_compared_and_given_out(rest: Rest) -> None:
     assert len(rest.client.models()) == 2
 
 
+def test_a_campaign_is_started_shown_and_stopped(rest: Rest) -> None:
+    rest.service.idle("sim")
+    campaign = rest.client.start_campaign({"bench": "sim", "seed": 3})
+    assert campaign["state"] == "running"
+    with pytest.raises(ClientError) as refusal:
+        rest.client.start_campaign({"bench": "sim"})
+    assert refusal.value.status == 409
+    until(lambda: rest.client.runs(campaign_id=campaign["id"], state="running"), "the campaign's first run")
+    assert campaign["id"] in [found["id"] for found in rest.client.campaigns()]
+    assert rest.client.stop_campaign(campaign["id"])["state"] == "stopped"
+    assert rest.client.wait_campaign(campaign["id"], timeout_s=10)["ended_utc"]
+    run = rest.client.runs(campaign_id=campaign["id"])[0]
+    assert rest.client.wait_run(run["id"], timeout_s=20)["state"] == "stopped"
+    for body in ({"bench": "sim", "dt_s": "1"}, {"bench": "sim", "soc": [0, 2]}, {"bench": "sim", "extra": 1}):
+        assert rest.post("/campaigns", body).status_code == 422
+    assert rest.post("/campaigns", {"bench": "none"}).status_code == 404
+    assert rest.get("/api/v1/campaigns/none").status_code == 404
+
+
 def test_a_fit_that_cannot_be_is_told(rest: Rest, finished: dict[str, Any]) -> None:
     with pytest.raises(ClientError) as refusal:
         rest.client.fit("none", ["none"], 2.5)

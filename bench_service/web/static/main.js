@@ -13,7 +13,7 @@ import { Trace } from "./trace.js";
 
 const HEALTH_EVERY_MS = 5000;
 const RUNS_EVERY_MS = 5000;
-const REFILL_EVERY_MS = 2500;
+const REFILL_EVERY_MS = 1500;
 const RUNS_PAGE = 20;
 const SETTLED_AFTER_MS = 1000;
 

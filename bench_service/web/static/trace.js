@@ -1,8 +1,8 @@
 // The live traces of a bench: what was stored of the run so far, then what the feed brings.
 import { api } from "./api.js";
 
-const MAX_POINTS = 3000;
-const FILL_POINTS = 1500;
+const MAX_POINTS = 4000;
+const FILL_POINTS = 3000;
 
 function thin(points) {
   // Halve the older half: the newest part keeps its full resolution.

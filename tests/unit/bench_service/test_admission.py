@@ -27,7 +27,7 @@ def test_a_profile_at_its_limits_is_admitted() -> None:
 
 @pytest.mark.parametrize(
     ("current_A", "row"),
-    [([3.0, 3.01, 0.0], 1), ([-6.01, 0.0, 0.0], 0), ([0.0, 0.0, 1e6], 2)],
+    [([3.0, 3.01, 0.0], 1), ([-6.01, 0.0, 0.0], 0), ([0.0, 0.0, 9e4], 2)],
 )
 def test_current_beyond_a_limit_names_row_value_and_limit(current_A: list[float], row: int) -> None:
     with pytest.raises(BadRequestError, match=r"limit -6 to 3 A; scale") as refusal:
@@ -42,6 +42,7 @@ def test_current_beyond_a_limit_names_row_value_and_limit(current_A: list[float]
         ([], [], "at least two rows"),
         ([0.0, 1.0], [0.0], "time_s has 2 values, current_A 1"),
         ([0.0, 1.0], [np.nan, 0.0], r"not a finite number at current_A.0: nan"),
+        ([0.0, 1.0], [1e300, 0.0], r"implausible at current_A.0: 1e\+300, limit 100000"),
         ([0.0, np.inf], [0.0, 0.0], r"not a finite number at time_s.1: inf"),
         ([1.0, 2.0], [0.0, 0.0], "must start at 0 s"),
         ([0.0, 2.0, 2.0], [0.0, 0.0, 0.0], "time does not rise at time_s.2: 2 s"),

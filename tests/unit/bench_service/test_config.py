@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from bench_service.config import ConfigError, ServiceConfig, example_config, load_config, parse_config
+from simulators.catalogue import CELLS
 
 LIMITS = "limits = { voltage_V = [2.5, 4.2], current_A = [-5, 5], temperature_degC = [0, 45] }"
 
@@ -25,6 +26,22 @@ def test_the_example_explains_every_key() -> None:
     keys = {line.split("=")[0].strip("# ") for line in example_config().splitlines() if "=" in line}
     for model in (ServiceConfig(), ServiceConfig().bench["sim"], ServiceConfig().bench["sim"].limits):
         assert set(type(model).model_fields) - {"bench", "limits", "simulate", "url"} <= keys
+
+
+@pytest.mark.parametrize("cell", sorted(CELLS))
+def test_a_simulated_bench_has_the_limits_of_its_cell(cell: str) -> None:
+    bench = parse_config(f"[bench.a]\nsimulate = {{cell = '{cell}'}}\nlimits = {{soc = [0.2, 0.8]}}").bench["a"]
+    assert bench.capacity_Ah == CELLS[cell].parameters.capacity_Ah
+    for name in ("voltage_V", "current_A", "temperature_degC"):
+        assert getattr(bench.limits, name) == getattr(CELLS[cell].limits, name)
+    assert bench.limits.soc == (0.2, 0.8)
+
+
+def test_a_simulated_capacity_counts_as_nominal_unless_stated() -> None:
+    bench = parse_config(
+        "[bench.a]\nsimulate = {capacity_Ah = 5}\n[bench.b]\ncapacity_Ah = 2\n[bench.b.simulate]"
+    ).bench
+    assert bench["a"].capacity_Ah == 5.0 and bench["b"].capacity_Ah == 2.0
 
 
 def test_a_file_of_the_working_directory_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
