@@ -19,7 +19,7 @@ from models.signals import REST_C_RATE, soc_by_counting
 from models.structure_search import Progress, Search
 from models.timeseries import TimeSeries
 
-STRUCTURES = ("full", "minimal")
+STRUCTURES = ("full", "minimal", "auto")
 _MIN_SAMPLES = 200
 
 
@@ -64,7 +64,7 @@ def fit_network(
     ----------
     train : runs that the model is made from
     capacity_Ah : cell capacity
-    structure : "full" or "minimal"
+    structure : "full", "minimal" or "auto"
     validate : runs that only judge the result
     initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
     dt_s : sampling time; by default the typical interval of the training runs

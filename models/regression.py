@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from models import signals
-from models.errors import StructureError
 from models.resampling import GridRun
-from models.structure import Structure, split_signal
+from models.structure import Structure
 from models.timeseries import FloatArray
 
 Scaling = dict[str, tuple[float, float]]
 VOLTAGE = "voltage"
-KELVIN = 273.15
 
 
 @dataclass(frozen=True)
@@ -54,32 +52,11 @@ class Dataset:
         return len(self.y)
 
 
-def signal_values(name: str, run: GridRun, soc: FloatArray, cell: CellContext) -> FloatArray:
-    """Values of one named signal over a run in its physical unit (A, degC, 1/K, fraction)."""
-    kind, time_constant_s = split_signal(name)
-    if kind == "soc":
-        return soc
-    if kind == "current":
-        return run.current_A
-    if kind == "relaxation":
-        assert time_constant_s is not None
-        return signals.relaxation(run.current_A, time_constant_s, run.dt_s)
-    if kind == "low_pass":
-        assert time_constant_s is not None
-        return signals.low_pass(run.current_A, time_constant_s, run.dt_s)
-    if kind == "hysteresis":
-        return signals.held_sign(run.current_A, cell.rest_A)
-    if kind == "temperature":
-        return _known_temperature(run)
-    if kind == "inverse_temperature":
-        return 1.0 / (_known_temperature(run) + KELVIN)
-    raise StructureError(f"signal {name!r} is unknown")
-
-
 def run_signals(structure: Structure, run: GridRun, initial_soc: float, cell: CellContext) -> dict[str, FloatArray]:
     """All signals that a structure uses, over one run, in physical units."""
     soc = signals.soc_by_counting(run.charge_Ah, initial_soc, cell.capacity_Ah, cell.efficiency)
-    return {name: signal_values(name, run, soc, cell) for name in structure.signals}
+    source = signals.RunSignals(run.current_A, run.temperature_degC, soc, run.dt_s, cell.capacity_Ah)
+    return {name: source.values(name) for name in structure.signals}
 
 
 def find_scaling(structure: Structure, runs: list[GridRun], initial_soc: list[float], cell: CellContext) -> Scaling:
@@ -93,7 +70,7 @@ def find_scaling(structure: Structure, runs: list[GridRun], initial_soc: list[fl
     for name, parts in collected.items():
         low = min(float(p.min()) for p in parts)
         high = max(float(p.max()) for p in parts)
-        if split_signal(name)[0] == "hysteresis":
+        if name == "hysteresis":
             low, high = -1.0, 1.0
         scaling[name] = (low, high) if high - low > 1e-9 * max(1.0, abs(low)) else (low - 0.5, low + 0.5)
     return scaling
@@ -117,9 +94,9 @@ def build_dataset(
     for number, (run, soc) in enumerate(zip(runs, initial_soc, strict=True)):
         physical = run_signals(structure, run, soc, cell)
         scaled = {name: normalise(values, scaling[name]) for name, values in physical.items()}
-        columns = [_tap(scaled[c.signal], c.delay + t) for c in structure.inputs for t in range(c.taps)]
+        columns = [_tap(scaled[signal], lag) for signal, lag in structure.taps()]
         parts_u.append(np.column_stack([*columns, np.ones(len(run))]))
-        parts_z.append(np.column_stack([_tap(scaled[a.signal], 1 if a.signal == "soc" else 0) for a in structure.axes]))
+        parts_z.append(np.column_stack([_tap(scaled[a.signal], axis_lag(a.signal)) for a in structure.axes]))
         parts_y.append(normalise(run.voltage_V, scaling[VOLTAGE]))
         starts.extend(offset + s for s in run.segment_starts)
         index.append(np.full(len(run), number))
@@ -140,9 +117,6 @@ def _tap(values: FloatArray, lag: int) -> FloatArray:
     return np.concatenate([np.full(min(lag, len(values)), values[0]), values[:-lag]])
 
 
-def _known_temperature(run: GridRun) -> FloatArray:
-    if np.isnan(run.temperature_degC).all():
-        raise StructureError(
-            f"{run.name}: no temperature was measured, but the structure needs it; use the minimal structure"
-        )
-    return run.temperature_degC
+def axis_lag(signal: str) -> int:
+    """Delay of a partition variable: a state of charge is that of the sample before, all others the present one."""
+    return 1 if signals.is_soc(signal) else 0

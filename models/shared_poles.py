@@ -27,6 +27,7 @@ _RIDGE = 1e-10
 # Range and steps, in powers of ten, of the penalties' strengths relative to the mean squared output.
 _STRENGTH = (-10.0, 1.0)
 _STEPS = (1.0, 0.5)
+_FIRST_LEVELS = (-7.0, -5.0, -3.0)
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,8 @@ def moments(partition: Partition, data: Dataset, a: FloatArray, group: np.ndarra
     since = samples_since_start(len(data), data.starts)
     target = data.y - _initial_response(np.nan_to_num(data.y), a, since)
     usable = ~np.isnan(data.y) & (since >= len(a)) & (np.arange(len(data)) % keep_every == 0)
+    if len(a) == 0:
+        return _static_moments(validity, data, usable, group)
     size, n_groups = validity.shape[1] * data.u.shape[1], int(group.max()) + 1
     xx, xy = np.zeros((n_groups, size, size)), np.zeros((n_groups, size))
     yy, count = np.zeros(n_groups), np.zeros(n_groups)
@@ -101,6 +104,23 @@ def moments(partition: Partition, data: Dataset, a: FloatArray, group: np.ndarra
     return Moments(xx, xy, yy, count)
 
 
+def _static_moments(validity: FloatArray, data: Dataset, usable: np.ndarray, group: np.ndarray) -> Moments:
+    """Without output feedback nothing passes through a filter: only the samples that count are touched."""
+    size, n_groups = validity.shape[1] * data.u.shape[1], int(group.max()) + 1
+    xx, xy = np.zeros((n_groups, size, size)), np.zeros((n_groups, size))
+    yy, count = np.zeros(n_groups), np.zeros(n_groups)
+    for g in range(n_groups):
+        chosen = np.flatnonzero(usable & (group == g))
+        for first in range(0, len(chosen), _BLOCK):
+            k = chosen[first : first + _BLOCK]
+            x = (validity[k][:, :, None] * data.u[k][:, None, :]).reshape(len(k), size)
+            xx[g] += x.T @ x
+            xy[g] += x.T @ data.y[k]
+            yy[g] += data.y[k] @ data.y[k]
+            count[g] += len(k)
+    return Moments(xx, xy, yy, count)
+
+
 def penalties(structure: Structure, partition: Partition, data: Dataset, a: FloatArray) -> list[FloatArray]:
     """Quadratic forms that pull neighbouring local models together, in terms of their static voltage.
 
@@ -113,13 +133,11 @@ def penalties(structure: Structure, partition: Partition, data: Dataset, a: Floa
     list of (P, P)
     """
     q, n_models = data.u.shape[1], partition.n_models
-    names = structure.regressor_names()[structure.output_order :]
-    line = [names.index(name) for name in ("soc(k-1)",) if name in names]
+    line = [tap - structure.output_order for tap in structure.soc_regressors()]
     other = [j for j in range(q - 1) if j not in line]
     gain = 1.0 / (1.0 - float(np.sum(a)))
     scale = np.sqrt(np.mean(data.u**2, axis=0))
-    axes = [axis.signal for axis in structure.axes]
-    soc_axis = axes.index("soc") if "soc" in axes else -1
+    soc_axis = structure.soc_axis
     forms: list[FloatArray] = [np.zeros((n_models * q, n_models * q)) for _ in range(4)]
     for i, j in partition.neighbours():
         along_soc = _shared_axis(partition, i, j) == soc_axis
@@ -136,19 +154,21 @@ def penalties(structure: Structure, partition: Partition, data: Dataset, a: Floa
     return forms
 
 
-def fit(sums: Moments, forms: list[FloatArray], start: tuple[float, ...] | None = None) -> SharedPoleFit:
+def fit(sums: Moments, forms: list[FloatArray], quick: bool = False) -> SharedPoleFit:
     """Choose the penalties' strengths on held-out groups, then fit all groups.
 
     Parameters
     ----------
     sums : moments of each group
     forms : penalties
-    start : first guess of the strengths' powers of ten
+    quick : whether candidates are only to be compared: whole powers of ten
     """
     held = folds(len(sums.count))
-    strengths = list(start or (-5.0,) * len(forms))
-    best = _held_out(sums, _weighted(forms, strengths), held)
-    for step in _STEPS:
+    levels = [[level] * len(forms) for level in _FIRST_LEVELS]
+    errors = [_held_out(sums, _weighted(forms, level), held) for level in levels]
+    best = min(errors)
+    strengths = levels[errors.index(best)]
+    for step in _STEPS[: 1 if quick else None]:
         for i in range(len(strengths)):
             for signed in (step, -step):
                 while _STRENGTH[0] <= strengths[i] + signed <= _STRENGTH[1]:

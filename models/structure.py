@@ -6,17 +6,16 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from models.errors import StructureError
+from models.signals import is_soc, parse_signal
 
 KERNELS = ("gaussian", "uniform", "triangular")
-_SIGNALS = ("soc", "current", "relaxation", "low_pass", "hysteresis", "temperature", "inverse_temperature")
-_WITH_TIME_CONSTANT = ("relaxation", "low_pass")
 
 
 @dataclass(frozen=True)
 class InputChannel:
     """One input of the local models: taps u(k - delay) ... u(k - delay - order).
 
-    `signal` is a signal's name, with its time constant in s after a colon where it has one ("relaxation:60").
+    `signal` is a signal's name as in `signals`, with its parameters after a colon ("relaxation:60").
     """
 
     signal: str
@@ -25,7 +24,7 @@ class InputChannel:
 
     def __post_init__(self) -> None:
         """Check the name and the taps."""
-        check_signal(self.signal)
+        parse_signal(self.signal)
         if self.order < 0 or self.delay < 0:
             raise StructureError(f"input {self.signal}: order {self.order} and delay {self.delay} must not be negative")
 
@@ -54,7 +53,7 @@ class PartitionAxis:
 
     def __post_init__(self) -> None:
         """Check ranges."""
-        check_signal(self.signal)
+        parse_signal(self.signal)
         if self.initial < 1 or not 0.0 < self.k_sigma <= 10.0:
             raise StructureError(
                 f"partition axis {self.signal}: initial {self.initial} must be at least 1 and "
@@ -104,11 +103,24 @@ class Structure:
         """All signals that inputs and axes use, each once, in order."""
         return tuple(dict.fromkeys([*(c.signal for c in self.inputs), *(a.signal for a in self.axes)]))
 
+    @property
+    def soc_axis(self) -> int:
+        """Number of the partition axis along the state of charge, -1 where there is none."""
+        return next((i for i, axis in enumerate(self.axes) if is_soc(axis.signal)), -1)
+
+    def taps(self) -> list[tuple[str, int]]:
+        """Signal and delay of each input regressor, in the order of the parameters after the past outputs."""
+        return [(c.signal, c.delay + tap) for c in self.inputs for tap in range(c.taps)]
+
+    def soc_regressors(self) -> list[int]:
+        """Regressors that carry the state of charge of the sample before."""
+        found = [i for i, (signal, lag) in enumerate(self.taps()) if is_soc(signal) and lag == 1]
+        return [self.output_order + i for i in found]
+
     def regressor_names(self) -> tuple[str, ...]:
         """Names of one local model's regressors, in the order of its parameters."""
         past = [f"voltage(k-{lag})" for lag in range(1, self.output_order + 1)]
-        taps = [f"{c.signal}(k-{c.delay + tap})" for c in self.inputs for tap in range(c.taps)]
-        return (*past, *taps, "1")
+        return (*past, *(f"{signal}(k-{lag})" for signal, lag in self.taps()), "1")
 
     def to_json(self) -> dict[str, Any]:
         """Return a document of plain types."""
@@ -130,28 +142,6 @@ class Structure:
             return cls(**fields)
         except (KeyError, TypeError) as error:
             raise StructureError(f"not a network structure: {error}") from None
-
-
-def split_signal(signal: str) -> tuple[str, float | None]:
-    """Return a signal's kind and its time constant in s, if it has one."""
-    kind, _, value = signal.partition(":")
-    return kind, float(value) if value else None
-
-
-def check_signal(signal: str) -> None:
-    """Raise StructureError unless `signal` names a signal that can be computed."""
-    kind, _, value = signal.partition(":")
-    if kind not in _SIGNALS:
-        raise StructureError(f"signal {signal!r} is unknown; known are {', '.join(_SIGNALS)}")
-    if kind in _WITH_TIME_CONSTANT:
-        try:
-            positive = float(value) > 0.0
-        except ValueError:
-            positive = False
-        if not positive:
-            raise StructureError(f"signal {signal!r} needs its time constant in s, as in '{kind}:60'")
-    elif value:
-        raise StructureError(f"signal {signal!r}: {kind} takes no time constant")
 
 
 def minimal_structure(dt_s: float, output_order: int = 1, current_order: int = 1, k_sigma: float = 0.5) -> Structure:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from models.auto_structure import AutoCandidate, alternatives
 from models.holdout import groups
 from models.lolimot import construct
 from models.partition import Partition
@@ -74,6 +75,16 @@ class Candidate:
         """Return a document of plain types."""
         return asdict(self) | {"poles_s": list(self.poles_s)}
 
+    def __str__(self) -> str:
+        """Say in a few words what is tried."""
+        poles = " and ".join(f"{pole:g} s" for pole in self.poles_s)
+        relaxation = f", relaxation {self.relaxation_s:g} s" if self.family == "full" else ""
+        return f"poles {poles}{relaxation}, {self.n_models} local models"
+
+
+Choice = Candidate | AutoCandidate
+ChoiceT = TypeVar("ChoiceT", Candidate, AutoCandidate)
+
 
 @dataclass(frozen=True)
 class Fitted:
@@ -107,18 +118,33 @@ class Search:
     cell: CellContext
     progress: Progress
     table: list[dict[str, Any]] = field(default_factory=list)
-    _known: dict[Candidate, float] = field(default_factory=dict)
+    _known: dict[Choice, float] = field(default_factory=dict)
 
     @property
     def dt_s(self) -> float:
         """Sampling time of the runs' grid in s."""
         return self.runs[0].dt_s
 
-    def best(self, family: str) -> Candidate:
+    def best(self, family: str) -> Choice:
         """Choose one thing after the other, twice, and return the best candidate."""
+        if family == "auto":
+            return self._best_auto()
         best = Candidate(family, poles_s=(self._slow_enough(25.0),))
         best = self._pass(best, 0.0)
         return self._pass(best, 0.6)
+
+    def _best_auto(self) -> AutoCandidate:
+        known = np.concatenate([run.temperature_degC for run in self.runs])
+        range_K = 0.0 if np.isnan(known).any() else float(np.ptp(known))
+        best = AutoCandidate(self.cell.capacity_Ah)
+        for done in (0.0, 0.5):
+            before, stage = best, 0
+            while tried := alternatives(best, range_K, stage):
+                best = self._choose(best, tried, done + 0.04 * stage)
+                stage += 1
+            if best == before:
+                break
+        return best
 
     def _pass(self, best: Candidate, done: float) -> Candidate:
         full = best.family == "full"
@@ -139,28 +165,29 @@ class Search:
         slower = [replace(best, poles_s=(*best.poles_s[:-1], self._slow_enough(f * best.poles_s[-1]))) for f in _FINER]
         return self._choose(best, slower, done + 0.38)
 
-    def fitted(self, candidate: Candidate, keep_every: int = 1) -> Fitted:
+    def fitted(self, candidate: Choice, keep_every: int = 1) -> Fitted:
         """Construct and fit a candidate with its poles shared."""
         structure = candidate.structure(self.dt_s)
         scaling = find_scaling(structure, self.runs, self.initial_soc, self.cell)
         data = build_dataset(structure, scaling, self.runs, self.initial_soc, self.cell)
-        *_, local = construct(structure, data, candidate.n_models)
+        use = None if keep_every == 1 else np.arange(len(data)) % keep_every == 0
+        *_, local = construct(structure, data, candidate.n_models, use)
         a = output_coefficients(candidate.poles_s, self.dt_s)
         with threadpool_limits(1, user_api="blas"):
             sums = moments(local.partition, data, a, groups(data), keep_every)
-            chosen = fit(sums, penalties(structure, local.partition, data, a))
+            chosen = fit(sums, penalties(structure, local.partition, data, a), quick=keep_every > 1)
         return Fitted(structure, scaling, data, local.partition, a, sums, chosen)
 
-    def _choose(self, current: Candidate, candidates: list[Candidate], share_done: float) -> Candidate:
+    def _choose(self, current: ChoiceT, candidates: list[ChoiceT], share_done: float) -> ChoiceT:
         """Return the best; the present choice stays unless another is worth the change."""
         errors = {}
         for candidate in dict.fromkeys([current, *candidates]):
-            self.progress(share_done, f"trying {_short(candidate)}")
+            self.progress(share_done, f"trying {candidate}")
             errors[candidate] = self._held_out_error(candidate)
         best = min(errors, key=errors.__getitem__)
         return best if errors[best] < errors[current] * (1.0 - _WORTH) else current
 
-    def _held_out_error(self, candidate: Candidate) -> float:
+    def _held_out_error(self, candidate: Choice) -> float:
         """Free-run RMSE in V on held-out samples."""
         if candidate not in self._known:
             n_samples = sum(len(run) for run in self.runs)
@@ -182,9 +209,3 @@ def full_theta(a: FloatArray, b: FloatArray, n_models: int) -> FloatArray:
 def span_V(scaling: Scaling) -> float:
     """Volts per unit of normalised output."""
     return scaling[VOLTAGE][1] - scaling[VOLTAGE][0]
-
-
-def _short(candidate: Candidate) -> str:
-    poles = " and ".join(f"{pole:g} s" for pole in candidate.poles_s)
-    relaxation = f", relaxation {candidate.relaxation_s:g} s" if candidate.family == "full" else ""
-    return f"poles {poles}{relaxation}, {candidate.n_models} local models"

@@ -36,9 +36,10 @@ class StepProfileRequest:
     current_A : (low, high) largest discharge (negative) and charge current
     soc : (low, high) window that the plan stays in
     initial_soc : where the cell stands
-    duration_s : total time
+    duration_s : total time, with the rest at the end
     dt_s : set-points change on this grid
     n_levels : SoC levels in each direction
+    final_rest_s : rest at the end, which leaves the cell without memory for the next run
     """
 
     capacity_Ah: float
@@ -48,6 +49,7 @@ class StepProfileRequest:
     duration_s: float
     dt_s: float
     n_levels: int = 10
+    final_rest_s: float = 0.0
 
 
 def step_profile(request: StepProfileRequest, rng: np.random.Generator) -> Profile:
@@ -72,7 +74,7 @@ def step_profile(request: StepProfileRequest, rng: np.random.Generator) -> Profi
     low, high = request.soc
     down = np.linspace(high - _SOC_MARGIN, low + _SOC_MARGIN, request.n_levels)
     levels = np.concatenate([down, down[-2::-1]])
-    level_s = request.duration_s / len(levels)
+    level_s = (request.duration_s - request.final_rest_s) / len(levels)
     for number, level in enumerate(levels):
         _level(builder, request, float(level), level_s, (number + 1) * level_s, rng)
     builder.rest(max(request.duration_s - builder.elapsed_s, request.dt_s))
@@ -180,8 +182,8 @@ def _check(request: StepProfileRequest) -> None:
     way = 2.0 * (high - low) + high - request.initial_soc
     move_s = way * 3600.0 * request.capacity_Ah / min(-low_A, high_A)
     needed_s = move_s / max(1.0 - _STEP_SHARE - 2.0 * _PULSE_SHARE * (1.0 + REST_RATIO), 1e-9)
-    if request.duration_s < needed_s:
+    if request.duration_s - request.final_rest_s < needed_s:
         raise ModelError(
-            f"{request.duration_s:g} s do not suffice to move SoC {low:g}..{high:g} down and up at "
+            f"{request.duration_s - request.final_rest_s:g} s do not suffice to move SoC {low:g}..{high:g} down and up at "
             f"{low_A:g}..{high_A:g} A: at least {needed_s:.0f} s are needed"
         )

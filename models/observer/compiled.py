@@ -6,16 +6,24 @@ import numpy as np
 from numba import njit
 
 # Kinds of signals, as codes for the compiled step.
-SOC, CURRENT, RELAXATION, LOW_PASS, HYSTERESIS, TEMPERATURE, INVERSE_TEMPERATURE = range(7)
+SOC, FILTERED, CHARGE_TRANSFER, RELAXATION, HYSTERESIS, HYSTERESIS_STATE, TEMPERATURE, INVERSE_TEMPERATURE = range(8)
 CODES = {
     "soc": SOC,
-    "current": CURRENT,
+    "surface_soc": SOC,
+    "current": FILTERED,
+    "low_pass": FILTERED,
+    "scaled_current": FILTERED,
+    "charge_transfer": CHARGE_TRANSFER,
     "relaxation": RELAXATION,
-    "low_pass": LOW_PASS,
     "hysteresis": HYSTERESIS,
+    "hysteresis_state": HYSTERESIS_STATE,
     "temperature": TEMPERATURE,
     "inverse_temperature": INVERSE_TEMPERATURE,
 }
+# Columns of the signals' constants: poles of three filter stages, gain, activation in K, exchange current in A, rate
+# per A and sample, then low end and span of the normalisation.
+POLE, GAIN, ACTIVATION, EXCHANGE, RATE, LOW, SPAN = 0, 3, 4, 5, 6, 7, 8
+N_CONSTANTS = 9
 # Columns of the output row.
 SOC_OUT, SOC_STD_OUT, VOLTAGE_OUT, INNOVATION_OUT, INNOVATION_STD_OUT = range(5)
 N_OUT = 5
@@ -32,15 +40,11 @@ def step(
     gains: np.ndarray,
     order: int,
     kind: np.ndarray,
-    pole: np.ndarray,
-    gain: np.ndarray,
-    low: np.ndarray,
-    span: np.ndarray,
+    signal: np.ndarray,
     tap_signal: np.ndarray,
     tap_lag: np.ndarray,
     axis_signal: np.ndarray,
     axis_lag: np.ndarray,
-    soc_column: int,
     constants: np.ndarray,
     # memory, updated in place
     x: np.ndarray,
@@ -60,15 +64,15 @@ def step(
     ----------
     theta, centres, inverse_widths : (M, ...) parameters, kernel centres and inverse widths
     gains : (M, s + 1) gains K_i and, last, the steady-state variance of the SoC
-    kind, pole, gain, low, span : per signal: code, poles of three filter stages and gain, normalisation
+    kind, signal : per signal: code; constants in the columns named above
     tap_signal, tap_lag : per input tap: which signal, how many samples back
     axis_signal, axis_lag : per partition axis: the same
     constants : [SoC per A and sample, q_output, q_soc, R, rest_A]
-    x : (s,) [y(k) ... , SoC(k)] normalised; covariance : (s, s)
+    x : (s,) [y(k) ... normalised, SoC(k) as a fraction]; covariance : (s, s)
     filters : (signals, 3); history : (lags, signals) normalised values of past samples, newest first
     held : [last current, held direction, last temperature, samples seen]
     current_A, voltage (normalised, NaN = missing), temperature_degC
-    out : (N_OUT,) written: SoC, its variance, output and innovation, innovation variance; normalised
+    out : (N_OUT,) written: SoC and its variance; output, innovation and its variance, normalised
     """
     n_signals = kind.shape[0]
     n_models, n_params = theta.shape
@@ -88,31 +92,39 @@ def step(
         held[1] = -1.0
     now = np.empty(n_signals)
     for s in range(n_signals):
-        value = 0.0
-        if kind[s] == SOC:
-            value = 0.0
-        elif kind[s] == CURRENT:
-            value = current_A
+        base = current_A
+        if signal[s, ACTIVATION] != 0.0:
+            base *= np.exp(signal[s, ACTIVATION] * (1.0 / (temperature_degC + 273.15) - 1.0 / 298.15))
+        if kind[s] == CHARGE_TRANSFER:
+            base = np.arcsinh(base / signal[s, EXCHANGE])
+        if kind[s] == SOC or kind[s] == FILTERED or kind[s] == CHARGE_TRANSFER:
+            filters[s, 0] = signal[s, POLE] * filters[s, 0] + (1.0 - signal[s, POLE]) * base
+            value = signal[s, GAIN] * filters[s, 0]
         elif kind[s] == RELAXATION:
-            filters[s, 0] = pole[s, 0] * filters[s, 0] + (1.0 - pole[s, 0]) * change
-            filters[s, 1] = pole[s, 1] * filters[s, 1] + (1.0 - pole[s, 1]) * filters[s, 0]
-            filters[s, 2] = pole[s, 2] * filters[s, 2] + (1.0 - pole[s, 2]) * filters[s, 1]
-            value = gain[s] * filters[s, 2]
-        elif kind[s] == LOW_PASS:
-            filters[s, 0] = pole[s, 0] * filters[s, 0] + (1.0 - pole[s, 0]) * current_A
-            value = filters[s, 0]
+            value = change
+            for stage in range(3):
+                pole = signal[s, POLE + stage]
+                filters[s, stage] = pole * filters[s, stage] + (1.0 - pole) * value
+                value = filters[s, stage]
+            value *= signal[s, GAIN]
         elif kind[s] == HYSTERESIS:
             value = held[1]
+        elif kind[s] == HYSTERESIS_STATE:
+            keep = np.exp(-signal[s, RATE] * np.abs(current_A))
+            filters[s, 0] = keep * filters[s, 0] + (1.0 - keep) * np.sign(current_A)
+            value = filters[s, 0]
         elif kind[s] == TEMPERATURE:
             value = temperature_degC
         else:
             value = 1.0 / (temperature_degC + 273.15)
-        now[s] = (value - low[s]) / span[s]
+        # Of a state of charge only the shift is known yet; the rest is added when the estimate is.
+        now[s] = value if kind[s] == SOC else (value - signal[s, LOW]) / signal[s, SPAN]
     if first:
         for lag in range(history.shape[0]):
             for s in range(n_signals):
-                history[lag, s] = x[size - 1] if kind[s] == SOC else now[s]
-    # The SoC of the sample before, as estimated; history[0] of a SoC signal is kept at that estimate.
+                history[lag, s] = now[s]
+                if kind[s] == SOC:
+                    history[lag, s] = (x[size - 1] + now[s] - signal[s, LOW]) / signal[s, SPAN]
     total = 0.0
     largest = -np.inf
     weight = np.empty(n_models)
@@ -154,7 +166,9 @@ def step(
     transition = np.zeros((size, size))
     for lag in range(order):
         transition[0, lag] = blended[lag]
-    transition[0, size - 1] = blended[soc_column]
+    for t in range(tap_signal.shape[0]):
+        if kind[tap_signal[t]] == SOC and tap_lag[t] == 1:
+            transition[0, size - 1] += blended[order + t] / signal[tap_signal[t], SPAN]
     for row in range(1, size - 1):
         transition[row, row - 1] = 1.0
     transition[size - 1, size - 1] = 1.0
@@ -194,7 +208,9 @@ def step(
         for s in range(n_signals):
             history[lag, s] = history[lag - 1, s]
     for s in range(n_signals):
-        history[0, s] = x[size - 1] if kind[s] == SOC else now[s]
+        history[0, s] = now[s]
+        if kind[s] == SOC:
+            history[0, s] = (x[size - 1] + now[s] - signal[s, LOW]) / signal[s, SPAN]
     held[0] = current_A
     held[2] = temperature_degC
     held[3] += 1.0
@@ -213,15 +229,11 @@ def replay(
     gains: np.ndarray,
     order: int,
     kind: np.ndarray,
-    pole: np.ndarray,
-    gain: np.ndarray,
-    low: np.ndarray,
-    span: np.ndarray,
+    signal: np.ndarray,
     tap_signal: np.ndarray,
     tap_lag: np.ndarray,
     axis_signal: np.ndarray,
     axis_lag: np.ndarray,
-    soc_column: int,
     constants: np.ndarray,
     x: np.ndarray,
     covariance: np.ndarray,
@@ -236,7 +248,7 @@ def replay(
     """Run `step` over whole arrays; `out` is (N, N_OUT)."""
     for k in range(current_A.shape[0]):
         step(
-            theta, centres, inverse_widths, gains, order, kind, pole, gain, low, span, tap_signal, tap_lag,
-            axis_signal, axis_lag, soc_column, constants, x, covariance, filters, history, held,
+            theta, centres, inverse_widths, gains, order, kind, signal, tap_signal, tap_lag,
+            axis_signal, axis_lag, constants, x, covariance, filters, history, held,
             current_A[k], voltage[k], temperature_degC[k], out[k],
         )  # fmt: skip

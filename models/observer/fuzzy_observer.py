@@ -10,10 +10,9 @@ import numpy as np
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
 from models.observer import compiled
-from models.observer.gains import soc_tap, state_matrices, steady_state_gains
-from models.regression import VOLTAGE
-from models.signals import relaxation_poles
-from models.structure import split_signal
+from models.observer.gains import state_matrices, steady_state_gains
+from models.regression import VOLTAGE, axis_lag
+from models.signals import parse_signal, relaxation_poles
 from models.timeseries import FloatArray
 
 
@@ -109,8 +108,6 @@ class FuzzyObserver:
         self.dt_s = network.structure.dt_s
         self._volts_low, volts_high = network.scaling[VOLTAGE]
         self._volts_span = volts_high - self._volts_low
-        soc_low, soc_high = network.scaling["soc"]
-        self._soc_low, self._soc_span = soc_low, soc_high - soc_low
         self._arguments = self._compile_arguments()
 
     def initial(self, soc: float, soc_std: float | None = None, temperature_degC: float = 25.0) -> ObserverState:
@@ -125,10 +122,10 @@ class FuzzyObserver:
         structure = self.network.structure
         size = max(structure.output_order, 1) + 1
         x = np.zeros(size)
-        x[-1] = (soc - self._soc_low) / self._soc_span
+        x[-1] = soc
         covariance = np.zeros((size, size))
         std = self.settings.initial_soc_std if soc_std is None else soc_std
-        covariance[-1, -1] = (std / self._soc_span) ** 2
+        covariance[-1, -1] = std**2
         lags = max([1, *(c.delay + c.order for c in structure.inputs)])
         n_signals = len(structure.signals)
         held = np.array([0.0, -1.0, temperature_degC, 0.0])
@@ -187,8 +184,8 @@ class FuzzyObserver:
 
     def _to_physical(self, rows: FloatArray) -> FloatArray:
         out = np.empty_like(rows)
-        out[:, 0] = self._soc_low + self._soc_span * rows[:, 0]
-        out[:, 1] = self._soc_span * np.sqrt(np.maximum(rows[:, 1], 0.0))
+        out[:, 0] = rows[:, 0]
+        out[:, 1] = np.sqrt(np.maximum(rows[:, 1], 0.0))
         out[:, 2] = self._volts_low + self._volts_span * rows[:, 2]
         out[:, 3] = self._volts_span * rows[:, 3]
         out[:, 4] = self._volts_span * np.sqrt(np.maximum(rows[:, 4], 0.0))
@@ -197,22 +194,9 @@ class FuzzyObserver:
     def _compile_arguments(self) -> tuple[Any, ...]:
         network, structure = self.network, self.network.structure
         names = structure.signals
-        kind = np.array([compiled.CODES[split_signal(name)[0]] for name in names])
-        pole, gain = np.zeros((len(names), 3)), np.ones(len(names))
-        for i, name in enumerate(names):
-            signal, time_constant_s = split_signal(name)
-            if time_constant_s is None:
-                continue
-            if signal == "relaxation":
-                pole[i] = relaxation_poles(time_constant_s, self.dt_s)
-                gain[i] = 1.0 / (1.0 - pole[i, 0])
-            else:
-                pole[i, 0] = np.exp(-self.dt_s / time_constant_s)
-        low = np.array([network.scaling[name][0] for name in names])
-        span = np.array([network.scaling[name][1] - network.scaling[name][0] for name in names])
-        taps = [(names.index(c.signal), c.delay + t) for c in structure.inputs for t in range(c.taps)]
-        axes = [(names.index(a.signal), 1 if a.signal == "soc" else 0) for a in structure.axes]
-        soc_per_ampere = self.dt_s / (3600.0 * network.cell.capacity_Ah) / self._soc_span
+        taps = [(names.index(signal), lag) for signal, lag in structure.taps()]
+        axes = [(names.index(a.signal), axis_lag(a.signal)) for a in structure.axes]
+        soc_per_ampere = self.dt_s / (3600.0 * network.cell.capacity_Ah)
         variances = self._variances()
         constants = np.array([soc_per_ampere, *variances, network.cell.rest_A])
         gains = steady_state_gains(state_matrices(network), *variances)
@@ -222,25 +206,41 @@ class FuzzyObserver:
             np.ascontiguousarray(1.0 / network.partition.widths),
             gains,
             structure.output_order,
-            kind,
-            pole,
-            gain,
-            low,
-            span,
+            np.array([compiled.CODES[parse_signal(name).kind] for name in names]),
+            np.array([self._signal_constants(name) for name in names]),
             np.array([signal for signal, _ in taps]),
             np.array([lag for _, lag in taps]),
             np.array([signal for signal, _ in axes]),
             np.array([lag for _, lag in axes]),
-            soc_tap(network),
             constants,
         )
 
+    def _signal_constants(self, name: str) -> FloatArray:
+        """One signal's row of constants for the compiled step."""
+        signal, cell = parse_signal(name), self.network.cell
+        row = np.zeros(compiled.N_CONSTANTS)
+        row[compiled.GAIN] = 1.0
+        time_constant_s = signal.get("time_constant_s")
+        if signal.kind == "relaxation":
+            row[compiled.POLE : compiled.POLE + 3] = relaxation_poles(time_constant_s, self.dt_s)
+            row[compiled.GAIN] = 1.0 / (1.0 - row[compiled.POLE])
+        elif time_constant_s:
+            row[compiled.POLE] = np.exp(-self.dt_s / time_constant_s)
+        if signal.kind in ("soc", "surface_soc"):
+            row[compiled.GAIN] = signal.get("depth") / cell.capacity_Ah
+        row[compiled.ACTIVATION] = signal.get("activation_K")
+        row[compiled.EXCHANGE] = signal.get("exchange_current_A")
+        row[compiled.RATE] = signal.get("rate") * self.dt_s / (3600.0 * cell.capacity_Ah)
+        low, high = self.network.scaling[name]
+        row[compiled.LOW], row[compiled.SPAN] = low, high - low
+        return row
+
     def _variances(self) -> tuple[float, float, float]:
-        """Process noise of output and SoC per sample and measurement noise, in normalised units."""
+        """Process noise of output and SoC per sample and measurement noise; the output's in normalised units."""
         s = self.settings
         return (
             (s.output_std_V / self._volts_span) ** 2,
-            (s.soc_std_per_sqrt_s / self._soc_span) ** 2 * self.dt_s,
+            s.soc_std_per_sqrt_s**2 * self.dt_s,
             (s.voltage_std_V / self._volts_span) ** 2,
         )
 

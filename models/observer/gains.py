@@ -19,28 +19,27 @@ from models.local_model_network import LocalModelNetwork
 from models.timeseries import FloatArray
 
 
-def soc_tap(network: LocalModelNetwork) -> int:
-    """Index of the regressor that carries SoC(k-1).
+def state_matrices(network: LocalModelNetwork) -> FloatArray:
+    """(M, n + 1, n + 1) state matrices A_i of eq. 2.36 for the state [y(k) ... y(k-n+1), SoC(k)].
+
+    The output is in normalised units, the state of charge a fraction (remark after eq. 2.38).
 
     Raises
     ------
     ModelError
-        The network has no such input, and an observer cannot see the state of charge through it.
+        The network has no state of charge among its inputs, so that an observer cannot see it.
     """
-    names = network.structure.regressor_names()
-    if "soc(k-1)" not in names:
-        raise ModelError("the observer needs SoC(k-1) among the model's inputs; this model has none")
-    return names.index("soc(k-1)")
-
-
-def state_matrices(network: LocalModelNetwork) -> FloatArray:
-    """(M, n + 1, n + 1) state matrices A_i of eq. 2.36 for the state [y(k) ... y(k-n+1), SoC(k)], normalised."""
     n = max(network.structure.output_order, 1)
-    tap = soc_tap(network)
+    taps = network.structure.soc_regressors()
+    if not taps:
+        raise ModelError("the observer needs SoC(k-1) among the model's inputs; this model has none")
+    order = network.structure.output_order
+    signals = [network.structure.taps()[tap - order][0] for tap in taps]
+    spans = [network.scaling[signal][1] - network.scaling[signal][0] for signal in signals]
     matrices = np.zeros((network.n_models, n + 1, n + 1))
     for i, theta in enumerate(network.theta):
         matrices[i, 0, : network.structure.output_order] = theta[: network.structure.output_order]
-        matrices[i, 0, n] = theta[tap]
+        matrices[i, 0, n] = sum(theta[tap] / span for tap, span in zip(taps, spans, strict=True))
         for row in range(1, n):
             matrices[i, row, row - 1] = 1.0
         matrices[i, n, n] = 1.0
@@ -55,7 +54,7 @@ def steady_state_gains(
     Parameters
     ----------
     matrices : (M, s, s) state matrices
-    output_variance, soc_variance : process noise per sample of the output and of the SoC, normalised units
+    output_variance, soc_variance : process noise per sample of the output (normalised units) and of the SoC
     measurement_variance : R, normalised units
 
     Returns

@@ -65,8 +65,7 @@ def test_strengths_are_chosen_on_held_out_groups(problem) -> None:
     forms = penalties(structure, partition, data, a)
     chosen = fit(sums, forms)
     assert chosen.held_out_mse < 0.3 * np.nanvar(data.y)
-    harder = fit(sums, forms, start=chosen.log_strengths)
-    assert harder.held_out_mse <= chosen.held_out_mse * (1 + 1e-9)
+    assert chosen.held_out_mse <= fit(sums, forms, quick=True).held_out_mse
 
 
 def test_output_coefficients_have_the_poles_asked_for() -> None:
