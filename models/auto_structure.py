@@ -115,6 +115,16 @@ class AutoCandidate:
         return ", ".join(parts)
 
 
+def first_candidate(capacity_Ah: float, temperature_range_K: float) -> AutoCandidate:
+    """Where the search begins: with what nearly every lithium-ion cell shows; the data may take it away again."""
+    return AutoCandidate(
+        capacity_Ah,
+        activation_K=2500.0 if temperature_range_K >= _TEMPERATURE_RANGE_K else 0.0,
+        exchange_c_rate=0.6,
+        surface=(0.05, 100.0),
+    )
+
+
 def alternatives(best: AutoCandidate, temperature_range_K: float, stage: int) -> list[AutoCandidate]:
     """What is tried next to `best` in one stage of the search; an empty list ends a pass."""
     warm = temperature_range_K >= _TEMPERATURE_RANGE_K

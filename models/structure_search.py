@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from models.auto_structure import AutoCandidate, alternatives
+from models.auto_structure import AutoCandidate, alternatives, first_candidate
 from models.holdout import groups
 from models.lolimot import construct
 from models.partition import Partition
@@ -136,7 +136,7 @@ class Search:
     def _best_auto(self) -> AutoCandidate:
         known = np.concatenate([run.temperature_degC for run in self.runs])
         range_K = 0.0 if np.isnan(known).any() else float(np.ptp(known))
-        best = AutoCandidate(self.cell.capacity_Ah)
+        best = first_candidate(self.cell.capacity_Ah, range_K)
         for done in (0.0, 0.5):
             before, stage = best, 0
             while tried := alternatives(best, range_K, stage):
