@@ -262,6 +262,15 @@ class BenchClient:
         body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc}
         return self._post(f"{_API}/comparisons", body)
 
+    def comparison(self, comparison_id: str) -> Record:
+        """One comparison."""
+        return self._get(f"{_API}/comparisons/{_part(comparison_id)}")
+
+    def comparison_series(self, comparison_id: str, max_points: int | None = None) -> list[Record]:
+        """Curves behind a comparison: of each run time, measured and modelled voltage, residual; None is missing."""
+        address = f"{_API}/comparisons/{_part(comparison_id)}/series"
+        return self._get(address, max_points=max_points)["runs"]
+
     def start_campaign(self, request: Record) -> Record:
         """Start a campaign; give its record."""
         return self._post(f"{_API}/campaigns", request)

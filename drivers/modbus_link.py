@@ -4,6 +4,11 @@ pymodbus 3.16 returns device exceptions instead of raising them, checks neither 
 reply has the function code of its request, and lets a request that is waiting when the connection drops wait for
 its time-out; all of that is made good here. It is used without retries and without reconnecting: a set-point is
 never sent twice, and coming back is the owner's decision.
+
+Reads are not tried again either. A lost packet is TCP's own business, which repairs it within about 0.2 s; an answer
+that stays away for the whole time-out is a device that is silent. A second attempt would need a new connection, and
+by then the last reading is older than the bench accepts as ground for a set-point, and the device's watchdog about to
+trip.
 """
 
 from __future__ import annotations

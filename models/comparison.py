@@ -17,6 +17,7 @@ from models.timeseries import FloatArray, TimeSeries
 _SOC_EDGES = np.linspace(0.0, 1.0, 11)
 _C_RATE_EDGES = np.array([-np.inf, -3.0, -2.0, -1.0, -0.5, -0.005, 0.005, 0.5, 1.0, 2.0, 3.0, np.inf])
 _TEMPERATURE_STEP_K = 5.0
+_MIN_COMPARED = 10
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ def compare(network: LocalModelNetwork, runs: list[TimeSeries], initial_soc: lis
     compared = simulate_runs(network, runs, initial_soc)
     measured = np.concatenate([c.run.voltage_V for c in compared])
     simulated = np.concatenate([c.simulated_V for c in compared])
+    _check_comparable(measured, simulated)
     floors = [noise_floor_V(c.run.voltage_V, c.run.current_A) for c in compared]
     known = [f for f in floors if not np.isnan(f)]
     inside = np.concatenate([c.inside for c in compared])
@@ -81,6 +83,21 @@ def compare(network: LocalModelNetwork, runs: list[TimeSeries], initial_soc: lis
         "outside_training": float(1.0 - inside.mean()),
         "temperature": None,
     }
+
+
+def _check_comparable(measured_V: FloatArray, simulated_V: FloatArray) -> None:
+    """Refuse figures of almost nothing: a model that cannot be simulated must not look perfect."""
+    known = ~np.isnan(measured_V)
+    lost = int((known & ~np.isfinite(simulated_V)).sum())
+    if lost:
+        raise ModelError(
+            f"the model gives no voltage at {lost} of {int(known.sum())} samples: temperature is missing there, or the "
+            "model is not for this cell"
+        )
+    if int(known.sum()) < _MIN_COMPARED:
+        raise ModelError(
+            f"{int(known.sum())} samples have a voltage on the model's grid; at least {_MIN_COMPARED} are needed"
+        )
 
 
 def where(network: LocalModelNetwork, compared: list[RunComparison]) -> list[dict[str, Any]]:

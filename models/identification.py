@@ -16,7 +16,8 @@ from models.refinement import refined_theta
 from models.regression import CellContext
 from models.resampling import GridRun, to_grid, typical_interval_s
 from models.signals import REST_C_RATE, soc_by_counting
-from models.structure_search import Progress, Search
+from models.structure import Structure
+from models.structure_search import Choice, Progress, Search
 from models.timeseries import TimeSeries
 
 STRUCTURES = ("full", "minimal", "auto")
@@ -51,7 +52,7 @@ def fit_network(
     train: list[TimeSeries],
     *,
     capacity_Ah: float,
-    structure: str = "full",
+    structure: str | Structure = "full",
     validate: list[TimeSeries] | None = None,
     initial_soc: list[float] | None = None,
     validate_soc: list[float] | None = None,
@@ -64,7 +65,7 @@ def fit_network(
     ----------
     train : runs that the model is made from
     capacity_Ah : cell capacity
-    structure : "full", "minimal" or "auto"
+    structure : "full", "minimal", "auto", or a structure of one's own, which is kept
     validate : runs that only judge the result
     initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
     dt_s : sampling time; by default the typical interval of the training runs
@@ -93,9 +94,7 @@ def fit_network(
     cell = CellContext(capacity_Ah)
     _check_excitation(grid, soc, cell)
     search = Search(grid, soc, cell, lambda share, text: report(0.7 * share, text))
-    if structure not in STRUCTURES:
-        raise ModelError(f"structure {structure!r} is unknown; use one of {', '.join(STRUCTURES)}")
-    chosen = search.best(structure)
+    chosen = _chosen(search, structure)
     report(0.7, f"building {chosen.n_models} local models")
     fitted = search.fitted(chosen)
     record: dict[str, Any] = {
@@ -127,6 +126,14 @@ def fit_network(
         n_samples=sum(len(run) for run in grid),
         seconds=time.perf_counter() - started,
     )
+
+
+def _chosen(search: Search, structure: str | Structure) -> Choice:
+    if isinstance(structure, Structure):
+        return search.best_within(structure)
+    if structure not in STRUCTURES:
+        raise ModelError(f"structure {structure!r} is unknown; use one of {', '.join(STRUCTURES)}")
+    return search.best(structure)
 
 
 def start_soc(run: TimeSeries) -> float:

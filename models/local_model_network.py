@@ -16,6 +16,8 @@ from models.structure import Structure
 from models.timeseries import FloatArray
 
 SCHEMA_VERSION = 1
+# Beyond any parameter in normalised units and any physical range; larger ones overflow in the free run.
+_LARGEST = 1e9
 
 
 @dataclass(frozen=True)
@@ -117,21 +119,69 @@ class LocalModelNetwork:
             )
         try:
             structure = Structure.from_json(document["structure"])
-            theta = np.array(document["theta"], dtype=np.float64)
-            lower = np.array(document["partition"]["lower"], dtype=np.float64)
-            upper = np.array(document["partition"]["upper"], dtype=np.float64)
-            scaling = {name: (float(b[0]), float(b[1])) for name, b in document["scaling"].items()}
-            cell = CellContext(float(document["cell"]["capacity_Ah"]), float(document["cell"]["efficiency"]))
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            theta = _numbers(document["theta"], "theta", 2, _LARGEST)
+            lower = _numbers(document["partition"]["lower"], "partition.lower", 2, _LARGEST)
+            upper = _numbers(document["partition"]["upper"], "partition.upper", 2, _LARGEST)
+            scaling = {
+                str(name): tuple(_numbers(bounds, f"scaling.{name}", 1, _LARGEST).tolist())
+                for name, bounds in document["scaling"].items()
+            }
+            capacity_Ah, efficiency = _numbers(
+                [document["cell"]["capacity_Ah"], document["cell"]["efficiency"]], "cell", 1, _LARGEST
+            )
+            record = dict(document.get("record", {}))
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+            if isinstance(error, StructureError):
+                raise
             raise StructureError(f"model document is damaged: {error!r}") from None
-        if not all(np.isfinite(array).all() for array in (theta, lower, upper)):
-            raise StructureError("model document is damaged: a parameter is not finite")
-        missing = {*structure.signals, VOLTAGE} - set(scaling)
-        if missing:
-            raise StructureError(f"model document is damaged: no scaling for {', '.join(sorted(missing))}")
+        _check_document(structure, lower, upper, scaling, float(capacity_Ah), float(efficiency))
         k_sigma = np.array([axis.k_sigma for axis in structure.axes])
         partition = Partition(lower, upper, k_sigma, structure.kernel)
-        return cls(structure, partition, theta, scaling, cell, dict(document.get("record", {})))
+        cell = CellContext(float(capacity_Ah), float(efficiency))
+        return cls(structure, partition, theta, {k: (v[0], v[1]) for k, v in scaling.items()}, cell, record)
+
+
+def _numbers(values: Any, where: str, dimensions: int, largest: float) -> FloatArray:
+    """Read nested lists of plain finite numbers; text, true and false are none."""
+
+    def plain(value: Any) -> bool:
+        if isinstance(value, list | tuple):
+            return all(plain(part) for part in value)
+        return isinstance(value, int | float) and not isinstance(value, bool)
+
+    if not plain(values):
+        raise StructureError(f"model document is damaged: {where} must hold numbers only")
+    array = np.array(values, dtype=np.float64)
+    if array.ndim != dimensions or not (np.abs(array) <= largest).all():
+        raise StructureError(
+            f"model document is damaged: {where} must be {dimensions}-dimensional with finite values up to {largest:g}"
+        )
+    return array
+
+
+def _check_document(
+    structure: Structure,
+    lower: FloatArray,
+    upper: FloatArray,
+    scaling: dict[str, tuple[float, ...]],
+    capacity_Ah: float,
+    efficiency: float,
+) -> None:
+    missing = {*structure.signals, VOLTAGE} - set(scaling)
+    if missing:
+        raise StructureError(f"model document is damaged: no scaling for {', '.join(sorted(missing))}")
+    for name, bounds in scaling.items():
+        if len(bounds) != 2 or not bounds[0] < bounds[1]:
+            raise StructureError(
+                f"model document is damaged: scaling of {name} is {list(bounds)}; low < high is needed"
+            )
+    if lower.shape != upper.shape or lower.shape[1] != len(structure.axes) or not (lower < upper).all():
+        raise StructureError("model document is damaged: its boxes do not fit the partition axes")
+    if not capacity_Ah > 0.0 or not 0.0 < efficiency <= 1.0:
+        raise StructureError(
+            f"model document is damaged: capacity {capacity_Ah:g} Ah must be positive and efficiency {efficiency:g} "
+            "in 0..1"
+        )
 
 
 def one_step_regressors(data: Dataset, order: int) -> FloatArray:

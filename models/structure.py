@@ -88,8 +88,8 @@ class Structure:
             raise StructureError(f"output order {self.output_order}; 0, 1 or 2 is supported")
         if self.kernel not in KERNELS:
             raise StructureError(f"kernel {self.kernel!r}; one of {', '.join(KERNELS)} is needed")
-        if not self.dt_s > 0.0:
-            raise StructureError(f"sampling time {self.dt_s:g} s must be positive")
+        if not 0.0 < self.dt_s < 1e6:
+            raise StructureError(f"sampling time {self.dt_s:g} s must be positive and finite")
         if not self.inputs or not self.axes:
             raise StructureError("a network needs at least one input and one partition variable")
 

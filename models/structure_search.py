@@ -14,6 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from models.auto_structure import AutoCandidate, alternatives, first_candidate
+from models.given_structure import GivenCandidate, pole_alternatives, poles_for, size_alternatives
 from models.holdout import groups
 from models.lolimot import construct
 from models.partition import Partition
@@ -82,8 +83,8 @@ class Candidate:
         return f"poles {poles}{relaxation}, {self.n_models} local models"
 
 
-Choice = Candidate | AutoCandidate
-ChoiceT = TypeVar("ChoiceT", Candidate, AutoCandidate)
+Choice = Candidate | AutoCandidate | GivenCandidate
+ChoiceT = TypeVar("ChoiceT", Candidate, AutoCandidate, GivenCandidate)
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,15 @@ class Search:
         best = Candidate(family, poles_s=(self._slow_enough(25.0),))
         best = self._pass(best, 0.0)
         return self._pass(best, 0.6)
+
+    def best_within(self, given: Structure) -> GivenCandidate:
+        """Choose poles and size for a structure that is given."""
+        fastest_s = _FASTEST_SAMPLES * self.dt_s
+        best = GivenCandidate(given, poles_for(given.output_order, 25.0, fastest_s))
+        for done in (0.0, 0.5):
+            best = self._choose(best, pole_alternatives(best, fastest_s), done)
+            best = self._choose(best, size_alternatives(best), done + 0.25)
+        return best
 
     def _best_auto(self) -> AutoCandidate:
         known = np.concatenate([run.temperature_degC for run in self.runs])

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import math
 import signal
 import threading
 import time
@@ -19,12 +18,14 @@ from simulators.cycler import Cycler, CyclerSettings
 from simulators.device import MapDevice
 from simulators.effects import apply_effects
 from simulators.modbus_server import ModbusServer, OnRequest
+from simulators.module import Module, ModuleLayout
 from simulators.sensors import SensorParameters, Sensors
 
 __all__ = ["PROTOCOLS", "SimulatorError", "SimulatorSettings", "build_device", "serve"]
 
 PROTOCOLS = ("modbus-tcp",)
 HOUSEKEEPING_S = 0.05
+MAX_SPEED = 1e5  # the work of a wall second grows with it; above, signals would wait for its end
 
 
 class SimulatorError(Exception):
@@ -55,6 +56,8 @@ class SimulatorSettings:
         In place of the cell type's own.
     initial_soc, ambient_degC : float
         Where the cell starts, and the constant temperature around it.
+    module : ModuleLayout or None
+        A module of such cells in place of one; the cycler's rated voltage and current then count per cell.
     sensors : SensorParameters
         Noise, resolution and constant errors of the measurement.
     cycler : CyclerSettings
@@ -73,6 +76,7 @@ class SimulatorSettings:
     capacity_Ah: float | None = None
     initial_soc: float = 0.5
     ambient_degC: float = 25.0
+    module: ModuleLayout | None = None
     sensors: SensorParameters = SensorParameters()
     cycler: CyclerSettings = CyclerSettings()
 
@@ -86,8 +90,8 @@ class SimulatorSettings:
         """
         if self.protocol not in PROTOCOLS:
             raise ValueError(f"unknown protocol {self.protocol!r}; choose one of {', '.join(PROTOCOLS)}")
-        if not (math.isfinite(self.speed) and self.speed > 0.0):
-            raise ValueError(f"speed is {self.speed}; it must be above 0")
+        if not 0.0 < self.speed <= MAX_SPEED:
+            raise ValueError(f"speed is {self.speed}; it must be above 0 and at most {MAX_SPEED:g}")
         if not 0 <= self.port <= 65535:
             raise ValueError(f"port is {self.port}; it must lie in 0..65535 (0: a free one)")
 
@@ -116,10 +120,17 @@ def build_device(
     if settings.capacity_Ah is not None:
         parameters = replace(parameters, capacity_Ah=settings.capacity_Ah)
     parameters, sensor_parameters = apply_effects(parameters, settings.sensors, settings.effects)
-    cell = cell or Cell(parameters, settings.initial_soc, settings.ambient_degC)
+    rating = replace(settings.cycler, ambient_degC=settings.ambient_degC)
+    if settings.module is not None:
+        rating = replace(
+            rating,
+            nominal_voltage_V=rating.nominal_voltage_V * settings.module.cells_in_series,
+            nominal_current_A=rating.nominal_current_A * settings.module.cells_in_parallel,
+        )
+        cell = cell or Module(parameters, settings.module, settings.initial_soc, settings.ambient_degC)
     cycler = Cycler(
-        replace(settings.cycler, ambient_degC=settings.ambient_degC),
-        cell,
+        rating,
+        cell or Cell(parameters, settings.initial_soc, settings.ambient_degC),
         Sensors(sensor_parameters, np.random.default_rng(settings.seed)),
         watchdog_enabled=not settings.lock_step,
     )

@@ -15,7 +15,7 @@ TICK_SPAN = 1 << 32
 
 
 class WallClock:
-    """Simulated time runs with a monotonic clock, times a speed factor.
+    """Simulated time runs with a monotonic clock, times a speed factor; the device's watchdog runs without the factor.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class WallClock:
         share, rest = divmod(new, checks)
         for index in range(checks):
             count = share + (index < rest)
-            cycler.advance(count * MEASURING_PERIOD_S, count)
+            cycler.advance(count * MEASURING_PERIOD_S, count, self._speed)
         return True
 
     def heard(self) -> None:

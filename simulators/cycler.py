@@ -161,7 +161,7 @@ class Cycler:
         self.alarms.add(alarm)
         self.set_output(False)
 
-    def advance(self, dt_s: float, measurements: int = 1) -> None:
+    def advance(self, dt_s: float, measurements: int = 1, speed: float = 1.0) -> None:
         """Let time pass, then measure and check the limits.
 
         Parameters
@@ -171,15 +171,18 @@ class Cycler:
         measurements : int
             How many measuring periods of the device lie in it: the sequence counter moves by as many, though
             only the last one is kept.
+        speed : float
+            Simulated seconds per second. The watchdog waits for a client, who lives on the wall clock, and so does it.
         """
         left = dt_s
         if self._watchdog_enabled and self.output_on:
-            if self._heartbeat_left_s <= dt_s:
-                self._play(self._heartbeat_left_s)
-                left -= self._heartbeat_left_s
+            until_expiry_s = self._heartbeat_left_s * speed
+            if until_expiry_s <= dt_s:
+                self._play(until_expiry_s)
+                left -= until_expiry_s
                 self.trip("watchdog")
             else:
-                self._heartbeat_left_s -= dt_s
+                self._heartbeat_left_s -= dt_s / speed
         self._play(left)
         self.sequence = (self.sequence + measurements) % SEQUENCE_SPAN
         self.measurement = self._measure()

@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Response
 from pydantic import Field
 
 from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
-from bench_service.api.strict import Body, Id, Soc, StrictRoute
+from bench_service.api.strict import JSON_TYPE, Body, Id, Soc, StrictRoute
 from bench_service.store.records import ComparisonRecord
 
 router = APIRouter(prefix="/comparisons", tags=["comparisons"], route_class=StrictRoute)
+
+
+MaxPoints = Annotated[int, Query(ge=2, le=20_000)]
 
 
 class ComparisonBody(Body):
@@ -44,6 +47,16 @@ def list_comparisons(
 def get_comparison(comparison_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Give one comparison."""
     return _as_json(services.store.comparison(comparison_id))
+
+
+@router.get("/{comparison_id}/series")
+async def get_series(comparison_id: PathId, services: ServicesOf, max_points: MaxPoints = 2000) -> Response:
+    """Give measured and free-run voltage of each run, ``{"runs": [{"run_id", "time_s", "measured_V", ...}]}``.
+
+    Computed in a worker; thinned to ``max_points`` of each run with all extremes kept.
+    """
+    text = await services.modelling.comparison_series(comparison_id, max_points)
+    return Response(text, media_type=JSON_TYPE)
 
 
 def _as_json(record: ComparisonRecord) -> dict[str, Any]:

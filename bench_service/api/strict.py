@@ -38,7 +38,8 @@ Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_print
 Id = Annotated[str, Field(min_length=1, max_length=64)]
 # Strict mode still takes 1 for 1.0, as JSON does not tell them apart, but neither "1" nor true.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+# Above any capacity, time or rate that a laboratory knows; beyond it only overflows are found.
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1e9)]
 Soc = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1)]
 Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
 # JSON knows no tuples; only the two numbers inside are strict.

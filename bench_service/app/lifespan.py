@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
+from datetime import UTC, datetime
 from importlib.metadata import version
 
 from bench_service.app.recorder import RecorderKeeper
@@ -12,7 +13,7 @@ from bench_service.bench.limits import Limits
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import ACKNOWLEDGED, Bench, Benches
-from bench_service.campaign.campaigns import CampaignRunner
+from bench_service.campaign.campaigns import CampaignRunner, close_left_open
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
@@ -23,6 +24,7 @@ from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
 from bench_service.jobs.runner import JobRunner
 from bench_service.simulation import SimulatorProcess
 from bench_service.store.metadata import MetadataStore
+from bench_service.store.records import utc_text
 from bench_service.store.samples import SampleReader
 
 _LATEST_EVENTS = 1000
@@ -53,6 +55,7 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
         recorder = RecorderKeeper(config.data_dir, lambda text: journal.note(None, _recorder_event(text)))
         await recorder.start()
         stack.push_async_callback(recorder.stop)
+        await close_left_open(store, journal)
         for run in await asyncio.to_thread(store.mark_interrupted_runs, samples):
             journal.note(run.bench, _interrupted_event(run.id, run.state))
         jobs = JobRunner(config.workers)
@@ -94,11 +97,11 @@ async def _bench(
     recorder: RecorderKeeper,
     listener: Benches,
 ) -> Bench:
-    url = config.url
+    url, cell_since_utc = config.url, None
     if config.simulate is not None:
         simulator = await SimulatorProcess.start(simulator_arguments(config.simulate, config.map))
         stack.push_async_callback(simulator.stop)
-        url = simulator.address
+        url, cell_since_utc = simulator.address, utc_text(datetime.now(UTC))
     limits = Limits.from_json(config.limits.model_dump())
     settings = BenchSettings(
         name=name,
@@ -110,7 +113,8 @@ async def _bench(
         external_interlock=config.external_interlock,
         latched=await asyncio.to_thread(unacknowledged, store, name),
     )
-    return Bench(config, settings.url, limits, BenchSupervisor(settings, recorder.attach, listener))
+    supervisor = BenchSupervisor(settings, recorder.attach, listener)
+    return Bench(config, settings.url, limits, supervisor, cell_since_utc)
 
 
 async def _close_all(benches: Benches) -> None:

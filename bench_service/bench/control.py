@@ -221,7 +221,7 @@ class BenchControl:
         await self._finish(run_id, await self._play(cycler, prepared))
 
     async def _play(self, cycler: Cycler, prepared: PreparedRun) -> RunEnd:
-        # An order that came while the run was prepared holds: the loop then ends before its first tick.
+        # An order that came while the run was prepared holds: the loop then ends before it takes the cycler.
         self._stop.on_order(prepared.clock.interrupt)
         self._stop.on_order(self._recording.wake)
         for severity, code, text in prepared.notes:

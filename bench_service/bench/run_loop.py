@@ -142,6 +142,9 @@ class RunLoop:
 
     async def _guarded(self) -> tuple[EndState, str, str | None]:
         try:
+            # An order that is older than the run: the output is not switched on for it.
+            if (order := self._parts.stop.order) is not None:
+                return order.state, "stop", order.reason
             await self._begin()
             return await self._ticks()
         except TripError as error:

@@ -217,7 +217,10 @@ class BenchSupervisor:
         with samples, theirs:
             try:
                 self._process = subprocess.Popen(
-                    command, pass_fds=(theirs.fileno(), samples.fileno()), stdin=subprocess.DEVNULL
+                    command,
+                    pass_fds=(theirs.fileno(), samples.fileno()),
+                    stdin=subprocess.DEVNULL,
+                    process_group=0,  # Ctrl-C is for the service, also before the process can ignore it
                 )
             except OSError:
                 ours.close()

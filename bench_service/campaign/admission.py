@@ -19,7 +19,7 @@ _GRID_TOLERANCE = 1e-6
 # Wider than any bench, narrow enough that no sum over a profile overflows.
 _LARGEST = {"time_s": 1e9, "current_A": 1e5}
 # The control process holds the profile on the grid of ticks in memory.
-_MOST_TICKS = 20_000_000
+MOST_TICKS = 20_000_000
 
 
 def narrowed(bench: Limits, wanted: Mapping[str, Any] | None) -> Limits:
@@ -115,9 +115,9 @@ def admit(
             limit=limits.duration_s,
             remedy="shorten it",
         )
-    if not 1 - _GRID_TOLERANCE <= duration_s / dt_s <= _MOST_TICKS:
+    if not 1 - _GRID_TOLERANCE <= duration_s / dt_s <= MOST_TICKS:
         raise BadRequestError(
-            f"a profile of {duration_s:g} s is 1 to {_MOST_TICKS} samples long with another period",
+            f"a profile of {duration_s:g} s is 1 to {MOST_TICKS} samples long with another period",
             ("dt_s",),
             value=dt_s,
             unit="s",

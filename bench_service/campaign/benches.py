@@ -18,13 +18,32 @@ _ACKNOWLEDGE_S = 2.0
 
 
 class Bench:
-    """One bench: its configuration, its supervisor and its latest live values."""
+    """One bench: its configuration, its supervisor and its latest live values.
 
-    def __init__(self, config: BenchConfig, url: str, limits: Limits, supervisor: BenchSupervisor) -> None:
+    Parameters
+    ----------
+    config : BenchConfig
+    url : str
+        Of the cycler.
+    limits : Limits
+    supervisor : BenchSupervisor
+    cell_since_utc : str or None
+        Since when its cell is the present one: a simulated cell begins anew with the service. None: not known.
+    """
+
+    def __init__(
+        self,
+        config: BenchConfig,
+        url: str,
+        limits: Limits,
+        supervisor: BenchSupervisor,
+        cell_since_utc: str | None = None,
+    ) -> None:
         self.config = config
         self.url = url
         self.limits = limits
         self.supervisor = supervisor
+        self.cell_since_utc = cell_since_utc
         self.live: Message | None = None
 
     @property

@@ -5,18 +5,26 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
+from bench_service.campaign.benches import Bench
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
+from bench_service.campaign.plan import check_plan
 from bench_service.campaign.request import CampaignRequest, complete
+from bench_service.campaign.standing import last_standing
 from bench_service.campaign.story import STAGES, Story, Workshop, overall_progress
 from bench_service.errors import BenchBusyError, ServiceError
-from bench_service.store.records import CampaignRecord
+from bench_service.store.metadata import MetadataStore
+from bench_service.store.records import CampaignRecord, CampaignState, Json, Severity
 from models.errors import ModelError
 
 _log = logging.getLogger(__name__)
+_SEVERITY: dict[str, Severity] = {"completed": "info", "stopped": "warning", "interrupted": "warning"}
+_LATEST_CAMPAIGNS = 1000
 
 
 class CampaignRunner:
@@ -47,18 +55,19 @@ class CampaignRunner:
         NotFoundError
             Unknown bench.
         BenchBusyError
-            A campaign runs on the bench already.
+            A campaign or a run is on the bench already, or a fault is latched.
         BadRequestError, ModelError
-            The request contradicts itself.
+            The request leaves the bench's limits or contradicts itself.
         """
         bench = self._workshop.benches.get(given["bench"])
-        request = complete(bench, given)
-        if any(telling.request.bench == bench.name for telling in self._running.values()):
+        if any(telling.bench == bench.name for telling in self._running.values()):
             raise BenchBusyError(f"a campaign runs on bench {bench.name!r} already; stop it or wait")
-        telling = _Telling(request)
+        self._workshop.runs.refuse_busy(bench)
+        telling = _Telling(bench.name)
         # Claimed before the first wait, so that of two requests at once only one goes on.
         self._running[telling.key] = telling
         try:
+            request = await asyncio.to_thread(self._admitted, bench, given)
             record = await self._journal.write(self._add, request)
         except BaseException:
             del self._running[telling.key]
@@ -67,6 +76,14 @@ class CampaignRunner:
         story = Story(self._workshop, record.id, request, lambda *news: self._report(telling, *news))
         telling.task = asyncio.create_task(self._tell(telling, story))
         self._live.publish({"type": "campaign"} | campaign_json(record))
+        _note(
+            self._journal,
+            record,
+            "info",
+            "campaign_started",
+            f"two runs of {request.duration_s:g} s between SoC {request.soc[0]:.0%} and {request.soc[1]:.0%}, "
+            f"from {request.initial_soc:.1%} as {request.initial_soc_from} has it",
+        )
         return record
 
     async def stop(self, campaign_id: str) -> CampaignRecord:
@@ -74,8 +91,7 @@ class CampaignRunner:
         record = await self.get(campaign_id)
         for telling in list(self._running.values()):
             if telling.record is not None and telling.record.id == campaign_id and telling.task is not None:
-                telling.task.cancel()
-                await asyncio.wait({telling.task})
+                await telling.end("stopped by a client")
                 return await self.get(campaign_id)
         return record
 
@@ -95,16 +111,15 @@ class CampaignRunner:
     async def close(self) -> None:
         """Stop all campaigns."""
         for telling in list(self._running.values()):
-            if telling.task is not None:
-                telling.task.cancel()
-                await asyncio.wait({telling.task})
+            await telling.end("the service was shut down")
 
-    async def mark_interrupted(self) -> None:
-        """Campaigns that the end of the service cut off are written down as such."""
-        for record in await asyncio.to_thread(self._workshop.store.campaigns, 1000, 0):
-            if record.state == "running":
-                ended = replace(record, state="interrupted", message="the service ended in the middle of it")
-                await self._journal.write(self._workshop.store.save_campaign, ended)
+    def _admitted(self, bench: Bench, given: dict[str, Any]) -> CampaignRequest:
+        workshop = self._workshop
+        stated = given.get("initial_soc") is not None
+        last = None if stated else last_standing(bench, workshop.store, workshop.samples)
+        request = complete(bench, given, last)
+        check_plan(request, bench.limits, bench.config.capacity_Ah)
+        return request
 
     def _add(self, request: CampaignRequest) -> CampaignRecord:
         return self._workshop.store.add_campaign(
@@ -119,6 +134,8 @@ class CampaignRunner:
     def _report(self, telling: _Telling, stage: str, share: float, message: str) -> None:
         assert telling.record is not None
         telling.record = telling.moved(stage, share, message)
+        if share in (0.0, 1.0):  # what is done is found again after a crash
+            self._journal.post(partial(self._workshop.store.save_campaign, telling.record))
         self._live.publish({"type": "campaign"} | campaign_json(telling.record))
 
     async def _tell(self, telling: _Telling, story: Story) -> None:
@@ -132,14 +149,14 @@ class CampaignRunner:
             )
         except asyncio.CancelledError:
             await story.stop()
-            ended = replace(telling.record, state="stopped", message="stopped", stages=telling.stages_ended("stopped"))
+            ended = _ended(telling.record, "stopped", telling.reason)
         except (ServiceError, ModelError) as error:
-            ended = replace(telling.record, state="failed", message=str(error), stages=telling.stages_ended("failed"))
+            ended = _ended(telling.record, "failed", str(error))
         except Exception as error:
             _log.exception("campaign %s failed", telling.record.id)
-            message = f"an error inside the service: {error!r}"
-            ended = replace(telling.record, state="failed", message=message, stages=telling.stages_ended("failed"))
-        telling.record = ended
+            ended = _ended(telling.record, "failed", f"an error inside the service: {error!r}")
+        # Event and record are stored, in this order, before anybody sees that it has ended.
+        _note_end(self._journal, ended)
         try:
             telling.record = await self._journal.write(self._workshop.store.save_campaign, ended)
         finally:
@@ -150,9 +167,10 @@ class CampaignRunner:
 class _Telling:
     """One campaign while it runs."""
 
-    def __init__(self, request: CampaignRequest) -> None:
-        self.request = request
-        self.key = f"{request.bench}:{id(self)}"
+    def __init__(self, bench: str) -> None:
+        self.bench = bench
+        self.key = f"{bench}:{id(self)}"
+        self.reason = "stopped"
         self.record: CampaignRecord | None = None
         self.task: asyncio.Task[None] | None = None
         self._stage_began_s = time.monotonic()
@@ -171,12 +189,38 @@ class _Telling:
         progress = overall_progress(stage, share)
         return replace(self.record, stage=stage, stages=stages, progress=progress, message=message)
 
-    def stages_ended(self, state: str) -> tuple[dict[str, Any], ...]:
-        """Return the stages with the running one in the state that the campaign ended in."""
-        assert self.record is not None
-        return tuple(s | {"state": state} if s["state"] == "running" else s for s in self.record.stages)
+    async def end(self, reason: str) -> None:
+        """Stop it and wait until its end is written down; harmless before it has begun."""
+        if self.task is not None:
+            self.reason = reason
+            self.task.cancel()
+            await asyncio.wait({self.task})
 
 
 def campaign_json(record: CampaignRecord) -> dict[str, Any]:
     """Return the JSON object of the REST API."""
     return asdict(record)
+
+
+async def close_left_open(store: MetadataStore, journal: Journal) -> None:
+    """Write the campaigns down as interrupted that the end of an earlier service has cut off."""
+    for record in await asyncio.to_thread(store.campaigns, _LATEST_CAMPAIGNS):
+        if record.state == "running":
+            ended = _ended(record, "interrupted", "the service ended in the middle of it")
+            _note_end(journal, await journal.write(store.save_campaign, ended))
+
+
+def _ended(record: CampaignRecord, state: CampaignState, message: str) -> CampaignRecord:
+    """Return the record of a campaign that did not reach its end; so did the stage that it was in."""
+    stages: Sequence[Json] = [s | {"state": state} if s["state"] == "running" else s for s in record.stages]
+    return replace(record, state=state, message=message, stages=tuple(stages))
+
+
+def _note_end(journal: Journal, record: CampaignRecord) -> None:
+    at = "" if record.state == "completed" else f" in stage {record.stage!r}: {record.message}"
+    _note(journal, record, _SEVERITY.get(record.state, "error"), f"campaign_{record.state}", f"{record.state}{at}")
+
+
+def _note(journal: Journal, record: CampaignRecord, severity: Severity, code: str, text: str) -> None:
+    event = {"severity": severity, "code": code, "text": f"campaign {record.name!r}: {text}", "run_id": None}
+    journal.note(record.bench, event, record.id)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -11,6 +12,7 @@ from typing import Any, TypeVar
 from bench_service.campaign.live import Broadcaster
 from bench_service.store.metadata import MetadataStore
 
+_log = logging.getLogger(__name__)
 ResultT = TypeVar("ResultT")
 
 
@@ -28,32 +30,43 @@ class Journal:
         self._store = store
         self._broadcaster = broadcaster
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
-        self._pending: set[asyncio.Task[None]] = set()
+        self._pending: set[asyncio.Future[Any]] = set()
 
     async def write(self, function: Callable[..., ResultT], *arguments: Any, **named: Any) -> ResultT:
         """Call a writing method of the store in the journal's thread, after all earlier calls."""
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._thread, lambda: function(*arguments, **named))
 
+    def post(self, function: Callable[[], ResultT], then: Callable[[ResultT], None] | None = None) -> None:
+        """Call a writing method of the store after all earlier calls and before all later ones; returns at once.
+
+        `then` gets its result, in the event loop.
+        """
+
+        def done(future: asyncio.Future[ResultT]) -> None:
+            self._pending.discard(future)
+            if future.cancelled():
+                return
+            if (error := future.exception()) is not None:
+                _log.error("could not be written down: %s", error)
+            elif then is not None:
+                then(future.result())
+
+        # Handed over here, not in a task: a later `write` must not overtake it.
+        future = asyncio.get_running_loop().run_in_executor(self._thread, function)
+        self._pending.add(future)
+        future.add_done_callback(done)
+
     def note(self, bench: str | None, event: dict[str, Any], campaign_id: str | None = None) -> None:
         """Store an event (``severity``, ``code``, ``text``, ``run_id``) and publish it; returns at once."""
-        task = asyncio.get_running_loop().create_task(self._note(bench, event, campaign_id))
-        self._pending.add(task)
-        task.add_done_callback(self._pending.discard)
+        kind = (event["severity"], event["code"], event["text"])
+        about = {"bench": bench, "run_id": event["run_id"], "campaign_id": campaign_id}
+        self.post(
+            lambda: self._store.add_event(*kind, **about),
+            lambda record: self._broadcaster.publish({"type": "event"} | asdict(record)),
+        )
 
     async def close(self) -> None:
         """Wait until everything is written."""
         await asyncio.gather(*self._pending, return_exceptions=True)
         self._thread.shutdown(wait=True)
-
-    async def _note(self, bench: str | None, event: dict[str, Any], campaign_id: str | None) -> None:
-        record = await self.write(
-            self._store.add_event,
-            event["severity"],
-            event["code"],
-            event["text"],
-            bench=bench,
-            run_id=event["run_id"],
-            campaign_id=campaign_id,
-        )
-        self._broadcaster.publish({"type": "event"} | asdict(record))

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from bench_service.errors import BadRequestError, ConflictError
-from bench_service.jobs.modelling import RunInput, compare_runs, fit
-from bench_service.jobs.runner import Job, JobRunner
+from bench_service.jobs.modelling import RunInput, compare_runs, compare_series, fit, observer_figures
+from bench_service.jobs.runner import Job, JobFunction, JobRunner
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import OPEN_RUN_STATES, ComparisonRecord, Json, ModelRecord
-from models.local_model_network import LocalModelNetwork
+from bench_service.store.records import OPEN_RUN_STATES, ComparisonRecord, Json, ModelRecord, RunRecord
+
+# Curves of one comparison are asked for again by every open page, and never change.
+_KEPT_SERIES = 8
+_MOST_SERIES_POINTS = 200_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +51,7 @@ class Modelling:
         self._jobs = jobs
         self._data_dir = data_dir
         self._code_version = code_version
+        self._series: dict[tuple[str, int], asyncio.Task[bytes]] = {}
 
     async def start_fit(self, order: FitOrder) -> Job:
         """Queue a fit; the job's result is ``{"model_id", "metrics"}``.
@@ -79,6 +84,9 @@ class Modelling:
 
     def import_model(self, document: Json, name: str) -> ModelRecord:
         """Store a MODEL.json from elsewhere; raises `ModelError` if it is none."""
+        # Here and not above: the first import in a service's life pays for it, not its start.
+        from models.local_model_network import LocalModelNetwork
+
         network = LocalModelNetwork.from_json(document)
         return self._store.add_model(
             document,
@@ -104,11 +112,70 @@ class Modelling:
         """
         document = await asyncio.to_thread(self._store.model_document, model_id)
         runs = await asyncio.to_thread(self._inputs, run_ids, "run_ids", initial_soc)
-        queued = self._jobs.submit("comparison", compare_runs, self._data_dir, document, runs)
+        result = await self._result("comparison", compare_runs, document, runs)
+        return await asyncio.to_thread(self._keep_comparison, model_id, run_ids, result, initial_soc, campaign_id)
+
+    async def comparison_series(self, comparison_id: str, max_points: int) -> bytes:
+        """Give the curves behind a comparison as JSON, see `jobs.modelling.compare_series`; computed in a worker.
+
+        Parameters
+        ----------
+        comparison_id : str
+        max_points : int
+            Of each run; fewer where many runs were compared.
+
+        Raises
+        ------
+        NotFoundError
+            No such comparison.
+        BadRequestError
+            The samples cannot be compared any more.
+        """
+        key = (comparison_id, max_points)
+        if key not in self._series:
+            task = asyncio.create_task(self._compute_series(comparison_id, max_points))
+            task.add_done_callback(lambda done: self._drop_failed(key, done))
+            self._series[key] = task
+            while len(self._series) > _KEPT_SERIES:
+                del self._series[next(iter(self._series))]
+        # Shared by all who ask meanwhile: the first one who gives up must not end it for the others.
+        return await asyncio.shield(self._series[key])
+
+    async def soc_figures(self, run: RunRecord) -> Json:
+        """Judge a run's live observer by counted charge, see `jobs.modelling.observer_figures`."""
+        return await self._result("observation", observer_figures, RunInput(run.id, run.initial_soc), run.capacity_Ah)
+
+    async def _compute_series(self, comparison_id: str, max_points: int) -> bytes:
+        document, runs = await asyncio.to_thread(self._series_inputs, comparison_id)
+        points = max(2, min(max_points, _MOST_SERIES_POINTS // len(runs)))
+        text: list[bytes] = []
+
+        def keep(result: Json) -> Json:
+            # Kept here, as text, and not in the job's record, of which there are hundreds.
+            text.append(json.dumps(result, allow_nan=False, separators=(",", ":")).encode())
+            return {"comparison_id": comparison_id}
+
+        queued = self._jobs.submit("series", compare_series, self._data_dir, document, runs, points, store=keep)
+        await self._ended(queued)
+        return text[0]
+
+    def _series_inputs(self, comparison_id: str) -> tuple[Json, list[RunInput]]:
+        record = self._store.comparison(comparison_id)
+        document = self._store.model_document(record.model_id)
+        return document, [self._input(run_id, record.initial_soc) for run_id in record.run_ids]
+
+    def _drop_failed(self, key: tuple[str, int], done: asyncio.Task[bytes]) -> None:
+        if (done.cancelled() or done.exception() is not None) and self._series.get(key) is done:
+            del self._series[key]
+
+    async def _result(self, kind: str, function: JobFunction, *arguments: object) -> Json:
+        return await self._ended(self._jobs.submit(kind, function, self._data_dir, *arguments))
+
+    async def _ended(self, queued: Job) -> Json:
         job = await self._jobs.wait(queued.id)
         if job.result is None:
-            raise BadRequestError(f"the comparison failed: {job.error}")
-        return await asyncio.to_thread(self._keep_comparison, model_id, run_ids, job.result, initial_soc, campaign_id)
+            raise BadRequestError(f"the {job.kind} failed: {job.error}")
+        return job.result
 
     def _keep_comparison(
         self, model_id: str, run_ids: Sequence[str], result: Json, initial_soc: float | None, campaign_id: str | None

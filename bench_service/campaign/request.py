@@ -6,12 +6,16 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from bench_service.campaign.benches import Bench
+from bench_service.campaign.standing import Standing
 from bench_service.errors import BadRequestError
 
 # The mildest defaults that still show resistance and dynamics: twice the capacity out, once in.
 _DISCHARGE_C_RATE = -2.0
 _CHARGE_C_RATE = 1.0
 _SOC_WINDOW = (0.1, 0.9)
+_SHORTEST_S = 15_000.0
+# Duration over the time in which the weaker of the two currents alone would move the charge.
+_TIME_RATIO = 7500.0 / 3600.0
 # The live observer starts this far from the counted state of charge, so that its convergence is seen.
 OBSERVER_OFFSET_SOC = 0.2
 
@@ -30,6 +34,7 @@ class CampaignRequest:
     current_A : (low, high) that the profiles use
     soc : (low, high) window that the profiles stay in
     initial_soc : where the cell stands at the start
+    initial_soc_from : where that is known from, for people
     structure : "full" or "minimal"
     """
 
@@ -42,6 +47,7 @@ class CampaignRequest:
     current_A: tuple[float, float]
     soc: tuple[float, float]
     initial_soc: float
+    initial_soc_from: str
     structure: str
 
     def to_json(self) -> dict[str, Any]:
@@ -49,7 +55,7 @@ class CampaignRequest:
         return asdict(self)
 
 
-def complete(bench: Bench, given: dict[str, Any]) -> CampaignRequest:
+def complete(bench: Bench, given: dict[str, Any], last: Standing | None) -> CampaignRequest:
     """Fill in what the client left out from the bench.
 
     Parameters
@@ -57,28 +63,50 @@ def complete(bench: Bench, given: dict[str, Any]) -> CampaignRequest:
     bench : Bench
     given : dict
         Fields of `CampaignRequest`; None or absent where the client says nothing.
+    last : Standing or None
+        Where the bench's last run has left the cell, see `standing.last_standing`.
 
     Raises
     ------
     BadRequestError
-        Something is needed that neither client nor configuration gives.
+        Something is needed that neither client nor configuration nor an earlier run gives.
     """
     wanted = {key: value for key, value in given.items() if value is not None}
+    standing = _standing(bench, wanted, last)
     capacity_Ah = wanted.get("capacity_Ah", bench.config.capacity_Ah)
     low_A, high_A = bench.limits.current_A
-    simulate = bench.config.simulate
-    initial_soc = wanted.get("initial_soc", None if simulate is None else simulate.initial_soc)
-    if initial_soc is None:
-        raise BadRequestError(
-            "the state of charge at the start is not known", ("initial_soc",), remedy="give initial_soc as a fraction"
-        )
     defaults = {
         "name": f"campaign on {bench.name}",
         "seed": 1,
         "dt_s": 1.0,
-        "duration_s": 14_000.0,
+        "capacity_Ah": capacity_Ah,
         "current_A": (max(low_A, _DISCHARGE_C_RATE * capacity_Ah), min(high_A, _CHARGE_C_RATE * capacity_Ah)),
         "soc": (max(_SOC_WINDOW[0], bench.limits.soc[0]), min(_SOC_WINDOW[1], bench.limits.soc[1])),
         "structure": "full",
     }
-    return CampaignRequest(**(defaults | wanted | {"capacity_Ah": capacity_Ah, "initial_soc": float(initial_soc)}))
+    stated = defaults | wanted | {"initial_soc": standing.soc, "initial_soc_from": standing.source}
+    stated.setdefault("duration_s", _duration_s(stated))
+    return CampaignRequest(**stated)
+
+
+def _duration_s(stated: dict[str, Any]) -> float:
+    """Long enough for the whole window down and up, from wherever the cell stands."""
+    (low, high), (low_A, high_A) = stated["soc"], stated["current_A"]
+    if not low_A < 0 < high_A:
+        return _SHORTEST_S  # no plan at all: refused with its own reason
+    way_Ah = (2.0 * (high - low) + high - stated["initial_soc"]) * stated["capacity_Ah"]
+    return max(_SHORTEST_S, float(round(_TIME_RATIO * 3600.0 * way_Ah / min(-low_A, high_A))))
+
+
+def _standing(bench: Bench, wanted: dict[str, Any], last: Standing | None) -> Standing:
+    if "initial_soc" in wanted:
+        return Standing(float(wanted["initial_soc"]), "the request")
+    if last is not None:
+        return last
+    if bench.config.simulate is not None:
+        return Standing(bench.config.simulate.initial_soc, "the configuration")
+    raise BadRequestError(
+        "the state of charge at the start is not known: the bench's last run has not completed, or there is none",
+        ("initial_soc",),
+        remedy="give initial_soc as a fraction",
+    )

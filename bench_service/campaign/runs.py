@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,12 +15,14 @@ from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.journal import Journal
 from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import RunRecord
+from bench_service.store.records import RunRecord, RunState, Severity
 from bench_service.store.samples import SampleReader
 
 _log = logging.getLogger(__name__)
 _RECORDER_S = 15.0
 _LOOK_S = 0.1
+_RETRY_S = 2.0
+_SEVERITY: dict[str, Severity] = {"completed": "info", "stopped": "warning"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,6 +63,7 @@ class Runs:
         self._journal = journal
         self._code_version = code_version
         self._claimed: set[str] = set()
+        self._closing = asyncio.Event()
         self._to_stop: dict[str, str] = {}
         self._ends: dict[str, asyncio.Task[None]] = {}
         self._open: dict[str, asyncio.Event] = {}
@@ -79,11 +83,22 @@ class Runs:
         """
         bench = benches.get(order.bench)
         request = await asyncio.to_thread(self._check, bench, order)
-        self._claim(bench)
+        self._refuse_offline(bench)
+        self.refuse_busy(bench)
+        # Two orders at once: the first one holds the bench while its intent is written down.
+        self._claimed.add(bench.name)
         try:
             return await self._start(bench, order, request)
         finally:
             self._claimed.discard(bench.name)
+
+    def refuse_busy(self, bench: Bench) -> None:
+        """Raise `BenchBusyError` if a run is on the bench or a fault is latched; an offline bench is not busy."""
+        status = bench.supervisor.status
+        if bench.name in self._claimed or bench.name in self._on_bench.values():
+            raise BenchBusyError(f"bench {bench.name!r} is busy with another run; stop it or wait")
+        if status.state == "fault":
+            raise BenchBusyError(f"bench {bench.name!r} has a fault: {status.reason}; acknowledge it first")
 
     def stop(self, benches: Benches, run: RunRecord, reason: str) -> None:
         """Bring a run to its end; one that has ended is left as it is."""
@@ -121,6 +136,7 @@ class Runs:
 
     async def close(self) -> None:
         """Wait until all ends are written down; the benches have been closed before."""
+        self._closing.set()
         await asyncio.gather(*self._ends.values(), return_exceptions=True)
 
     def _check(self, bench: Bench, order: RunOrder) -> RunRequest:
@@ -146,16 +162,10 @@ class Runs:
             settle_s=bench.config.settle_s,
         )
 
-    def _claim(self, bench: Bench) -> None:
-        # Two orders at once: the first one holds the bench while its intent is written down.
+    def _refuse_offline(self, bench: Bench) -> None:
         status = bench.supervisor.status
-        if bench.name in self._claimed or bench.name in self._on_bench.values():
-            raise BenchBusyError(f"bench {bench.name!r} is busy with another run; stop it or wait")
         if status.state == "offline":
             raise BenchOfflineError(f"bench {bench.name!r} is offline: {status.reason}; check cycler and link")
-        if status.state == "fault":
-            raise BenchBusyError(f"bench {bench.name!r} has a fault: {status.reason}; acknowledge it first")
-        self._claimed.add(bench.name)
 
     async def _start(self, bench: Bench, order: RunOrder, request: RunRequest) -> RunRecord:
         record = await self._journal.write(self._write_intent, order, request)
@@ -164,11 +174,16 @@ class Runs:
         try:
             bench.supervisor.start_run(replace(request, run_id=record.id))
         except ServiceError as error:
-            await self._journal.write(self._store.end_run, record.id, "fault", f"not started: {error}", n_samples=0)
+            end = (record.id, "fault", f"not started: {error}")
+            self._note_end(await self._journal.write(self._store.end_run, *end, n_samples=0))
             self._forget(record.id)
             raise
         # Queued before the run's end can be: the journal keeps the order.
-        return await self._journal.write(self._store.start_run, record.id)
+        started = await self._journal.write(self._store.start_run, record.id)
+        duration_s = float(request.time_s[-1])
+        text = f"{_called(started)} started: {duration_s:g} s, a sample each {order.dt_s:g} s, from SoC "
+        self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}")
+        return started
 
     def _write_intent(self, order: RunOrder, request: RunRequest) -> RunRecord:
         return self._store.add_run(
@@ -192,11 +207,29 @@ class Runs:
         try:
             if ended["n_samples"] is None:
                 counts |= await self._stored(run_id)
-            await self._journal.write(self._store.end_run, run_id, state, reason, **counts)
-        except ServiceError:
-            _log.exception("the end of run %s (%s: %s) could not be written down", run_id, state, reason)
+            while not await self._write_end(run_id, state, reason, counts) and not self._closing.is_set():
+                # A full disk has room again some day; until then nobody may read that the run never ended.
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(self._closing.wait(), _RETRY_S)
         finally:
             self._forget(run_id)
+
+    async def _write_end(self, run_id: str, state: RunState, reason: str | None, counts: dict[str, Any]) -> bool:
+        try:
+            self._note_end(await self._journal.write(self._store.end_run, run_id, state, reason, **counts))
+        except ServiceError:
+            _log.exception("the end of run %s (%s: %s) could not be written down", run_id, state, reason)
+            return False
+        return True
+
+    def _note_end(self, run: RunRecord) -> None:
+        because = "" if run.reason is None else f": {run.reason}"
+        text = f"{_called(run)} ended as {run.state}{because}; {run.n_samples or 0} samples stored"
+        self._note(run, _SEVERITY.get(run.state, "error"), f"run_{run.state}", text)
+
+    def _note(self, run: RunRecord, severity: Severity, code: str, text: str) -> None:
+        event = {"severity": severity, "code": code, "text": text, "run_id": run.id}
+        self._journal.note(run.bench, event, run.campaign_id)
 
     async def _stored(self, run_id: str) -> dict[str, Any]:
         """What the recorder has of a run whose control process has died; it closes the run a moment later."""
@@ -214,3 +247,7 @@ class Runs:
         self._ends.pop(run_id, None)
         if run_id in self._open:
             self._open.pop(run_id).set()
+
+
+def _called(run: RunRecord) -> str:
+    return f"run {run.name or run.id[:8]!r}"

@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from bench_service.campaign.benches import Benches
 from bench_service.campaign.modelling import FitOrder, Modelling
+from bench_service.campaign.plan import TRAIN, VALIDATE, plan_profiles
 from bench_service.campaign.request import OBSERVER_OFFSET_SOC, CampaignRequest
 from bench_service.campaign.runs import RunOrder, Runs
 from bench_service.errors import ServiceError
+from bench_service.jobs.counting import counted_soc
 from bench_service.jobs.runner import JobRunner
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import RunRecord
 from bench_service.store.samples import SampleReader
-from bench_service.streams import OBSERVER
-from models.design import Profile, StepProfileRequest, step_profile
-from models.observer.accuracy import soc_figures
 
 STAGES = ("design", "run", "fit", "observe", "compare", "report")
 # How much of the time each stage takes on a simulated bench; only the progress bar uses it.
 _SHARES = {"design": 0.01, "run": 0.33, "fit": 0.3, "observe": 0.33, "compare": 0.02, "report": 0.01}
 _LOOK_S = 0.25
-TRAIN, VALIDATE = "train", "validate"
+# Longest wait for a bench that is being connected, as all are in the first seconds of a service.
+_BENCH_TIMEOUT_S = 20.0
+# A run that takes longer to end goes on ending; whoever stops a campaign gets an answer.
+_REST_TIMEOUT_S = 3.0
 
 Report = Callable[[str, float, str], None]
 
@@ -103,22 +104,28 @@ class Story:
         return self._done.result
 
     async def stop(self) -> None:
-        """Bring what runs to rest."""
-        for run in self._workshop.store.runs(campaign_id=self._id, limit=10):
-            self._workshop.runs.stop(self._workshop.benches, run, "the campaign was stopped")
+        """Bring what runs to rest, and wait a moment for that."""
+        runs = self._workshop.runs
+        found = self._workshop.store.runs(campaign_id=self._id, limit=10)
+        for run in found:
+            runs.stop(self._workshop.benches, run, "the campaign was stopped")
+        endings = [asyncio.create_task(runs.wait(run.id)) for run in found]
+        if endings:
+            _, late = await asyncio.wait(endings, timeout=_REST_TIMEOUT_S)
+            for ending in late:
+                ending.cancel()
 
     async def _design(self) -> str:
-        """Design one profile for identification and another, from other random numbers, for judgement."""
         request = self._request
-        soc = request.initial_soc
-        for number, role in enumerate((TRAIN, VALIDATE)):
-            profile = await asyncio.to_thread(_profile, request, soc, number)
+        for role, profile in (await asyncio.to_thread(plan_profiles, request)).items():
             record = await asyncio.to_thread(
                 self._workshop.store.add_profile, f"{request.name}: {role}", profile.time_s, profile.current_A
             )
             self._done.profiles[role] = record.id
-            soc = float(profile.soc(soc, request.capacity_Ah)[-1])
-        return f"2 profiles of {request.duration_s:g} s, SoC {request.soc[0]:.0%} to {request.soc[1]:.0%} and back"
+        return (
+            f"2 profiles of {request.duration_s:g} s, SoC {request.soc[0]:.0%} to {request.soc[1]:.0%} and back, "
+            f"from {request.initial_soc:.1%}"
+        )
 
     async def _run(self) -> str:
         run = await self._play("run", TRAIN, self._request.initial_soc, None, None)
@@ -164,7 +171,7 @@ class Story:
 
     async def _write_report(self) -> str:
         runs = self._done.runs
-        soc = await asyncio.to_thread(self._live_soc, runs[VALIDATE])
+        soc = await self._workshop.modelling.soc_figures(runs[VALIDATE])
         self._done.result = {
             "runs": [
                 {"run_id": run.id, "role": role, "n_samples": run.n_samples, "missed_ticks": run.missed_ticks}
@@ -176,7 +183,14 @@ class Story:
             "train": self._done.fit["train"],
             "validation": self._done.comparison["overall"],
             "sensor_noise_mV": self._done.comparison["noise_floor_mV"],
-            "soc": soc,
+            "soc": {
+                "rmse": soc["soc_rmse"],
+                "max_error": soc["soc_max_error"],
+                "end_error": soc["soc_end_error"],
+                "converged_after_s": soc["converged_after_s"],
+                "coverage_95": soc["coverage_95"],
+                "started_off_by": OBSERVER_OFFSET_SOC,
+            },
             "model_chain": [
                 {
                     "model": self._done.model_id,
@@ -204,7 +218,8 @@ class Story:
             seed=request.seed,
             campaign_id=self._id,
         )
-        started = await self._workshop.runs.start(self._workshop.benches, order)
+        await self._await_bench(stage)
+        started = await self._start(order)
         waiting = asyncio.create_task(self._workshop.runs.wait(started.id))
         try:
             while not waiting.done():
@@ -221,58 +236,32 @@ class Story:
         self._done.runs[role] = run
         return run
 
+    async def _await_bench(self, stage: str) -> None:
+        """Wait for a bench that is not there yet; one that stays away is refused when its run starts."""
+        supervisor = self._workshop.benches.get(self._request.bench).supervisor
+        if supervisor.status.state == "offline":
+            self._report(stage, 0.0, f"waiting for the bench: {supervisor.status.reason}")
+            with contextlib.suppress(TimeoutError):
+                await supervisor.wait_for("idle", "running", "stopping", "fault", timeout_s=_BENCH_TIMEOUT_S)
+
+    async def _start(self, order: RunOrder) -> RunRecord:
+        """Start a run; a campaign that is stopped meanwhile goes on only when there is a run to stop, or none."""
+        starting = asyncio.ensure_future(self._workshop.runs.start(self._workshop.benches, order))
+        try:
+            return await asyncio.shield(starting)
+        except asyncio.CancelledError:
+            await asyncio.wait({starting})
+            starting.exception()  # seen; the campaign's own end says more
+            raise
+
     async def _soc_after(self, run: RunRecord) -> float:
         """State of charge at the end of a run by counting what was measured."""
         data = await asyncio.to_thread(self._workshop.samples.read, run.id)
         time_s, current_A = data.columns["time_s"], data.columns["current_A"]
         return float(counted_soc(time_s, current_A, run.initial_soc, run.capacity_Ah)[-1])
 
-    def _live_soc(self, run: RunRecord) -> dict[str, Any]:
-        """Judge the live observer by the counter, which started at the right state of charge."""
-        samples = self._workshop.samples.read(run.id)
-        estimate = self._workshop.samples.read(run.id, OBSERVER)
-        reference = counted_soc(
-            samples.columns["time_s"], samples.columns["current_A"], run.initial_soc, run.capacity_Ah
-        )
-        at = np.searchsorted(samples.columns["time_s"], estimate.columns["time_s"])
-        figures = soc_figures(
-            estimate.columns["time_s"],
-            estimate.columns["soc"],
-            estimate.columns["soc_std"],
-            reference[np.minimum(at, len(reference) - 1)],
-        )
-        return {
-            "rmse": figures["soc_rmse"],
-            "max_error": figures["soc_max_error"],
-            "end_error": figures["soc_end_error"],
-            "converged_after_s": figures["converged_after_s"],
-            "coverage_95": figures["coverage_95"],
-            "started_off_by": OBSERVER_OFFSET_SOC,
-        }
-
-
-def counted_soc(time_s: np.ndarray, current_A: np.ndarray, initial_soc: float, capacity_Ah: float) -> np.ndarray:
-    """State of charge by counting measured current (backward hold; a missing current counts as none)."""
-    charge_As = np.concatenate([[0.0], np.cumsum(np.nan_to_num(current_A[1:]) * np.diff(time_s))])
-    return initial_soc + charge_As / (3600.0 * capacity_Ah)
-
 
 def overall_progress(stage: str, share: float) -> float:
     """Share 0..1 of the whole campaign."""
     before = sum(_SHARES[s] for s in STAGES[: STAGES.index(stage)])
     return min(before + _SHARES[stage] * share, 1.0)
-
-
-def _profile(request: CampaignRequest, initial_soc: float, number: int) -> Profile:
-    low, high = request.soc
-    return step_profile(
-        StepProfileRequest(
-            capacity_Ah=request.capacity_Ah,
-            current_A=request.current_A,
-            soc=request.soc,
-            initial_soc=min(max(initial_soc, low), high),
-            duration_s=request.duration_s,
-            dt_s=request.dt_s,
-        ),
-        np.random.default_rng([request.seed, number]),
-    )

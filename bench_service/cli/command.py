@@ -30,11 +30,17 @@ class Command:
     run: Callable[[Namespace, Output], int]
 
 
-def find_commands() -> list[Command]:
-    """Return all commands, by name. Their modules import what is slow to import only when they run."""
+def find_commands(wanted: str | None = None) -> list[Command]:
+    """Return the wanted command, or all of them, by name. Modules import what is slow to import when they run.
+
+    The module of a command has its name, with ``_`` for ``-``. Only the wanted one is imported: one that cannot be
+    must not stand in the way of the others, of `simulate` in a running service least of all.
+    """
+    names = [module.name for module in pkgutil.iter_modules(commands.__path__)]
+    module_name = (wanted or "").replace("-", "_")
     found = []
-    for module in pkgutil.iter_modules(commands.__path__):
-        candidate = getattr(importlib.import_module(f"{commands.__name__}.{module.name}"), "COMMAND", None)
+    for name in [module_name] if module_name in names else names:
+        candidate = getattr(importlib.import_module(f"{commands.__name__}.{name}"), "COMMAND", None)
         if isinstance(candidate, Command):
             found.append(candidate)
     return sorted(found, key=lambda command: command.name)

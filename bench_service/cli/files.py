@@ -7,7 +7,7 @@ from argparse import ArgumentParser
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
@@ -86,12 +86,16 @@ def read_structure(name: str) -> str | Structure:
 
 def _read_json(path: Path, what: str) -> Any:
     try:
-        return json.loads(path.read_bytes())
+        return json.loads(path.read_bytes(), parse_constant=_refuse_constant)
     except OSError as error:
         reason = "no such file" if isinstance(error, FileNotFoundError) else error.strerror or str(error)
         raise UsageError(f"{path}: {reason}") from error
     except ValueError as error:
         raise UsageError(f"{path}: is not {what}: not valid JSON ({error})") from error
+
+
+def _refuse_constant(token: str) -> NoReturn:
+    raise ValueError(f"{token} is not a JSON number; every number must be finite")
 
 
 def write_document(path: Path, document: dict[str, Any]) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from argparse import Namespace
 from collections.abc import Sequence
 from importlib.metadata import version
 
@@ -23,12 +24,18 @@ _BAD_REQUESTS = frozenset({404, 409, 413, 415, 422})
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit status."""
-    options = _parser(find_commands()).parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    try:
+        options = _parser(find_commands(arguments[0] if arguments else None)).parse_args(arguments)
+        return _run(options)
+    except KeyboardInterrupt:
+        return _complain("interrupted", _FAILED)
+
+
+def _run(options: Namespace) -> int:
     command: Command = options.command
     try:
         return command.run(options, Output(options.json))
-    except KeyboardInterrupt:
-        return _complain("interrupted", _FAILED)
     except BrokenPipeError:
         # Whoever read our output has gone; Python would complain once more when it flushes at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -69,10 +76,13 @@ def _status(error: Exception) -> int:
     from bench_service.client import ClientError
     from bench_service.config import ConfigError
     from bench_service.errors import BadRequestError, ConflictError, NotFoundError
+    from bench_service.simulation import SimulationError
     from drivers.errors import BadMapError
     from models.errors import ModelError
 
     if isinstance(error, ClientError):
         return _BAD_INPUT if error.status in _BAD_REQUESTS else _FAILED
-    bad_input = (UsageError, ConfigError, BadRequestError, ConflictError, NotFoundError, BadMapError, ModelError)
+    # A simulator that does not start was configured with a map, a cell or an effect that there is not.
+    configured = (ConfigError, BadMapError, SimulationError)
+    bad_input = (UsageError, BadRequestError, ConflictError, NotFoundError, ModelError, *configured)
     return _BAD_INPUT if isinstance(error, bad_input) else _FAILED

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench_service.cli.errors import UsageError
@@ -42,10 +44,27 @@ def connected(config: ServiceConfig, bench: str) -> Iterator[BenchClient]:
             _await_bench(client, bench)
             yield client
         return
+    check_data_dir(config.data_dir)
     if bench not in config.bench:
         raise UsageError(f"unknown bench {bench!r}; the configuration has {', '.join(sorted(config.bench))}")
     with own_service(config.model_copy(update={"bench": {bench: config.bench[bench]}}), bench) as client:
         yield client
+
+
+def check_data_dir(path: Path) -> None:
+    """Refuse a data directory that cannot be one; what goes wrong in a good one later is no bad input.
+
+    Raises
+    ------
+    UsageError
+        It, or what it would be made in, is no directory or not writable.
+    """
+    there = path.absolute()
+    while not there.exists() and there != there.parent:
+        there = there.parent
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        why = "is not writable" if there.is_dir() else "is not a directory"
+        raise UsageError(f"data directory {path}: {there} {why}; choose another (data_dir, or BENCH_DATA_DIR)")
 
 
 @contextmanager
@@ -81,6 +100,7 @@ class _OwnService:
         self._config = config
         self._thread = threading.Thread(target=self._main, name="service")
         self._answered = threading.Event()
+        self._leaving = False
         self._url: str | None = None
         self._error: BaseException | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -88,8 +108,8 @@ class _OwnService:
 
     def __enter__(self) -> str:
         """Start, and give the address."""
-        self._thread.start()
         try:
+            self._thread.start()
             self._answered.wait(_START_TIMEOUT_S)
         except KeyboardInterrupt:
             self._stop()
@@ -104,9 +124,12 @@ class _OwnService:
         self._stop()
 
     def _stop(self) -> None:
-        if self._loop is not None and self._end is not None and self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._end.set)
-        self._thread.join()
+        self._leaving = True  # before the loop is looked for: a thread that has none yet looks here when it has
+        if self._loop is not None and self._end is not None:
+            with suppress(RuntimeError):  # the loop has ended by itself
+                self._loop.call_soon_threadsafe(self._end.set)
+        if self._thread.ident is not None:
+            self._thread.join()
 
     def _main(self) -> None:
         try:
@@ -119,7 +142,9 @@ class _OwnService:
     async def _serve(self) -> None:
         from bench_service.app.server import running_server
 
-        self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        self._end, self._loop = asyncio.Event(), asyncio.get_running_loop()
+        if self._leaving:
+            return
         async with running_server(self._config) as url:
             self._url = url
             self._answered.set()

@@ -1,20 +1,31 @@
-"""What worker processes do with models; arguments and results are plain data, the samples they read themselves."""
+"""What worker processes do with models; arguments and results are plain data, the samples they read themselves.
+
+The models are imported inside the functions: the service names these functions without ever calling them, and would
+pay a second of its start for libraries that only workers use.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench_service.errors import BadRequestError
+from bench_service.jobs.counting import counted_soc
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.series import read_series
-from models.comparison import compare
-from models.identification import fit_network
-from models.local_model_network import LocalModelNetwork
+from bench_service.store.decimation import kept_rows
+from bench_service.store.samples import SampleReader
+from bench_service.streams import OBSERVER
+
+if TYPE_CHECKING:
+    from models.comparison import RunComparison
+    from models.timeseries import TimeSeries
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +51,8 @@ def fit(
     dict
         ``document`` (MODEL.json) and ``metrics`` (the ``fit`` object of the public contract, without its paths).
     """
+    from models.identification import fit_network
+
     report(0.0, "reading samples")
     result = fit_network(
         read_series(data_dir, [run.run_id for run in train]),
@@ -65,16 +78,82 @@ def compare_runs(
     report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput]
 ) -> dict[str, Any]:
     """Compare a model with stored runs; gives the ``compare`` object of the public contract."""
+    from models.comparison import compare
+    from models.local_model_network import LocalModelNetwork
+
     series = read_series(data_dir, [run.run_id for run in runs])
     return plain(compare(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs]))
 
 
+def compare_series(
+    report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput], max_points: int
+) -> dict[str, Any]:
+    """Free run of a model beside stored runs, thinned for a picture.
+
+    Parameters
+    ----------
+    document : dict
+        MODEL.json.
+    max_points : int
+        Largest number of points of each run; the extremes of all three curves stay.
+
+    Returns
+    -------
+    dict
+        ``runs``: of each run ``run_id`` and, on the model's grid, ``time_s`` (from the run's start), ``measured_V``,
+        ``model_V`` and ``residual_mV`` (measured minus model); null where a value is missing.
+    """
+    from models.comparison import simulate_runs
+    from models.local_model_network import LocalModelNetwork
+
+    series = read_series(data_dir, [run.run_id for run in runs])
+    compared = simulate_runs(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs])
+    pairs = zip(series, compared, strict=True)
+    return plain({"runs": [_curves(each, beside, max_points) for each, beside in pairs]})
+
+
+def observer_figures(report: Reporter, data_dir: Path, run: RunInput, capacity_Ah: float) -> dict[str, Any]:
+    """Judge the live observer of a stored run by the charge counted from a start that is known.
+
+    Returns
+    -------
+    dict
+        See `models.observer.accuracy.soc_figures`.
+
+    Raises
+    ------
+    BadRequestError
+        No observer has run in it.
+    """
+    from models.observer.accuracy import soc_figures
+
+    with closing(SampleReader(data_dir)) as reader:
+        samples, estimate = reader.read(run.run_id).columns, reader.read(run.run_id, OBSERVER).columns
+    if not samples or not estimate:
+        raise BadRequestError("no observer ran in the run", ("run", run.run_id))
+    reference = counted_soc(samples["time_s"], samples["current_A"], run.initial_soc, capacity_Ah)
+    at = np.searchsorted(samples["time_s"], estimate["time_s"])
+    reference = reference[np.minimum(at, len(reference) - 1)]
+    return plain(soc_figures(estimate["time_s"], estimate["soc"], estimate["soc_std"], reference))
+
+
 def plain(value: Any) -> Any:
-    """Turn numpy scalars and tuples into what JSON knows; NaN and infinity become null."""
+    """Turn numpy scalars, arrays and tuples into what JSON knows; NaN and infinity become null."""
     if isinstance(value, dict):
         return {str(name): plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
         return [plain(part) for part in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _curves(series: TimeSeries, beside: RunComparison, max_points: int) -> dict[str, Any]:
+    curves = {
+        "measured_V": beside.run.voltage_V,
+        "model_V": beside.simulated_V,
+        "residual_mV": -1e3 * beside.residual_V,  # the models' residual is simulated minus measured
+    }
+    rows = kept_rows(curves, len(beside.run), max_points, tuple(curves))
+    times_s = series.time_s[0] + beside.run.time_s
+    return {"run_id": series.name, "time_s": times_s[rows]} | {name: values[rows] for name, values in curves.items()}

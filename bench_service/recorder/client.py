@@ -49,7 +49,10 @@ class RecorderProcess:
         command += ["--data", str(data_dir.absolute()), "--commit-period-s", str(commit_period_s)]
         command += ["--lock-timeout-s", str(lock_timeout_s)]
         with theirs:
-            process = subprocess.Popen(command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, **popen)
+            # A group of its own: Ctrl-C is for the service, also before the recorder can ignore it.
+            process = subprocess.Popen(
+                command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, process_group=0, **popen
+            )
         ours.settimeout(lock_timeout_s + _START_S)
         try:
             frame = recv_frame(ours)

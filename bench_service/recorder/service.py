@@ -69,7 +69,7 @@ class Recorder:
         self._catch_signals()
         self._lifeline.send({"op": "ready"})
         try:
-            while self._links or not self._ending:
+            while self._links or not self._ending or self._asked():
                 self._turn()
             self._commit()
         except StoreError as error:
@@ -77,6 +77,13 @@ class Recorder:
             return EXIT_WRITE_FAILED
         self._writer.close()
         return EXIT_DONE
+
+    def _asked(self) -> bool:
+        """Whether a bench that was handed over before the order to end has not been taken in yet."""
+        if self._lifeline.sock.fileno() < 0:
+            return False
+        ready = {key.fileobj for key, events in self._selector.select(0) if events & selectors.EVENT_READ}
+        return self._lifeline.sock in ready
 
     def _turn(self) -> None:
         """Wait for something to happen, or for the next commit."""

@@ -57,7 +57,7 @@ class WriterLock:
         Raises
         ------
         StoreError
-            Another process holds it, or the file cannot be created.
+            Another process holds it, or the file cannot be written.
         """
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -71,7 +71,11 @@ class WriterLock:
                 os.close(descriptor)
                 raise StoreError(_held_text(path, holder))
             time.sleep(_POLL_S)
-        return cls(path, descriptor)
+        try:
+            return cls(path, descriptor)
+        except OSError as error:
+            os.close(descriptor)
+            raise StoreError(f"cannot write lock file {path}: {error.strerror}; see to the disk") from error
 
     def announce(self, url: str | None) -> None:
         """Write who holds the lock; `url` is the address where the service answers."""
@@ -91,7 +95,7 @@ def lock_holder(path: Path) -> LockHolder | None:
     """Return who holds the lock file `path`, or None when nobody does."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     try:
         return None if _try_lock(descriptor, fcntl.LOCK_SH) else _read_holder(descriptor)

@@ -77,7 +77,7 @@ def step_profile(request: StepProfileRequest, rng: np.random.Generator) -> Profi
     level_s = (request.duration_s - request.final_rest_s) / len(levels)
     for number, level in enumerate(levels):
         _level(builder, request, float(level), level_s, (number + 1) * level_s, rng)
-    builder.rest(max(request.duration_s - builder.elapsed_s, request.dt_s))
+    builder.rest(request.duration_s - builder.elapsed_s)
     return builder.profile()
 
 
@@ -182,8 +182,10 @@ def _check(request: StepProfileRequest) -> None:
     way = 2.0 * (high - low) + high - request.initial_soc
     move_s = way * 3600.0 * request.capacity_Ah / min(-low_A, high_A)
     needed_s = move_s / max(1.0 - _STEP_SHARE - 2.0 * _PULSE_SHARE * (1.0 + REST_RATIO), 1e-9)
-    if request.duration_s - request.final_rest_s < needed_s:
+    needed_s += request.final_rest_s
+    if request.duration_s < needed_s:
+        rest = f" and to rest {request.final_rest_s:g} s" if request.final_rest_s else ""
         raise ModelError(
-            f"{request.duration_s - request.final_rest_s:g} s do not suffice to move SoC {low:g}..{high:g} down and up at "
-            f"{low_A:g}..{high_A:g} A: at least {needed_s:.0f} s are needed"
+            f"{request.duration_s:g} s do not suffice to move SoC {low:g}..{high:g} down and up at "
+            f"{low_A:g}..{high_A:g} A{rest}: at least {needed_s:.0f} s are needed"
         )

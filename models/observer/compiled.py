@@ -27,6 +27,8 @@ N_CONSTANTS = 9
 # Columns of the output row.
 SOC_OUT, SOC_STD_OUT, VOLTAGE_OUT, INNOVATION_OUT, INNOVATION_STD_OUT = range(5)
 N_OUT = 5
+# How far the estimate may leave 0..1.
+SOC_SLACK = 0.05
 # The steady-state gains take over once the SoC's variance is within this factor of theirs.
 START_UP_RATIO = 1.5
 
@@ -204,6 +206,8 @@ def step(
             for r in range(size):
                 for c in range(size):
                     covariance[r, c] += k_gain[r] * constants[3] * k_gain[c]
+    # A state of charge beyond empty or full is no estimate; the slack leaves room for a capacity that is a little off.
+    x[size - 1] = min(max(x[size - 1], -SOC_SLACK), 1.0 + SOC_SLACK)
     for lag in range(history.shape[0] - 1, 0, -1):
         for s in range(n_signals):
             history[lag, s] = history[lag - 1, s]

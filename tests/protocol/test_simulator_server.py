@@ -327,12 +327,16 @@ async def test_watchdog_on_the_wall_clock() -> None:
         assert await c.command(0.0, tick=1) == bytes.fromhex("90 03")  # no lock-step here
 
 
-async def test_watchdog_runs_in_simulated_time() -> None:
-    async with rig(lock_step=False, speed=10.0) as r:
+async def test_watchdog_counts_wall_time_at_any_speed() -> None:
+    async with rig(lock_step=False, speed=20.0) as r:
         await switch_on(r.client)
-        r.clock.time_s += 0.19
+        await r.client.ask("06 006E 03E8")  # 1 s
+        r.clock.time_s += 0.98
         assert (await r.client.sample())["alarms"] == 0
-        r.clock.time_s += 0.02
+        await r.client.ask("06 0066 0001")  # heartbeat
+        r.clock.time_s += 0.98
+        assert (await r.client.sample())["alarms"] == 0
+        r.clock.time_s += 0.03
         assert (await r.client.sample())["alarms"] == 1 << 5
 
 

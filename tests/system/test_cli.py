@@ -355,3 +355,40 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path
     run = save_run(tmp_path / "a.csv", 0)
     done = call("fit", run, "--capacity-Ah", 2.5, "--out", tmp_path / "nowhere" / "m.json")
     assert "does not exist" in refusal(done)
+
+
+def test_simulate_no_faster_than_the_machine_can() -> None:
+    assert "speed is 1e+300" in refusal(call("simulate", "--speed", "1e300"))
+
+
+def test_not_a_number_in_a_model_is_refused(fitted: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    document = json.loads(fitted[0].read_text())
+    document["cell"]["capacity_Ah"] = float("nan")
+    (tmp_path / "damaged.json").write_text(json.dumps(document))
+    run = save_run(tmp_path / "run.csv", 9)
+    for command in ("compare", "observe"):
+        assert "NaN is not a JSON number" in refusal(call(command, tmp_path / "damaged.json", run))
+
+
+@pytest.mark.parametrize("command", ["serve", "run"])
+def test_a_data_directory_that_is_a_file_is_bad_input(command: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "bench.toml").write_text(f"data_dir = '{tmp_path / 'file'}'\n")
+    (tmp_path / "p.csv").write_text("time_s,current_A\n0,0\n10,0\n")
+    playing = ("p.csv", "--bench", "sim", "--out", "r.csv") if command == "run" else ("--port", 0)
+    assert "is not a directory" in refusal(spawn(command, *playing, cwd=tmp_path))
+
+
+def test_a_model_of_one_state_of_charge_says_so(tmp_path: Path) -> None:
+    """Pulses that cancel: the fit is good, and good for nothing else."""
+    rng = np.random.default_rng(5)
+    current_A = np.tile(np.repeat([1.0, -1.0, 0.0, 0.0], 5), 30)
+    soc_ref = 0.5 + np.cumsum(current_A) / 3600 / 2.5
+    voltage_V = 3.4 + 0.6 * soc_ref + 0.02 * current_A + 5e-4 * rng.standard_normal(len(current_A))
+    columns = {"time_s": np.arange(len(current_A), dtype=float), "current_A": current_A, "voltage_V": voltage_V}
+    columns |= {"temperature_degC": np.full(len(current_A), 25.0), "soc_ref": soc_ref}
+    write_run(tmp_path / "one.csv", columns, "csv")
+    options = ("--capacity-Ah", 2.5, "--structure", "minimal", "--out", tmp_path / "m.json", "--json")
+    done = call("fit", tmp_path / "one.csv", *options)
+    answer(done)
+    assert "cover the state of charge from 0.500 to 0.501 only" in done.stderr

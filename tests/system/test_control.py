@@ -1,6 +1,7 @@
 """The control process with a real simulator, a real recorder and real kills."""
 
 import asyncio
+import os
 import signal
 import subprocess
 import sys
@@ -360,3 +361,9 @@ async def test_stop_that_comes_before_the_run_has_begun(lock_step: Rig) -> None:
     lock_step.supervisor.stop("changed my mind")
     ended = await lock_step.end_of("run-1")
     assert (ended["state"], ended["reason"]) == ("stopped", "changed my mind")
+
+
+async def test_ctrl_c_on_the_terminal_reaches_neither_control_nor_recorder(lock_step: Rig) -> None:
+    # A terminal signals the group in its foreground; both must hear of the end from the service alone.
+    for pid in (lock_step.supervisor.pid, lock_step.recorder.pid):
+        assert pid is not None and os.getpgid(pid) == pid != os.getpgrp()

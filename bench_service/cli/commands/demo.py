@@ -36,7 +36,10 @@ def _run(options: Namespace, output: Output) -> int:
 
     started_s = time.monotonic()
     config = _config(options)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does: bench at rest, all stored
     with own_service(config, _BENCH) as client:
+        if not options.json:
+            _tell(f"Watch it at {client.url}/")
         record = client.start_campaign(_request(options))
         with output.progress("Demo campaign") as report:
             try:
@@ -49,7 +52,7 @@ def _run(options: Namespace, output: Output) -> int:
         answer = _answer(record, time.monotonic() - started_s)
         answer |= {"data": str(config.data_dir), "address": client.url, "state": record["state"]}
         output.result(answer, lambda console: _show(console, record, answer))
-        if not (options.exit or options.json) and sys.stdout.isatty():
+        if stays_up(options, sys.stdout.isatty()):
             _keep_page_up(client.url)
     return 0 if record["state"] == "completed" else 1
 
@@ -109,6 +112,8 @@ def _show(console: Console, record: dict[str, Any], answer: dict[str, Any]) -> N
     else:
         console.print(_figures(record["result"], answer))
     console.print(f"Data: {answer['data']}")
+    for run in (record["result"] or {}).get("runs", []):
+        console.print(f"Run:  {run['run_id']} ({run['role']})")
 
 
 def _figures(result: dict[str, Any], answer: dict[str, Any]) -> Any:
@@ -138,13 +143,22 @@ def _figures(result: dict[str, Any], answer: dict[str, Any]) -> Any:
     return table
 
 
+def stays_up(options: Namespace, on_terminal: bool) -> bool:
+    """Whether the page is kept up after the report: only for a person, who can see its address and end it."""
+    return on_terminal and not (options.exit or options.json)
+
+
 def _keep_page_up(address: str) -> None:
-    sys.stdout.write(f"The page is at {address}/ until Ctrl-C.\n")
-    sys.stdout.flush()
+    _tell(f"The page stays at {address}/ until Ctrl-C.")
     try:
         signal.pause()
     except KeyboardInterrupt:
         sys.stdout.write("\n")
+
+
+def _tell(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 COMMAND = Command("demo", "run the main job on a simulated bench", _arguments, _run)

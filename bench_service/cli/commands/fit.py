@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+_NARROW_SOC = 0.1
+
+
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("train", type=Path, nargs="+", metavar="TRAIN", help="CSV, gzipped CSV or Parquet")
     parser.add_argument("--validate", type=Path, nargs="+", default=[], metavar="RUN", help="runs the fit never sees")
@@ -57,6 +60,12 @@ def _run(options: Namespace, output: Output) -> int:
             progress=report,
         )
     write_document(options.out, fitted.network.to_json())
+    low, high = fitted.network.record["domain"]["soc"]
+    if high - low < _NARROW_SOC:
+        output.warn(
+            f"the training runs cover the state of charge from {low:.3f} to {high:.3f} only: elsewhere the model "
+            "extrapolates; record runs over the range that it is for"
+        )
     answer = {
         "model": str(options.out),
         "structure": fitted.network.structure.name,

@@ -18,9 +18,11 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
     from bench_service.app import serve
+    from bench_service.cli.service import check_data_dir
     from bench_service.config import load_config
 
     config = load_config(options.config)
+    check_data_dir(config.data_dir)
 
     def ready(address: str) -> None:
         answer = {"address": address, "data_dir": str(config.data_dir)}

@@ -11,7 +11,7 @@ export function campaignForm(state, started) {
     el("p", { class: "hint", text: "Designs a current profile, plays it, fits a model, observes a second run live and compares. All within the bench's limits." }),
     el("div", { class: "fields" },
       field("Bench", bench), field("Name", input("name", "text", defaultName(), { required: true, maxlength: 80 })),
-      field("Duration per run", input("duration_s", "number", 14400, { min: 60, step: 60, required: true }), "s"),
+      field("Duration per run", input("duration_s", "number", 15000, { min: 60, step: 60, required: true }), "s"),
       field("Sample period", input("dt_s", "number", 1, { min: 0.01, step: "any", required: true }), "s"),
       field("Seed", input("seed", "number", 1, { min: 0, step: 1, required: true }))),
     el("details", { class: "more" }, el("summary", { text: "Cell and ranges" }), el("div", { class: "fields" }, rangeFields())),

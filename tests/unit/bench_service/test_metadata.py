@@ -1,3 +1,4 @@
+import errno
 import hashlib
 import json
 import os
@@ -7,6 +8,7 @@ import sys
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -263,3 +265,19 @@ def test_a_file_that_is_no_database_is_refused(tmp_path):
 
 def test_the_lock_file_says_who(store, tmp_path):
     assert json.loads((tmp_path / "data" / "meta.lock").read_text()) == {"pid": os.getpid(), "url": None}
+
+
+def test_nobody_holds_a_store_that_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert MetadataStore.holder(tmp_path / "file") is None
+
+
+def test_a_disk_without_room_for_the_lock_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "pwrite", full)
+    with pytest.raises(StoreError, match="No space left on device; see to the disk"):
+        MetadataStore.open(tmp_path)
+    monkeypatch.undo()
+    MetadataStore.open(tmp_path).close()  # the refused one has left nothing locked

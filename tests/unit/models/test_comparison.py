@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,3 +63,13 @@ def test_samples_outside_the_trained_domain_are_counted(network) -> None:
 def test_no_run_is_refused(network) -> None:
     with pytest.raises(ModelError, match="no run"):
         compare(network, [], [])
+
+
+def test_a_model_that_gives_no_voltage_does_not_look_perfect(network) -> None:
+    run = synthetic.run(500, seed=5)
+    broken = replace(network, theta=np.full_like(network.theta, np.nan))
+    with pytest.raises(ModelError, match="gives no voltage"):
+        compare(broken, [run], [0.6])
+    blind = TimeSeries(run.time_s, run.current_A, np.full(500, np.nan), run.temperature_degC)
+    with pytest.raises(ModelError, match="samples have a voltage"):
+        compare(network, [blind], [0.6])

@@ -118,11 +118,34 @@ def test_free_run_stays_bounded_on_adversarial_current(fitted) -> None:
         {"theta": "text"},
         {"scaling": {}},
         {"structure": {"output_order": 1}},
+        {"cell": {"capacity_Ah": float("nan"), "efficiency": 1.0}},
+        {"cell": {"capacity_Ah": -1.0, "efficiency": 1.0}},
+        {"cell": {"capacity_Ah": True, "efficiency": 1.0}},
+        {"cell": {"capacity_Ah": 10**400, "efficiency": 1.0}},
+        {"partition": {"lower": 5, "upper": 6}},
+        {"scaling": {"soc": [1.0, 1.0], "current": [-1.0, 1.0], "voltage": [3.0, 4.0]}},
+        {"scaling": {"soc": ["0", "1"], "current": [-1.0, 1.0], "voltage": [3.0, 4.0]}},
+        {"record": 5},
     ],
 )
 def test_damaged_documents_are_refused(fitted, damage: dict) -> None:
     with pytest.raises(StructureError):
         LocalModelNetwork.from_json(fitted.network.to_json() | damage)
+
+
+def test_a_given_structure_is_kept() -> None:
+    given = minimal_structure(1.0, 1, 3, 0.6)
+    run = synthetic.run(3000, seed=2, noise_V=1e-3)
+    fitted = fit_network([run], capacity_Ah=synthetic.CAPACITY_AH, structure=given)
+    assert fitted.network.structure == given
+    assert fitted.train["rmse_mV"] < 2.0
+
+
+def test_auto_finds_what_the_cell_is_made_of() -> None:
+    runs = [synthetic.run(5000, seed=s, noise_V=1e-3, name=str(s)) for s in (2, 5, 6, 9)]
+    fitted = fit_network(runs[:3], capacity_Ah=synthetic.CAPACITY_AH, structure="auto", validate=runs[3:])
+    assert fitted.network.structure.output_order == 0
+    assert fitted.validation is not None and fitted.validation["rmse_mV"] < 1.3
 
 
 def series(current: np.ndarray) -> TimeSeries:

@@ -180,6 +180,23 @@ def test_long_pause_on_the_wall_clock_fires_the_watchdog_in_time() -> None:
     assert device._cell.step(0.0, 0.0).soc == pytest.approx(0.5 + 2.5 * 2.0 / 3600 / 2.5, abs=1e-9)
 
 
+def test_at_another_speed_the_watchdog_still_counts_wall_time() -> None:
+    now = HandClock()
+    clock, device = WallClock(now, speed=20.0), running(2.5)
+    device.watchdog_s = 1.0
+    for _ in range(5):  # 18 simulated seconds between heartbeats
+        device.heartbeat()
+        now.time_s += 0.9
+        clock.poll(device)
+        assert not device.alarms
+    now.time_s += 60.0
+    clock.poll(device)
+    assert device.alarms == {"watchdog"}
+    # The current flowed for 4.5 s and then for the second of the watchdog less what had passed, 20 times as long.
+    flowed_s = 20.0 * (4.5 + 1.0 - 0.9)
+    assert device._cell.step(0.0, 0.0).soc == pytest.approx(0.5 + 2.5 * flowed_s / 3600 / 2.5, abs=1e-6)
+
+
 def test_lock_step_takes_a_repeat_or_the_next_tick() -> None:
     clock, device = LockStepClock(HandClock(), period_s=0.5), cycler(watchdog=False)
     clock.check_tick(1)

@@ -179,6 +179,22 @@ async def test_stop_ends_before_the_next_command(bench: Bench) -> None:
     assert len(cycler.applied) == 5 and cycler.safe_calls == 1
 
 
+async def test_a_stop_that_is_older_than_the_run_never_switches_the_output_on(bench: Bench) -> None:
+    switched: list[bool] = []
+
+    class Watched(FakeCycler):
+        async def output(self, on: bool) -> None:
+            switched.append(on)
+            await super().output(on)
+
+    cycler = Watched()
+    loop = bench.loop(cycler)
+    bench.stop.give("stopped", "changed my mind")
+    end = await loop.play()
+    assert (end.state, end.reason, end.at_rest) == ("stopped", "changed my mind", True)
+    assert (switched, cycler.applied, cycler.safe_calls) == ([], [], 1)
+
+
 async def test_cancellation_brings_to_rest_first(bench: Bench) -> None:
     cycler = FakeCycler(at(4, lambda reading: task.cancel() and reading))
     task = asyncio.create_task(bench.loop(cycler).play())

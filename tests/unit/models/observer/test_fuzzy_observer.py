@@ -69,6 +69,14 @@ def test_it_coasts_through_missing_samples(observer: FuzzyObserver) -> None:
     assert abs(rows[-1, 0] - run.soc_ref[-1]) < 0.02
 
 
+def test_the_estimate_stays_near_empty_and_full_whatever_is_measured(observer: FuzzyObserver) -> None:
+    n = 3000
+    for voltage, current in ((2.0, -8.0), (5.0, 8.0)):
+        arrays = (np.full(n, current), np.full(n, voltage), np.full(n, 25.0))
+        _, rows = observer.replay(observer.initial(0.5), *arrays)
+        assert rows[:, 0].min() >= -0.051 and rows[:, 0].max() <= 1.051
+
+
 def test_gains_solve_the_riccati_equation(observer: FuzzyObserver) -> None:
     matrices = state_matrices(observer.network)
     q_y, q_soc, r = 1e-6, 1e-10, 1e-5

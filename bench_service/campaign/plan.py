@@ -1,0 +1,121 @@
+"""The profiles of a campaign, and whether a bench may play them: checked before the campaign is taken on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench_service.bench.limits import Limits
+from bench_service.campaign.admission import MOST_TICKS, admit
+from bench_service.campaign.request import CampaignRequest
+from bench_service.errors import BadRequestError
+from models.design import Profile, StepProfileRequest, step_profile
+
+# A run ends at rest for this long, at most this share of it: the next one begins with a cell that has forgotten most of
+# what was done to it, and slow relaxation is seen nowhere else.
+_FINAL_REST_S = 1800.0
+_FINAL_REST_SHARE = 0.12
+
+TRAIN, VALIDATE = "train", "validate"
+# With fewer samples the dozens of coefficients of a network are not determined.
+_FEWEST_SAMPLES = 1000
+# Counting noisy currents ends a little beside the plan; the next plan starts at the window's edge then.
+_SOC_SLACK = 0.01
+
+
+def plan_profiles(request: CampaignRequest) -> dict[str, Profile]:
+    """Design one profile for identification and another, from other random numbers, for judgement.
+
+    The same request gives the same profiles, to the bit.
+
+    Raises
+    ------
+    ModelError
+        The request contradicts itself, or its time does not suffice.
+    """
+    profiles: dict[str, Profile] = {}
+    soc = request.initial_soc
+    for number, role in enumerate((TRAIN, VALIDATE)):
+        profiles[role] = _profile(request, soc, number)
+        soc = float(profiles[role].soc(soc, request.capacity_Ah)[-1])
+    return profiles
+
+
+def check_plan(request: CampaignRequest, limits: Limits, capacity_Ah: float) -> None:
+    """Check a request and both of its profiles against a bench, as their runs will be checked when they start.
+
+    Parameters
+    ----------
+    request : CampaignRequest
+    limits : Limits
+        Of the bench.
+    capacity_Ah : float
+        With which the bench counts charge.
+
+    Raises
+    ------
+    BadRequestError
+        A limit of the bench would be left; sampling time and duration do not fit together.
+    ModelError
+        As `plan_profiles`.
+    """
+    _check_window("current_A", request.current_A, limits.current_A, "A")
+    _check_window("soc", request.soc, limits.soc, "")
+    low, high = request.soc
+    if not low - _SOC_SLACK <= request.initial_soc <= high + _SOC_SLACK:
+        raise BadRequestError(
+            f"the cell stands outside the window of the campaign (known from {request.initial_soc_from})",
+            ("initial_soc",),
+            value=request.initial_soc,
+            limit=request.soc,
+            remedy="choose a soc window that holds it, or charge or discharge the cell first",
+        )
+    # Before anything is built: the builder works through the whole duration, however long.
+    if request.duration_s > limits.duration_s:
+        raise BadRequestError(
+            "longer than the bench allows",
+            ("duration_s",),
+            value=request.duration_s,
+            unit="s",
+            limit=limits.duration_s,
+            remedy="shorten it",
+        )
+    n_samples = request.duration_s / request.dt_s
+    if not _FEWEST_SAMPLES <= n_samples <= MOST_TICKS:
+        raise BadRequestError(
+            f"{request.duration_s:g} s hold {n_samples:.0f} samples; {_FEWEST_SAMPLES} to {MOST_TICKS} are needed",
+            ("dt_s",),
+            value=request.dt_s,
+            unit="s",
+            remedy="change dt_s or duration_s",
+        )
+    soc = request.initial_soc
+    for profile in plan_profiles(request).values():
+        admit(profile.time_s, profile.current_A, limits, dt_s=request.dt_s, initial_soc=soc, capacity_Ah=capacity_Ah)
+        soc = float(profile.soc(soc, capacity_Ah)[-1])
+
+
+def _check_window(name: str, window: tuple[float, float], limit: tuple[float, float], unit: str) -> None:
+    low, high = window
+    if not low < high:
+        raise BadRequestError("the low end must be below the high end", (name,), value=window, unit=unit)
+    if low < limit[0] or high > limit[1]:
+        remedy = "stay within the bench's limits"
+        raise BadRequestError(
+            "wider than the bench allows", (name,), value=window, unit=unit, limit=limit, remedy=remedy
+        )
+
+
+def _profile(request: CampaignRequest, initial_soc: float, number: int) -> Profile:
+    low, high = request.soc
+    return step_profile(
+        StepProfileRequest(
+            capacity_Ah=request.capacity_Ah,
+            current_A=request.current_A,
+            soc=request.soc,
+            initial_soc=min(max(initial_soc, low), high),
+            duration_s=request.duration_s,
+            dt_s=request.dt_s,
+            final_rest_s=min(_FINAL_REST_S, _FINAL_REST_SHARE * request.duration_s),
+        ),
+        np.random.default_rng([request.seed, number]),
+    )

@@ -1,0 +1,215 @@
+"""The main job as a newcomer starts it: `bench-service demo` in processes of its own, over real Modbus TCP."""
+
+import contextlib
+import json
+import os
+import selectors
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+import urllib.request
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from bench_service.cli.commands.demo import stays_up
+from bench_service.store.samples import SampleReader
+from bench_service.streams import OBSERVER
+
+pytestmark = pytest.mark.timeout(400)
+
+PATIENCE_S = 180.0
+KEYS = {"runs", "samples", "missed_ticks", "model_chain", "hidden_effect", "diagnosed_effect", "soc_rmse", "seconds"}
+
+
+class Run(NamedTuple):
+    """One run as the metadata have it."""
+
+    id: str
+    state: str
+    n_samples: int | None
+    sha256: str | None
+    initial_soc: float
+    capacity_Ah: float
+
+
+class Demos(NamedTuple):
+    """Three demos: one for a program, one on a terminal with the same seed, one with another seed that was ended."""
+
+    answer: dict[str, Any]
+    program: Path
+    text: str
+    page: str
+    terminal: Path
+    other: Path
+    other_status: int
+
+
+def start(data: Path, *options: str, stdout: int = subprocess.PIPE) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "bench_service.cli", "demo", "--data", str(data), *options]
+    environment = {name: value for name, value in os.environ.items() if name != "BENCH_DATA_DIR"}
+    return subprocess.Popen(command, stdout=stdout, stderr=subprocess.PIPE, env=environment)
+
+
+def metadata(data: Path, query: str) -> list[tuple[Any, ...]]:
+    """Rows of `meta.sqlite`, read by SQLite alone; none while there is no such table yet."""
+    try:
+        with contextlib.closing(sqlite3.connect(f"file:{data / 'meta.sqlite'}?mode=ro", uri=True)) as store:
+            return store.execute(query).fetchall()
+    except sqlite3.OperationalError:
+        return []
+
+
+def runs(data: Path) -> list[Run]:
+    columns = ", ".join(f'"{name}"' for name in Run._fields)
+    return [Run(*row) for row in metadata(data, f"select {columns} from run order by created_utc")]
+
+
+def until(condition: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline_s, "the demo has not come so far in time"
+        time.sleep(0.05)
+
+
+def read_terminal(terminal: int, until_text: str) -> str:
+    """What a person sees up to some text."""
+    seen, deadline_s = "", time.monotonic() + PATIENCE_S
+    with selectors.DefaultSelector() as selector:
+        selector.register(terminal, selectors.EVENT_READ)
+        while until_text not in seen:
+            assert selector.select(max(deadline_s - time.monotonic(), 0.0)), f"not seen in time; so far:\n{seen}"
+            seen += os.read(terminal, 65536).decode()
+    return seen
+
+
+def play_other(data: Path) -> int:
+    """Play the first run with another seed, then end the demo as a service manager does."""
+    process = start(data, "--seed", "2", "--exit")
+    with ended(process):
+        until(lambda: any(run.state == "completed" for run in runs(data)), process)
+        process.send_signal(signal.SIGTERM)
+        _, complaint = process.communicate(timeout=PATIENCE_S)
+        assert complaint == b"error: interrupted\n"
+        return process.returncode
+
+
+@contextlib.contextmanager
+def ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    """Leave no process behind, whatever a test finds."""
+    try:
+        yield
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def demos(tmp_path_factory: pytest.TempPathFactory) -> Demos:
+    folder = tmp_path_factory.mktemp("demo")
+    program, terminal, other = folder / "program", folder / "terminal", folder / "other"
+    other_status = play_other(other)
+    master, slave = os.openpty()
+    try:
+        for_person = start(terminal, "--seed", "1", stdout=slave)
+        for_program = start(program, "--seed", "1", "--exit", "--json")
+        with ended(for_person), ended(for_program):
+            text = read_terminal(master, "until Ctrl-C.")
+            with urllib.request.urlopen(text.split("Watch it at ")[1].split()[0], timeout=10) as answer:
+                page = answer.read().decode()
+            for_person.send_signal(signal.SIGINT)
+            _, complaint = for_person.communicate(timeout=PATIENCE_S)
+            assert (for_person.returncode, complaint) == (0, b"")
+            output, complaint = for_program.communicate(timeout=PATIENCE_S)
+            assert (for_program.returncode, complaint) == (0, b"")
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert output.count(b"\n") == 1
+    return Demos(json.loads(output), program, text, page, terminal, other, other_status)
+
+
+def test_a_program_gets_the_contract_s_answer(demos: Demos) -> None:
+    answer = demos.answer
+    assert answer.keys() >= KEYS
+    assert answer["state"] == "completed"
+    assert answer["samples"] >= 20_000
+    assert answer["missed_ticks"] == 0
+    assert answer["model_chain"][-1]["validation_rmse_mV"] <= 5.0
+    assert answer["soc_rmse"] <= 0.01
+    assert answer["runs"] == [run.id for run in runs(demos.program)]
+
+
+def test_every_sample_is_stored(demos: Demos) -> None:
+    found = runs(demos.program)
+    assert [run.state for run in found] == ["completed", "completed"]
+    with SampleReader(demos.program) as reader:
+        stored = [reader.read(run.id) for run in found]
+    assert sum(each.n for each in stored) == demos.answer["samples"] == sum(run.n_samples or 0 for run in found)
+    for each in stored:
+        np.testing.assert_allclose(np.diff(each.columns["time_s"]), 1.0, atol=1e-9)
+        assert not np.isnan(each.columns["voltage_V"]).any()
+
+
+def test_the_live_observer_finds_the_state_of_charge_from_20_points_off(demos: Demos) -> None:
+    run = runs(demos.program)[1]
+    with SampleReader(demos.program) as reader:
+        samples, observed = reader.read(run.id).columns, reader.read(run.id, OBSERVER).columns
+    charge_As = np.cumsum(samples["current_A"][1:] * np.diff(samples["time_s"]))
+    truth = run.initial_soc + np.concatenate([[0.0], charge_As]) / 3600.0 / run.capacity_Ah
+    np.testing.assert_array_equal(observed["time_s"], samples["time_s"])
+    error = observed["soc"] - truth
+    assert abs(error[0]) == pytest.approx(0.2, abs=0.01)
+    converged = int(np.flatnonzero(np.abs(error) >= 0.03)[-1]) + 1
+    assert observed["time_s"][converged] < 600.0
+    assert np.sqrt(np.mean(error[converged:] ** 2)) <= 0.01
+
+
+def test_the_same_seed_gives_the_same_samples_to_the_bit(demos: Demos) -> None:
+    once, again = runs(demos.program), runs(demos.terminal)
+    assert [run.sha256 for run in once] == [run.sha256 for run in again]
+    assert len({run.sha256 for run in once} - {None}) == 2
+    with SampleReader(demos.program) as one, SampleReader(demos.terminal) as other:
+        for first, second in zip(once, again, strict=True):
+            columns, same = one.read(first.id).columns, other.read(second.id).columns
+            assert {name: values.tobytes() for name, values in columns.items()} == {
+                name: values.tobytes() for name, values in same.items()
+            }
+
+
+def test_another_seed_gives_other_samples(demos: Demos) -> None:
+    first, other = runs(demos.program)[0], runs(demos.other)[0]
+    assert None not in (first.sha256, other.sha256)
+    assert other.sha256 != first.sha256
+
+
+def test_an_ended_demo_leaves_nothing_running_and_keeps_what_it_measured(demos: Demos) -> None:
+    assert demos.other_status == 1
+    assert metadata(demos.other, "select state from campaign") == [("stopped",)]
+    first, *rest = runs(demos.other)
+    assert first.state == "completed"
+    assert all(run.state in ("stopped", "interrupted") for run in rest)
+    with SampleReader(demos.other) as reader:
+        assert reader.n_rows(first.id) == first.n_samples
+
+
+def test_a_person_sees_tables_and_the_page(demos: Demos) -> None:
+    for words in ("samples stored", "run the fit never saw", "SoC error", str(demos.terminal)):
+        assert words in demos.text.replace("\r\n", "")
+    assert "<h1" in demos.page
+
+
+@pytest.mark.parametrize(
+    ("on_terminal", "leave", "as_json", "stays"),
+    [(True, False, False, True), (True, True, False, False), (True, False, True, False), (False, False, False, False)],
+)
+def test_the_page_stays_only_for_a_person(on_terminal: bool, leave: bool, as_json: bool, stays: bool) -> None:
+    assert stays_up(Namespace(exit=leave, json=as_json), on_terminal) is stays

@@ -1,0 +1,123 @@
+"""Networks written down in volts, amperes and degrees, and normalised here, apart from the code under test."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.local_model_network import LocalModelNetwork
+from models.partition import Partition, initial_partition
+from models.regression import VOLTAGE, CellContext
+from models.resampling import GridRun
+from models.structure import InputChannel, PartitionAxis, Structure
+
+DT_S = 1.0
+CAPACITY_AH = 2.0
+CELL = CellContext(CAPACITY_AH)
+# Ranges without round numbers, so that a forgotten offset or factor shows.
+SCALING = {
+    VOLTAGE: (2.7, 4.31),
+    "soc": (0.07, 0.93),
+    "current": (-7.0, 5.0),
+    "low_pass:30": (-6.0, 4.0),
+    "relaxation:300": (-9.0, 8.0),
+    "hysteresis": (-1.0, 1.0),
+    "hysteresis_state:40": (-0.97, 0.99),
+    "temperature": (4.0, 41.0),
+    "inverse_temperature": (1.0 / 314.0, 1.0 / 277.0),
+    "scaled_current:2500": (-12.0, 8.0),
+    "charge_transfer:3/2500/20": (-1.9, 1.6),
+    "surface_soc:0.05/400": (0.05, 0.95),
+}
+
+
+def network(
+    structure: Structure, physical: np.ndarray, partition: Partition | None = None, scaling: dict | None = None
+) -> LocalModelNetwork:
+    """Normalise local models that are written in physical units.
+
+    Each row: past outputs, input taps, offset of V(k) = sum a V(k-j) + sum b u + c in V.
+    """
+    bounds = {name: (scaling or SCALING)[name] for name in (*structure.signals, VOLTAGE)}
+    order = structure.output_order
+    low, high = bounds[VOLTAGE]
+    theta = np.array(physical, dtype=np.float64)
+    for i, row in enumerate(np.atleast_2d(physical)):
+        offset = row[-1] - low + low * row[:order].sum()
+        for j, (signal, _) in enumerate(structure.taps()):
+            s_low, s_high = bounds[signal]
+            theta[i, order + j] = row[order + j] * (s_high - s_low) / (high - low)
+            offset += row[order + j] * s_low
+        theta[i, -1] = offset / (high - low)
+    domain = {"soc": [0.07, 0.93], "current_A": [-7.0, 5.0], "temperature_degC": [4.0, 41.0]}
+    boxes = partition or initial_partition(structure.axes, structure.kernel)
+    return LocalModelNetwork(structure, boxes, theta, bounds, CELL, {"domain": domain})
+
+
+def everything(order: int, kernel: str = "gaussian") -> LocalModelNetwork:
+    """A network with every kind of signal, different in all its local models, and settling everywhere."""
+    inputs = (
+        InputChannel("soc", delay=1),
+        InputChannel("current", order=2),
+        InputChannel("low_pass:30", delay=1),
+        InputChannel("relaxation:300"),
+        InputChannel("hysteresis_state:40"),
+        InputChannel("inverse_temperature"),
+        InputChannel("scaled_current:2500"),
+        InputChannel("charge_transfer:3/2500/20"),
+        InputChannel("surface_soc:0.05/400", delay=1),
+    )
+    axes = (
+        PartitionAxis("soc", initial=3, k_sigma=0.5),
+        PartitionAxis("hysteresis", initial=2, k_sigma=0.25),
+        PartitionAxis("temperature", initial=2, k_sigma=0.6),
+        PartitionAxis("current", initial=2, k_sigma=0.8),
+    )
+    structure = Structure(order, inputs, axes, DT_S, kernel)
+    rng = np.random.default_rng(11)
+    count = initial_partition(axes, kernel).n_models
+    poles = rng.uniform(0.5, 0.9, (count, 2))
+    past = {
+        0: np.zeros((count, 0)),
+        1: poles[:, :1],
+        2: np.column_stack([poles[:, 0] + 0.3, -0.3 * poles[:, 0]]),
+    }[order]
+    stationary = 1.0 - past.sum(axis=1, keepdims=True)
+    gains = np.column_stack(
+        [
+            rng.uniform(0.2, 0.4, count),
+            rng.uniform(0.003, 0.006, (count, 3)),
+            rng.uniform(0.005, 0.010, count),
+            rng.uniform(-0.008, -0.004, count),
+            rng.uniform(0.005, 0.015, count),
+            rng.uniform(20.0, 40.0, count),
+            rng.uniform(0.001, 0.003, count),
+            rng.uniform(0.01, 0.03, count),
+            rng.uniform(0.2, 0.4, count),
+            rng.uniform(3.2, 3.3, count),
+        ]
+    )
+    return network(structure, np.hstack([past, stationary * gains]))
+
+
+def grid_run(
+    current_A: np.ndarray,
+    temperature_degC: np.ndarray | float,
+    ambient_degC: np.ndarray | float | None = None,
+    counted: bool = True,
+) -> GridRun:
+    """A run on the grid without any measured voltage; not `counted`: the state of charge stays where it begins."""
+    n = len(current_A)
+    charge = np.concatenate([[0.0], np.cumsum(current_A[1:])]) * DT_S / 3600.0 * counted
+    return GridRun(
+        name="run",
+        dt_s=DT_S,
+        time_s=DT_S * np.arange(n),
+        current_A=np.asarray(current_A, dtype=np.float64),
+        voltage_V=np.full(n, np.nan),
+        temperature_degC=np.broadcast_to(np.asarray(temperature_degC, dtype=np.float64), n).copy(),
+        ambient_degC=None if ambient_degC is None else np.broadcast_to(np.asarray(ambient_degC, float), n).copy(),
+        charge_Ah=charge,
+        soc_ref=None,
+        segment_starts=(0,),
+        measured=np.zeros(n, dtype=bool),
+    )
