@@ -109,7 +109,7 @@ def _fill_campaign(page: Page, name: str) -> None:
     if page.locator("#campaign-new").is_visible():  # an earlier campaign is shown
         page.locator("#campaign-new").click()
     page.get_by_label("Name", exact=True).fill(name)
-    page.get_by_label("Duration per run / s").fill("3600")
+    page.get_by_label("Duration per run / s").fill("4200")
     page.get_by_text("Cell and ranges").click()
     page.get_by_label("Lowest SoC / %").fill("40")
     page.get_by_label("Highest SoC / %").fill("60")
