@@ -9,6 +9,7 @@ from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
 
 if TYPE_CHECKING:
+    from models.local_model_network import LocalModelNetwork
     from models.timeseries import TimeSeries
 
 
@@ -16,8 +17,15 @@ if TYPE_CHECKING:
 _GUESS = (0.5, 0.29)
 
 
-def initial_soc(runs: Sequence[TimeSeries], given: tuple[float, ...] | None) -> list[float]:
-    """Return the SoC at the start of each run: `--initial-soc`, else the run's first `soc_ref`.
+def initial_soc(
+    runs: Sequence[TimeSeries],
+    given: tuple[float, ...] | None,
+    network: LocalModelNetwork | None = None,
+    output: Output | None = None,
+) -> list[float]:
+    """Return the SoC at the start of each run: `--initial-soc`, else the run's first `soc_ref`, else by a rest.
+
+    With a model, a run that begins with a sufficient rest starts where its open-circuit voltage says.
 
     Raises
     ------
@@ -29,7 +37,7 @@ def initial_soc(runs: Sequence[TimeSeries], given: tuple[float, ...] | None) -> 
     from models.identification import start_soc
 
     if given is None:
-        return [start_soc(run) for run in runs]
+        return [start_soc(run) if network is None else _known_soc(run, network, output)[0] for run in runs]
     if len(given) not in (1, len(runs)):
         wanted = "1 value" if len(runs) == 1 else f"1 value or {len(runs)}"
         raise UsageError(f"--initial-soc has {len(given)} values for {len(runs)} run(s); give {wanted}")
@@ -37,19 +45,33 @@ def initial_soc(runs: Sequence[TimeSeries], given: tuple[float, ...] | None) -> 
 
 
 def guessed_soc(
-    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, output: Output
+    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: LocalModelNetwork, output: Output
 ) -> list[tuple[float, float | None]]:
     """Return where an observer starts in each run, with the standard deviation where it is a mere guess."""
     from models.errors import ModelError
-    from models.identification import start_soc
 
     if given is not None:
         return [(soc, None) for soc in initial_soc(runs, given)]
     starts: list[tuple[float, float | None]] = []
     for run in runs:
         try:
-            starts.append((start_soc(run), None))
+            starts.append(_known_soc(run, network, output))
         except ModelError:
-            output.warn(f"{run.name}: no soc_ref and no --initial-soc: the observer starts at {_GUESS[0]:g}")
+            output.warn(f"{run.name}: no soc_ref, no rest, no --initial-soc: the observer starts at {_GUESS[0]:g}")
             starts.append(_GUESS)
     return starts
+
+
+def _known_soc(run: TimeSeries, network: LocalModelNetwork, output: Output | None) -> tuple[float, float | None]:
+    """SoC from the run's reference, else from the rest that it begins with and then with its standard deviation."""
+    from models.errors import ModelError
+    from models.identification import start_soc
+    from models.rest_start import soc_from_rest
+
+    try:
+        return start_soc(run), None
+    except ModelError:
+        soc, std = soc_from_rest(run, network)
+    if output is not None:
+        output.warn(f"{run.name}: SoC at its start from the open-circuit voltage after a rest: {soc:.3f} +- {std:.3f}")
+    return soc, std

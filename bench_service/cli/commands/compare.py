@@ -35,7 +35,7 @@ def _run(options: Namespace, output: Output) -> int:
         check_writable(options.report)
     network = read_model(options.model)
     runs = read_runs(options.runs, options.current_sign, output)
-    soc = initial_soc(runs, options.initial_soc)
+    soc = initial_soc(runs, options.initial_soc, network, output)
     with output.progress("Simulating"):
         result = compare(network, runs, soc)
     if options.report is not None:

@@ -47,9 +47,10 @@ def _run(options: Namespace, output: Output) -> int:
 
     if options.out is not None:
         check_writable(options.out)
-    observer = FuzzyObserver(read_model(options.model))
+    network = read_model(options.model)
+    observer = FuzzyObserver(network)
     runs = read_runs(options.runs, options.current_sign, output)
-    starts = guessed_soc(runs, options.initial_soc, output)
+    starts = guessed_soc(runs, options.initial_soc, network, output)
     observed: list[Observation] = []
     with output.progress("Observing") as report:
         for done, (run, (soc, soc_std)) in enumerate(zip(runs, starts, strict=True)):
