@@ -20,7 +20,7 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from models.baselines import CellModel, fit_enhanced_self_correcting, fit_equivalent_circuit
-from models.design import StepProfileRequest, step_profile
+from models.design import Profile, StepProfileRequest, step_profile
 from models.identification import STRUCTURES, fit_network
 from models.local_model_network import LocalModelNetwork
 from models.metrics import metrics
@@ -113,11 +113,17 @@ def simulated_run(
         ),
         np.random.default_rng([seed, number]),
     )
+    return play(cell, profile, (seed, number), ambient_degC)
+
+
+def play(cell: str, profile: Profile, seed: tuple[int, ...], ambient_degC: float = 25.0) -> SimulatedRun:
+    """Play a profile to a rested cell and read its sensors; the same seed gives the same noise."""
+    parameters = cell_type(cell).parameters
     grid_s = np.arange(round(profile.duration_s / DT_S) + 1) * DT_S
     # A profile's value holds forward from its time, a sample's current is the one that flowed until then.
     held_A = profile.current_A[np.searchsorted(profile.time_s, grid_s[:-1] + 0.5 * DT_S, side="right") - 1]
     simulated = Cell(parameters, INITIAL_SOC, ambient_degC)
-    sensors = Sensors(SensorParameters(), np.random.default_rng([seed, number, 1]))
+    sensors = Sensors(SensorParameters(), np.random.default_rng([*seed, 1]))
     truth = [simulated.step(0.0, 0.0), *(simulated.step(float(current_A), DT_S) for current_A in held_A)]
     read = [
         sensors.measure(output, current_A, ambient_degC)
@@ -125,9 +131,9 @@ def simulated_run(
     ]
     voltage_V, current_A, temperature_degC, ambient = (np.array(column) for column in zip(*read, strict=True))
     known_at_start = np.where(grid_s == 0.0, INITIAL_SOC, np.nan)
-    name = f"{cell} {seed}.{number}"
+    name = f"{cell} {'.'.join(map(str, seed))}"
     series = TimeSeries(grid_s, current_A, voltage_V, temperature_degC, ambient, known_at_start, name)
-    return SimulatedRun(series, np.array([output.voltage_V for output in truth]), capacity_Ah)
+    return SimulatedRun(series, np.array([output.voltage_V for output in truth]), parameters.capacity_Ah)
 
 
 def noise_V() -> float:

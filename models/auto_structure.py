@@ -11,23 +11,38 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
+import numpy as np
+
+from models.regression import SignalBank
 from models.structure import InputChannel, PartitionAxis, Structure
 
 _TIME_CONSTANTS_S = (
     (3.0, 20.0, 100.0, 600.0, 3000.0),
+    (3.0, 20.0, 100.0, 600.0),
     (2.0, 10.0, 60.0, 400.0),
     (4.0, 40.0, 400.0),
     (2.0, 8.0, 30.0, 120.0, 500.0, 2000.0),
+    (2.0, 8.0, 30.0, 120.0, 500.0),
 )
 _ACTIVATION_K = (0.0, 1500.0, 2500.0, 3500.0, 5000.0)
-_EXCHANGE_C_RATE = (None, 0.2, 0.6, 2.0, 6.0)
-_SURFACE_DEPTH = (0.01, 0.025, 0.05, 0.1)
-_SURFACE_S = (100.0, 400.0, 1500.0)
+_EXCHANGE_C_RATE = (None, 0.02, 0.2, 0.6, 2.0, 6.0)
+_SURFACE_DEPTH = (0.02, 0.05, 0.1)
+_SURFACE_S = (100.0, 400.0, 1500.0, 4000.0)
+_SURFACE_ACTIVATION_K = (2500.0, 4000.0, 6000.0)
+_SQUARED_S = (30.0, 100.0)
 _HYSTERESIS_RATES = ((), (10.0,), (40.0,), (150.0,), (20.0, 100.0))
 _SOC_K_SIGMA = (0.5, 0.7, 1.0)
-_SIZES = (8, 12, 16, 24, 32)
+_TEMPERATURE_K_SIGMA = (0.7, 1.0, 1.5, 2.0)
+_SIZES = (8, 12, 16, 24, 32, 48)
+# Last, numbers that were found on a coarse grid are moved by these factors.
+_FINER = (0.6, 1.0 / 0.6)
+# Low-passes that are held against the state of charge; of what is offered at most this share may be a function of it.
+_SLOW_S = (3000.0, 2000.0, 1500.0, 1000.0, 600.0, 400.0, 200.0, 100.0)
+_LARGEST_SHARE = 0.5
+_SOC_PIECES = 24
 # Temperatures that differ by less than this cannot show what temperature does.
 _TEMPERATURE_RANGE_K = 3.0
 
@@ -44,11 +59,12 @@ class AutoCandidate:
     unscaled : whether the low-passes of the unscaled current are there too
     entropic : whether temperature is an input of its own
     exchange_c_rate : exchange current of the charge-transfer term as a C-rate; None: no such term
-    surface : (depth, time constant in s) of the surface's state of charge; None: the mean one is used
+    surface : (depth, time constant in s, activation in K) of the surface's state of charge; None: the mean one
+    squared : (time constant in s, activation in K) of a term in the squared current; None: no such term
     hysteresis_rates : of one-state hysteresis inputs
     direction : whether the current's held sign partitions
     temperature_parts : parts of the temperature axis; 0: no such axis
-    soc_k_sigma : sharpness along the SoC
+    soc_k_sigma, temperature_k_sigma : sharpness along the two
     n_models : number of local models asked for
     """
 
@@ -58,11 +74,13 @@ class AutoCandidate:
     unscaled: bool = False
     entropic: bool = False
     exchange_c_rate: float | None = None
-    surface: tuple[float, float] | None = None
+    surface: tuple[float, float, float] | None = None
+    squared: tuple[float, float] | None = None
     hysteresis_rates: tuple[float, ...] = ()
     direction: bool = False
     temperature_parts: int = 0
     soc_k_sigma: float = 0.7
+    temperature_k_sigma: float = 1.0
     n_models: int = 16
 
     @property
@@ -72,16 +90,13 @@ class AutoCandidate:
 
     def structure(self, dt_s: float) -> Structure:
         """Build the structure that these choices stand for."""
-        soc = "soc" if self.surface is None else f"surface_soc:{self.surface[0]:g}/{self.surface[1]:g}"
-        if self.surface is not None and self.activation_K:
-            soc += f"/{self.activation_K:g}"
+        soc = "soc" if self.surface is None else "surface_soc:" + "/".join(f"{part:g}" for part in self.surface)
         axes = [PartitionAxis(soc, k_sigma=self.soc_k_sigma)]
         if self.direction:
             axes.append(PartitionAxis("hysteresis", initial=2, splittable=False, k_sigma=0.25))
         if self.temperature_parts:
-            axes.append(
-                PartitionAxis("inverse_temperature", initial=self.temperature_parts, splittable=False, k_sigma=1.0)
-            )
+            parts, k_sigma = self.temperature_parts, self.temperature_k_sigma
+            axes.append(PartitionAxis("inverse_temperature", initial=parts, splittable=False, k_sigma=k_sigma))
         inputs = [InputChannel(soc, delay=1), *(InputChannel(name) for name in self._overvoltage(dt_s))]
         return Structure(0, tuple(inputs), tuple(axes), dt_s, name="auto")
 
@@ -97,6 +112,8 @@ class AutoCandidate:
             exchange = f"charge_transfer:{self.exchange_c_rate * self.capacity_Ah:g}/{self.activation_K:g}"
             yield exchange
             yield f"{exchange}/20"
+        if self.squared is not None:
+            yield "squared_current:" + "/".join(f"{part:g}" for part in self.squared)
         yield from (f"hysteresis_state:{rate:g}" for rate in self.hysteresis_rates)
         if self.entropic:
             yield "temperature"
@@ -111,38 +128,122 @@ class AutoCandidate:
         parts += [f"activation {self.activation_K:g} K"] if self.activation_K else []
         parts += ["charge transfer"] if self.exchange_c_rate else []
         parts += ["surface SoC"] if self.surface else []
+        parts += ["squared current"] if self.squared else []
         parts += ["hysteresis"] if self.hysteresis_rates or self.direction else []
         return ", ".join(parts)
 
 
-def first_candidate(capacity_Ah: float, temperature_range_K: float) -> AutoCandidate:
+@dataclass(frozen=True)
+class Offer:
+    """What the training runs can tell apart.
+
+    Attributes
+    ----------
+    temperature_range_K : of all runs together; 0 where temperature is not known throughout
+    longest_s : slowest low-pass of the current that is not nearly a function of the state of charge
+    hysteresis_rates : sets of one-state hysteresis signals of which the same holds
+    """
+
+    temperature_range_K: float
+    longest_s: float
+    hysteresis_rates: tuple[tuple[float, ...], ...]
+
+
+def find_offer(bank: SignalBank) -> Offer:
+    """Find out which terms the runs can tell from the open-circuit curve."""
+    known = np.concatenate([run.temperature_degC for run in bank.runs])
+    apart = [tau_s for tau_s in _SLOW_S if share_of_soc(bank, f"low_pass:{tau_s:g}") <= _LARGEST_SHARE]
+    every = sorted({rate for rates in _HYSTERESIS_RATES for rate in rates})
+    rates = [rate for rate in every if share_of_soc(bank, f"hysteresis_state:{rate:g}") <= _LARGEST_SHARE]
+    return Offer(
+        temperature_range_K=0.0 if np.isnan(known).any() else float(np.ptp(known)),
+        longest_s=max(apart, default=_SLOW_S[-1]),
+        hysteresis_rates=tuple(dict.fromkeys(tuple(r for r in found if r in rates) for found in _HYSTERESIS_RATES)),
+    )
+
+
+def share_of_soc(bank: SignalBank, name: str) -> float:
+    """Share of a signal's variance that is a function of the state of charge.
+
+    Where every run discharges at much the same mean current, a slow low-pass or a slow hysteresis is nearly a function
+    of the state of charge, and the open-circuit curve could be had from either: exact on such runs, and far off at
+    another load.
+    """
+    soc, values = np.concatenate(bank.values("soc")), np.concatenate(bank.values(name))
+    edges = np.linspace(soc.min(), soc.max(), _SOC_PIECES + 1)
+    piece = np.clip(np.searchsorted(edges, soc, side="right") - 1, 0, _SOC_PIECES - 1)
+    level = np.bincount(piece, values, _SOC_PIECES) / np.maximum(np.bincount(piece, minlength=_SOC_PIECES), 1)
+    return 1.0 - float(np.mean((values - level[piece]) ** 2)) / max(float(np.var(values)), 1e-30)
+
+
+def first_candidate(capacity_Ah: float, offer: Offer) -> AutoCandidate:
     """Where the search begins: with what nearly every lithium-ion cell shows; the data may take it away again."""
+    warm = offer.temperature_range_K >= _TEMPERATURE_RANGE_K
     return AutoCandidate(
         capacity_Ah,
-        activation_K=2500.0 if temperature_range_K >= _TEMPERATURE_RANGE_K else 0.0,
+        time_constants_s=_up_to(offer.longest_s)[0],
+        activation_K=2500.0 if warm else 0.0,
         exchange_c_rate=0.6,
-        surface=(0.05, 100.0),
+        surface=(0.05, 400.0, 2500.0 if warm else 0.0),
     )
 
 
-def alternatives(best: AutoCandidate, temperature_range_K: float, stage: int) -> list[AutoCandidate]:
-    """What is tried next to `best` in one stage of the search; an empty list ends a pass."""
-    warm = temperature_range_K >= _TEMPERATURE_RANGE_K
+def alternatives(best: AutoCandidate, offer: Offer, stage: int) -> list[AutoCandidate]:
+    """What is tried next to `best` in one stage of the search; an empty list ends a pass.
+
+    Parameters
+    ----------
+    best : the best candidate so far
+    offer : what the training runs can tell apart
+    stage : number of the stage
+    """
+    warm = offer.temperature_range_K >= _TEMPERATURE_RANGE_K
+    surface_K = _SURFACE_ACTIVATION_K if warm else (0.0,)
+    parts = (0, 2, 3) if warm else (0,)
     stages = (
         lambda: [replace(best, n_models=size) for size in _SIZES],
-        lambda: [replace(best, time_constants_s=taus) for taus in _TIME_CONSTANTS_S],
-        lambda: [replace(best, activation_K=k) for k in _ACTIVATION_K] if warm else [best],
-        lambda: [replace(best, exchange_c_rate=rate) for rate in _EXCHANGE_C_RATE],
+        lambda: [replace(best, temperature_parts=n, n_models=max(best.n_models, 8 * n)) for n in parts],
+        lambda: [replace(best, time_constants_s=taus) for taus in _up_to(offer.longest_s)],
         lambda: [
             replace(best, surface=None),
-            *(replace(best, surface=(d, s)) for d in _SURFACE_DEPTH for s in _SURFACE_S),
+            *(replace(best, surface=(d, s, surface_K[0])) for d in _SURFACE_DEPTH for s in _SURFACE_S),
         ],
-        lambda: [replace(best, entropic=not best.entropic)] if warm else [best],
-        lambda: [replace(best, unscaled=not best.unscaled)] if best.activation_K else [best],
-        lambda: [replace(best, hysteresis_rates=rates) for rates in _HYSTERESIS_RATES],
+        lambda: [replace(best, surface=(*best.surface[:2], k)) for k in surface_K] if best.surface else [],
+        lambda: [replace(best, activation_K=k) for k in _ACTIVATION_K] if warm else [],
+        lambda: [replace(best, exchange_c_rate=rate) for rate in _EXCHANGE_C_RATE],
+        lambda: [
+            replace(best, squared=None),
+            *(replace(best, squared=(s, 3000.0 if warm else 0.0)) for s in _SQUARED_S),
+        ],
+        lambda: [replace(best, hysteresis_rates=rates) for rates in offer.hysteresis_rates],
         lambda: [replace(best, direction=not best.direction)],
-        lambda: [replace(best, temperature_parts=parts) for parts in (0, 2, 3)] if warm else [best],
+        lambda: [replace(best, entropic=not best.entropic)] if warm else [],
+        lambda: [replace(best, unscaled=not best.unscaled)] if best.activation_K else [],
         lambda: [replace(best, soc_k_sigma=k) for k in _SOC_K_SIGMA],
+        lambda: [replace(best, temperature_k_sigma=k) for k in _TEMPERATURE_K_SIGMA] if best.temperature_parts else [],
         lambda: [replace(best, n_models=size) for size in _SIZES],
+        *(partial(_finer, best, name) for name in _FINER_FIELDS),
     )
-    return stages[stage]() if stage < len(stages) else []
+    # A stage without a choice still counts: the present best stands for it.
+    return (stages[stage]() or [best]) if stage < len(stages) else []
+
+
+_FINER_FIELDS = ("activation_K", "exchange_c_rate", "surface/0", "surface/1", "surface/2", "squared/0", "squared/1")
+
+
+def _finer(best: AutoCandidate, name: str) -> list[AutoCandidate]:
+    """Candidates with one number moved a little."""
+    attribute, _, position = name.partition("/")
+    value = getattr(best, attribute)
+    if not value or (position and not value[int(position)]):
+        return []
+    if not position:
+        return [replace(best, **{attribute: factor * value}) for factor in _FINER]
+    at = int(position)
+    return [replace(best, **{attribute: (*value[:at], factor * value[at], *value[at + 1 :])}) for factor in _FINER]
+
+
+def _up_to(longest_s: float) -> list[tuple[float, ...]]:
+    """Sets of time constants without those that are too slow, each once; the largest first."""
+    kept = [tuple(tau for tau in taus if tau <= longest_s) for taus in _TIME_CONSTANTS_S]
+    return sorted(dict.fromkeys(taus for taus in kept if taus), key=len, reverse=True) or [_TIME_CONSTANTS_S[0][:1]]

@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from models.cell_model import CellModel
+from models.cell_temperature import compare_temperature
+from models.comparison_reach import band_figures, bands, gaps, inside_by
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
 from models.metrics import metrics, noise_floor_V
@@ -43,17 +46,17 @@ class RunComparison:
         return self.simulated_V - self.run.voltage_V
 
 
-def simulate_runs(network: LocalModelNetwork, runs: list[TimeSeries], initial_soc: list[float]) -> list[RunComparison]:
+def simulate_runs(network: CellModel, runs: list[TimeSeries], initial_soc: list[float]) -> list[RunComparison]:
     """Free run of each measured run."""
     results = []
     for series, soc0 in zip(runs, initial_soc, strict=True):
-        run = to_grid(series, network.structure.dt_s)
+        run = to_grid(series, network.dt_s)
         soc = soc_by_counting(run.charge_Ah, soc0, network.cell.capacity_Ah, network.cell.efficiency)
         results.append(RunComparison(run, network.free_run_V(run, soc0), soc, inside_domain(network, run, soc)))
     return results
 
 
-def compare(network: LocalModelNetwork, runs: list[TimeSeries], initial_soc: list[float]) -> dict[str, Any]:
+def compare(network: CellModel, runs: list[TimeSeries], initial_soc: list[float]) -> dict[str, Any]:
     """Free-run error overall, of each run, and by SoC, current, temperature and direction.
 
     Parameters
@@ -69,6 +72,7 @@ def compare(network: LocalModelNetwork, runs: list[TimeSeries], initial_soc: lis
     if not runs:
         raise ModelError("nothing to compare: no run was given")
     compared = simulate_runs(network, runs, initial_soc)
+    grid = [c.run for c in compared]
     measured = np.concatenate([c.run.voltage_V for c in compared])
     simulated = np.concatenate([c.simulated_V for c in compared])
     _check_comparable(measured, simulated)
@@ -81,8 +85,19 @@ def compare(network: LocalModelNetwork, runs: list[TimeSeries], initial_soc: lis
         "noise_floor_mV": 1e3 * float(np.median(known)) if known else None,
         "where": where(network, compared),
         "outside_training": float(1.0 - inside.mean()),
-        "temperature": None,
+        "outside_by": _outside_by(network, compared),
+        "gaps": [gaps(run) for run in grid],
+        "band": band_figures(bands(network, grid, initial_soc), grid, [c.inside for c in compared]),
+        "temperature": compare_temperature(network, grid, initial_soc)
+        if isinstance(network, LocalModelNetwork)
+        else None,
     }
+
+
+def _outside_by(network: CellModel, compared: list[RunComparison]) -> dict[str, float]:
+    """Share of the samples outside the trained range of each dimension."""
+    parts = [inside_by(network, c.run, c.soc) for c in compared]
+    return {name: float(1.0 - np.concatenate([part[name] for part in parts]).mean()) for name in parts[0]}
 
 
 def _check_comparable(measured_V: FloatArray, simulated_V: FloatArray) -> None:
@@ -100,7 +115,7 @@ def _check_comparable(measured_V: FloatArray, simulated_V: FloatArray) -> None:
         )
 
 
-def where(network: LocalModelNetwork, compared: list[RunComparison]) -> list[dict[str, Any]]:
+def where(network: CellModel, compared: list[RunComparison]) -> list[dict[str, Any]]:
     """Share of the squared error and of the time by each variable, the largest density of error first."""
     error = np.concatenate([c.residual_V for c in compared])
     known = ~np.isnan(error)
@@ -125,22 +140,12 @@ def where(network: LocalModelNetwork, compared: list[RunComparison]) -> list[dic
     return sorted(rows, key=lambda row: -row["rmse_mV"])
 
 
-def inside_domain(network: LocalModelNetwork, run: GridRun, soc: FloatArray) -> np.ndarray:
+def inside_domain(network: CellModel, run: GridRun, soc: FloatArray) -> np.ndarray:
     """Whether each sample lies in the ranges of SoC, current and temperature that the model was trained on."""
-    domain = network.record.get("domain", {})
-    values = {"soc": soc, "current_A": run.current_A, "temperature_degC": run.temperature_degC}
-    inside = np.ones(len(run), dtype=bool)
-    for name, (low, high) in domain.items():
-        # Half a percent of the range: sensor noise at the edge is not a new operating point.
-        slack = 0.005 * (high - low)
-        value = values[name]
-        inside &= np.isnan(value) | ((value >= low - slack) & (value <= high + slack))
-    return inside
+    return np.logical_and.reduce([np.ones(len(run), dtype=bool), *inside_by(network, run, soc).values()])
 
 
-def _variables(
-    network: LocalModelNetwork, compared: list[RunComparison]
-) -> list[tuple[str, str, FloatArray, FloatArray]]:
+def _variables(network: CellModel, compared: list[RunComparison]) -> list[tuple[str, str, FloatArray, FloatArray]]:
     current = np.concatenate([c.run.current_A for c in compared])
     soc = np.concatenate([c.soc for c in compared])
     temperature = np.concatenate([c.run.temperature_degC for c in compared])

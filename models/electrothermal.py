@@ -18,7 +18,7 @@ from models.local_model_network import LocalModelNetwork
 from models.ocv import OcvTable
 from models.regression import VOLTAGE, axis_lag, normalise
 from models.resistance import ResistanceTable
-from models.signals import parse_signal, relaxation_poles
+from models.signals import diffusion_rates, parse_signal, relaxation_poles
 from models.steady_state import outside_domain
 from models.structure import KERNELS
 from models.thermal import ThermalModel
@@ -86,7 +86,7 @@ def simulate_closed(
     start_degC = float(ambient[0]) if initial_degC is None else initial_degC
     if not (np.isfinite(current).all() and np.isfinite(ambient).all() and np.isfinite([initial_soc, start_degC]).all()):
         raise ModelError("closed simulation: current, ambient temperature and initial values must be finite")
-    flat, heat = _flat(network), _heat(thermal, losses, network.structure.dt_s)
+    flat, heat = flat_network(network), _heat(thermal, losses, network.structure.dt_s)
     first = float(normalise(np.array([initial_voltage_V]), network.scaling[VOLTAGE])[0])
     # Columns: normalised voltage, SoC, heat, then the nodes.
     out = run(flat, heat, current, ambient, initial_soc, np.full(thermal.n_nodes, start_degC), first)
@@ -103,7 +103,8 @@ def simulate_closed(
     )
 
 
-def _flat(network: LocalModelNetwork) -> FlatNetwork:
+def flat_network(network: LocalModelNetwork) -> FlatNetwork:
+    """Lay a network out as plain arrays for compiled loops."""
     structure, cell = network.structure, network.cell
     names = structure.signals
     parsed = [parse_signal(name) for name in names]
@@ -115,6 +116,8 @@ def _flat(network: LocalModelNetwork) -> FlatNetwork:
         time_constant_s = signal.get("time_constant_s")
         if signal.kind == "relaxation":
             pole[s] = relaxation_poles(time_constant_s, structure.dt_s)
+        elif signal.kind == "surface_soc":
+            pole[s] = diffusion_rates(time_constant_s, structure.dt_s)
         elif time_constant_s:
             pole[s, 0] = np.exp(-structure.dt_s / time_constant_s)
     bounds = np.array([network.scaling[name] for name in names])

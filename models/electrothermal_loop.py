@@ -9,23 +9,24 @@ from numba import njit
 
 from models.lookup import line, surface, volume
 from models.resistance import in_own_direction
-from models.signals import KELVIN, REFERENCE_K
+from models.signals import DIFFUSION_GAINS, KELVIN, REFERENCE_K
 from models.structure import KERNELS
 
 # What the compiled loop does with a signal.
-_FILTERED, _SOC, _RELAXATION, _DIRECTION, _HYSTERESIS, _TEMPERATURE, _INVERSE_TEMPERATURE = range(7)
+FILTERED, SOC, RELAXATION, DIRECTION, HYSTERESIS, TEMPERATURE, INVERSE_TEMPERATURE, SQUARED = range(8)
 CODES = {
-    "current": _FILTERED,
-    "scaled_current": _FILTERED,
-    "low_pass": _FILTERED,
-    "charge_transfer": _FILTERED,
-    "soc": _SOC,
-    "surface_soc": _SOC,
-    "relaxation": _RELAXATION,
-    "hysteresis": _DIRECTION,
-    "hysteresis_state": _HYSTERESIS,
-    "temperature": _TEMPERATURE,
-    "inverse_temperature": _INVERSE_TEMPERATURE,
+    "current": FILTERED,
+    "scaled_current": FILTERED,
+    "low_pass": FILTERED,
+    "charge_transfer": FILTERED,
+    "squared_current": SQUARED,
+    "soc": SOC,
+    "surface_soc": SOC,
+    "relaxation": RELAXATION,
+    "hysteresis": DIRECTION,
+    "hysteresis_state": HYSTERESIS,
+    "temperature": TEMPERATURE,
+    "inverse_temperature": INVERSE_TEMPERATURE,
 }
 _GAUSSIAN, _UNIFORM = KERNELS.index("gaussian"), KERNELS.index("uniform")
 
@@ -39,7 +40,7 @@ class FlatNetwork(NamedTuple):
     kernel: int
     order: int
     kind: np.ndarray  # (S,) code of each signal
-    pole: np.ndarray  # (S, 3) poles of the filter stages, 0 where there is none
+    pole: np.ndarray  # (S, 3) poles of the filter stages, 0 where there is none; of a SoC: rates of its diffusion
     activation_K: np.ndarray  # (S,) 0: the current is not scaled by temperature
     exchange_A: np.ndarray  # (S,) 0: no asinh
     factor: np.ndarray  # (S,) of SoC per ampere, or of hysteresis per ampere and sample
@@ -106,18 +107,18 @@ def run(
             if thermal.layers.shape[0] == 0:
                 # The overpotential is taken as it is before the cell has warmed; a resistance needs no voltage.
                 trial[:, :] = filters
-                _signals(net, trial, history[0], current, current - last_A, soc, direction, case_degC)
-                y = _output(net, history, weight, out, k, initial_y)
+                step_signals(net, trial, history[0], current, current - last_A, soc, direction, case_degC)
+                y = step_output(net, history, weight, out, k, initial_y)
             through_A = thermal.polarisation_pole * through_A + (1.0 - thermal.polarisation_pole) * current
             heat = _losses(net, thermal, current, through_A, soc, case_degC, y)
             heat += current * line(thermal.entropic_soc, thermal.entropic, soc, False) * (nodes[0] + KELVIN)
             _warm(thermal, nodes, heat, ambient_degC[k])
-        _signals(net, filters, history[0], current, current - last_A, soc, direction, float(nodes[n_nodes - 1]))
+        step_signals(net, filters, history[0], current, current - last_A, soc, direction, float(nodes[n_nodes - 1]))
         last_A = current
         if k == 0:
             for lag in range(1, depth):
                 history[lag] = history[0]
-        out[k, 0] = _output(net, history, weight, out, k, initial_y)
+        out[k, 0] = step_output(net, history, weight, out, k, initial_y)
         out[k, 1] = soc
         out[k, 2] = heat
         for i in range(n_nodes):
@@ -126,7 +127,7 @@ def run(
 
 
 @njit(cache=True)
-def _signals(
+def step_signals(
     net: FlatNetwork,
     filters: np.ndarray,
     now: np.ndarray,
@@ -137,43 +138,58 @@ def _signals(
     temperature_degC: float,
 ) -> None:
     """Write the normalised signals of this sample into `now` and move the filters on."""
+    # Signals that follow each other often share their scaling by temperature and their exchange current.
+    slowed, slowed_for, exchange_for, transfer = 1.0, 0.0, 0.0, 0.0
     for s in range(net.kind.shape[0]):
         kind, pole, state = net.kind[s], net.pole[s], filters[s]
         value = direction
-        if kind == _FILTERED or kind == _SOC:
-            value = current_A
-            if net.activation_K[s] != 0.0:
-                value *= np.exp(net.activation_K[s] * (1.0 / (temperature_degC + KELVIN) - 1.0 / REFERENCE_K))
-            if net.exchange_A[s] != 0.0:
-                value = np.arcsinh(value / net.exchange_A[s])
-            state[0] = pole[0] * state[0] + (1.0 - pole[0]) * value
-            value = soc + net.factor[s] * state[0] if kind == _SOC else state[0]
-        elif kind == _RELAXATION:
+        if kind == FILTERED or kind == SOC or kind == SQUARED:
+            if net.activation_K[s] != slowed_for:
+                slowed_for = net.activation_K[s]
+                slowed = np.exp(slowed_for * (1.0 / (temperature_degC + KELVIN) - 1.0 / REFERENCE_K))
+                exchange_for = 0.0
+            value = current_A * slowed
+            if kind == SOC:
+                shift = 0.0
+                for mode in range(3 if net.factor[s] != 0.0 else 0):
+                    keep = np.exp(-pole[mode] / slowed)
+                    state[mode] = keep * state[mode] + (1.0 - keep) * DIFFUSION_GAINS[mode] * value
+                    shift += state[mode]
+                value = soc + net.factor[s] * shift
+            else:
+                if net.exchange_A[s] != 0.0:
+                    if net.exchange_A[s] != exchange_for:
+                        exchange_for = net.exchange_A[s]
+                        transfer = np.arcsinh(value / exchange_for)
+                    value = transfer
+                state[0] = pole[0] * state[0] + (1.0 - pole[0]) * value
+                value = state[0] * abs(state[0]) if kind == SQUARED else state[0]
+        elif kind == RELAXATION:
             value = change_A
             for stage in range(3):
                 state[stage] = pole[stage] * state[stage] + (1.0 - pole[stage]) * value
                 value = state[stage]
             value /= 1.0 - pole[0]
-        elif kind == _HYSTERESIS:
+        elif kind == HYSTERESIS:
             keep = np.exp(-net.factor[s] * abs(current_A))
             state[0] = keep * state[0] + (1.0 - keep) * np.sign(current_A)
             value = state[0]
-        elif kind == _TEMPERATURE:
+        elif kind == TEMPERATURE:
             value = temperature_degC
-        elif kind == _INVERSE_TEMPERATURE:
+        elif kind == INVERSE_TEMPERATURE:
             value = 1.0 / (temperature_degC + KELVIN)
         now[s] = (value - net.low[s]) / net.span[s]
 
 
 @njit(cache=True)
-def _output(
+def step_output(
     net: FlatNetwork, history: np.ndarray, weight: np.ndarray, out: np.ndarray, k: int, initial_y: float
 ) -> float:
     """Normalised voltage of sample k from the signals in `history` and the past outputs in `out`."""
     if k < net.order and (k > 0 or not np.isnan(initial_y)):
         return float(out[k - 1, 0]) if k > 0 else initial_y
     n_models, n_params = net.theta.shape
-    _validity(net, history, weight)
+    step_validity(net, history, weight)
     y, poles_sum = 0.0, 0.0
     for p in range(n_params):
         blended = 0.0
@@ -193,7 +209,7 @@ def _output(
 
 
 @njit(cache=True)
-def _validity(net: FlatNetwork, history: np.ndarray, weight: np.ndarray) -> None:
+def step_validity(net: FlatNetwork, history: np.ndarray, weight: np.ndarray) -> None:
     """Write the (M,) validity functions, as `Partition.validity` has them."""
     n_models, n_axes = net.centres.shape
     nearest, far = 0, np.inf

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from models.regression import Dataset
+from models.resampling import GridRun
+
+if TYPE_CHECKING:
+    from models.regression import Dataset
 
 N_FOLDS = 5
-_GROUPS = 10
+_GROUPS = 20
 
 
 def groups(data: Dataset) -> np.ndarray:
@@ -19,12 +24,30 @@ def groups(data: Dataset) -> np.ndarray:
     """
     n_runs = int(data.run_index.max()) + 1
     if n_runs >= N_FOLDS:
-        return data.run_index.astype(np.int64)
+        own = np.arange(n_runs) if data.run_group is None else data.run_group
+        return own[data.run_index].astype(np.int64)
     blocks = -(-_GROUPS // n_runs)
     out = np.empty(len(data), dtype=np.int64)
     for run in range(n_runs):
         index = np.flatnonzero(data.run_index == run)
         out[index] = run * blocks + (np.arange(len(index)) * blocks) // len(index)
+    return out
+
+
+def balanced_groups(runs: list[GridRun]) -> np.ndarray:
+    """(runs,) number of the group of each run, so that every fold holds out runs at every temperature.
+
+    Runs of like temperature stand together, and in each such set the fold goes by load: one fold holds out the
+    gentlest runs of all temperatures, another the hardest, on which a model has to extrapolate. The order in which
+    the runs were given does not matter.
+    """
+    temperature = [float(np.nan_to_num(np.mean(run.temperature_degC))) for run in runs]
+    load_A = [float(np.mean(np.abs(run.current_A))) for run in runs]
+    by_temperature = sorted(range(len(runs)), key=lambda i: (temperature[i], load_A[i]))
+    out = np.empty(len(runs), dtype=np.int64)
+    for first in range(0, len(runs), N_FOLDS):
+        members = sorted(by_temperature[first : first + N_FOLDS], key=lambda i: load_A[i])
+        out[members] = first + np.arange(len(members))
     return out
 
 

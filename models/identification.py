@@ -8,20 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from models.comparison import inside_domain, simulate_runs
-from models.errors import ModelError, NotIdentifiableError
+from models.cell_temperature import thermal_record
+from models.comparison import RunComparison, simulate_runs
+from models.errors import ModelError
+from models.excitation import check_excitation, check_series, fit_reservations
+from models.held_out_uncertainty import fit_uncertainty
 from models.local_model_network import LocalModelNetwork
 from models.metrics import Metrics, metrics, noise_floor_V
+from models.readouts import read_out
 from models.refinement import refined_theta
 from models.regression import CellContext
 from models.resampling import GridRun, to_grid, typical_interval_s
-from models.signals import REST_C_RATE, soc_by_counting
+from models.residual_statistics import residual_statistics
+from models.signals import soc_by_counting
 from models.structure import Structure
 from models.structure_search import Choice, Progress, Search
 from models.timeseries import TimeSeries
 
 STRUCTURES = ("full", "minimal", "auto")
-_MIN_SAMPLES = 200
 
 
 @dataclass(frozen=True)
@@ -89,10 +93,11 @@ def fit_network(
     if not (np.isfinite(capacity_Ah) and capacity_Ah > 0.0):
         raise ModelError(f"capacity is {capacity_Ah:g} Ah; it must be positive")
     step_s = dt_s if dt_s is not None else typical_interval_s(train)
-    grid = [to_grid(run, step_s) for run in train]
     soc = initial_soc or [start_soc(run) for run in train]
     cell = CellContext(capacity_Ah)
-    _check_excitation(grid, soc, cell)
+    reservations = check_series(train, step_s, capacity_Ah)
+    grid = [to_grid(run, step_s) for run in train]
+    reservations += check_excitation(grid, soc, cell)
     search = Search(grid, soc, cell, lambda share, text: report(0.7 * share, text))
     chosen = _chosen(search, structure)
     report(0.7, f"building {chosen.n_models} local models")
@@ -102,15 +107,27 @@ def fit_network(
         "train_runs": [run.name for run in train],
         "choices": chosen.to_json() | {"log_strengths": list(fitted.fit.log_strengths)},
         "candidates": search.table,
+        "reservations": reservations,
     }
-    theta, record["refinement"] = refined_theta(fitted, lambda share, text: report(0.7 + 0.3 * share, text))
-    network = LocalModelNetwork(fitted.structure, fitted.partition, theta, fitted.scaling, cell, record)
-    train_all, train_each = _figures(network, train, soc)
+    refined = refined_theta(fitted, lambda share, text: report(0.7 + 0.2 * share, text))
+    record["refinement"] = refined.record
+    network = LocalModelNetwork(fitted.structure, fitted.partition, refined.theta, fitted.scaling, cell, record)
+    report(0.9, "estimating what the model does not know")
+    uncertainty = fit_uncertainty(fitted, refined.theta, refined.pull, refined.held_out)
+    record["uncertainty"] = uncertainty.to_json()
+    report(0.95, "reading out tables")
+    record["tables"] = read_out(network)
+    record["thermal"] = thermal_record(network, grid, soc)
+    compared = simulate_runs(network, train, soc)
+    record["residuals"] = [{"run": c.run.name, **residual_statistics(-c.residual_V, step_s)} for c in compared]
+    train_all, train_each = _figures(compared)
     validation_all, validation_each = None, []
     if validate:
         validation_soc = validate_soc or [start_soc(run) for run in validate]
-        validation_all, validation_each = _figures(network, validate, validation_soc)
+        validation_all, validation_each = _figures(simulate_runs(network, validate, validation_soc))
     record["train"] = train_all
+    n_samples = sum(len(run) for run in grid)
+    reservations += fit_reservations(train_all, sum(run.n_missing for run in grid), n_samples)
     record["validation"] = validation_all
     floors = [noise_floor_V(run.voltage_V, run.current_A) for run in grid]
     known = [floor for floor in floors if np.isfinite(floor)]
@@ -123,7 +140,7 @@ def fit_network(
         train_runs=train_each,
         validation_runs=validation_each,
         candidates=search.table,
-        n_samples=sum(len(run) for run in grid),
+        n_samples=n_samples,
         seconds=time.perf_counter() - started,
     )
 
@@ -151,15 +168,12 @@ def start_soc(run: TimeSeries) -> float:
     raise ModelError(f"{run.name}: its initial SoC is not known (no soc_ref column); give it with --initial-soc")
 
 
-def _figures(
-    network: LocalModelNetwork, runs: list[TimeSeries], soc: list[float]
-) -> tuple[Metrics, list[dict[str, Any]]]:
-    compared = simulate_runs(network, runs, soc)
+def _figures(compared: list[RunComparison]) -> tuple[Metrics, list[dict[str, Any]]]:
     each = [
         {
             "run": c.run.name,
             **metrics(c.run.voltage_V, c.simulated_V),
-            "outside_training": float(1.0 - inside_domain(network, c.run, c.soc).mean()),
+            "outside_training": float(1.0 - c.inside.mean()),
         }
         for c in compared
     ]
@@ -183,31 +197,3 @@ def _domain(grid: list[GridRun], soc: list[float], cell: CellContext) -> dict[st
 
 def _range(parts: list[Any]) -> list[float]:
     return [float(min(p.min() for p in parts)), float(max(p.max() for p in parts))]
-
-
-def _check_excitation(grid: list[GridRun], soc: list[float], cell: CellContext) -> None:
-    """Refuse data that cannot determine any model."""
-    known = sum(int(run.measured.sum()) for run in grid)
-    if known < _MIN_SAMPLES:
-        raise NotIdentifiableError(
-            f"{known} usable samples at {grid[0].dt_s:g} s; at least {_MIN_SAMPLES} are needed. Record a longer run"
-        )
-    current = np.concatenate([run.current_A for run in grid])
-    if float(np.abs(current).max()) <= REST_C_RATE * cell.capacity_Ah:
-        raise NotIdentifiableError(
-            f"the current never exceeds {REST_C_RATE * cell.capacity_Ah:g} A: neither resistance nor open-circuit "
-            "curve can be seen. Record pulses"
-        )
-    steps = np.abs(np.diff(current)) > 0.02 * float(np.abs(current).max())
-    if int(steps.sum()) < 5:
-        raise NotIdentifiableError(
-            f"the current changes only {int(steps.sum())} times: the resistance cannot be told from the open-circuit "
-            "curve at constant current. Record pulses and rests"
-        )
-    counted = [soc_by_counting(run.charge_Ah, s, cell.capacity_Ah) for run, s in zip(grid, soc, strict=True)]
-    low, high = _range(counted)
-    if low < -0.2 or high > 1.2:
-        raise NotIdentifiableError(
-            f"counted SoC runs from {low:.2f} to {high:.2f} with a capacity of {cell.capacity_Ah:g} Ah: "
-            "capacity, initial SoC or the unit of the current is wrong"
-        )

@@ -53,6 +53,16 @@ class LocalModelNetwork:
         return self.partition.n_models
 
     @property
+    def name(self) -> str:
+        """What a person calls the model."""
+        return f"network ({self.structure.name})"
+
+    @property
+    def dt_s(self) -> float:
+        """Sampling time in s."""
+        return self.structure.dt_s
+
+    @property
     def voltage_span_V(self) -> float:
         """Volts per unit of normalised output."""
         low, high = self.scaling[VOLTAGE]
@@ -74,6 +84,10 @@ class LocalModelNetwork:
         -------
         (n,) voltage in V; only the first measured values are used, as initial values.
         """
+        from models.fast_free_run import can_run_fast, fast_free_run_V
+
+        if can_run_fast(self, run):
+            return fast_free_run_V(self, run, initial_soc)
         data = self.dataset([run], [initial_soc])
         return self.to_volts(free_run(self.theta, self.structure.output_order, self.partition.validity(data.z), data))
 

@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+
+from models.timeseries import FloatArray
+
+
+def nested_list(values: FloatArray) -> list[Any]:
+    """Return nested lists of plain numbers; missing ones are null, which JSON knows and reading makes NaN again."""
+    plain = values.astype(object)
+    plain[np.isnan(values)] = None
+    return plain.tolist()
 
 
 @njit(cache=True)

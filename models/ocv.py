@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
-from models.lookup import surface
+from models.lookup import nested_list, surface
 from models.steady_state import (
     OperatingPoints,
     outside_reservations,
@@ -69,16 +69,16 @@ class OcvTable:
         return _surface_at(self.temperature_degC, self.soc, values, t.ravel(), s.ravel()).reshape(s.shape)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a document of plain types."""
+        """Return a document of plain types; points that do not settle are null."""
         return {
             "schema_version": SCHEMA_VERSION,
             "kind": "ocv_table",
             "soc": self.soc.tolist(),
             "temperature_degC": self.temperature_degC.tolist(),
             "direction": list(DIRECTIONS),
-            "voltage_V": self.voltage_V.tolist(),
-            "mean_V": self.mean_V.tolist(),
-            "std_V": None if self.std_V is None else self.std_V.tolist(),
+            "voltage_V": nested_list(self.voltage_V),
+            "mean_V": nested_list(self.mean_V),
+            "std_V": None if self.std_V is None else nested_list(self.std_V),
             "reservations": list(self.reservations),
         }
 
@@ -91,7 +91,8 @@ class OcvTable:
         ModelError
             It is no such table, or damaged.
         """
-        if document.get("kind") != "ocv_table" or document.get("schema_version") != SCHEMA_VERSION:
+        known = isinstance(document, dict) and document.get("kind") == "ocv_table"
+        if not known or document.get("schema_version") != SCHEMA_VERSION:
             raise ModelError(f"not an open-circuit table of schema version {SCHEMA_VERSION}")
         try:
             soc, temperature = np.array(document["soc"], float), np.array(document["temperature_degC"], float)

@@ -71,10 +71,10 @@ def refine(
         start = stabilised(theta, order)
         information = problem.normal_equations(start).information
         ridge = towards_start * np.diag(np.diag(information))
-        return _iterate(problem, start, ridge, _on_inputs(penalty, theta.shape, order), max_iterations, on_iteration)
+        return _iterate(problem, start, ridge, on_inputs(penalty, theta.shape, order), max_iterations, on_iteration)
 
 
-def _on_inputs(penalty: FloatArray, shape: tuple[int, int], order: int) -> FloatArray:
+def on_inputs(penalty: FloatArray, shape: tuple[int, int], order: int) -> FloatArray:
     """Spread a penalty on input parameters over all parameters; past outputs are left free."""
     n_models, p = shape
     index = np.concatenate([np.arange(order, p) + i * p for i in range(n_models)])

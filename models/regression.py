@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from models import signals
+from models.holdout import balanced_groups
 from models.resampling import GridRun
 from models.structure import Structure
 from models.timeseries import FloatArray
@@ -39,6 +40,7 @@ class Dataset:
     y : (N,) normalised voltage, NaN where missing
     starts : first index of each part; outputs never reach across
     run_index : (N,) which run a sample belongs to
+    run_group : (runs,) in which group each run is held out; None: each in that of its own number
     """
 
     u: FloatArray
@@ -46,26 +48,56 @@ class Dataset:
     y: FloatArray
     starts: np.ndarray
     run_index: np.ndarray
+    run_group: np.ndarray | None = None
 
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.y)
 
 
-def run_signals(structure: Structure, run: GridRun, initial_soc: float, cell: CellContext) -> dict[str, FloatArray]:
-    """All signals that a structure uses, over one run, in physical units."""
+@dataclass(frozen=True)
+class SignalBank:
+    """Signals of several runs, each made once however many structures ask for it.
+
+    Attributes
+    ----------
+    runs : on one grid
+    initial_soc : fraction at the start of each run
+    cell : capacity and efficiency
+    """
+
+    runs: list[GridRun]
+    initial_soc: list[float]
+    cell: CellContext
+    _known: dict[str, list[FloatArray]] = field(default_factory=dict)
+
+    def values(self, name: str) -> list[FloatArray]:
+        """(n,) values of a named signal over each run, in its physical unit."""
+        if name not in self._known:
+            self._known[name] = [
+                run_source(run, soc, self.cell).values(name)
+                for run, soc in zip(self.runs, self.initial_soc, strict=True)
+            ]
+        return self._known[name]
+
+
+def run_source(run: GridRun, initial_soc: float, cell: CellContext) -> signals.RunSignals:
+    """What the signals of one run are made from."""
     soc = signals.soc_by_counting(run.charge_Ah, initial_soc, cell.capacity_Ah, cell.efficiency)
-    source = signals.RunSignals(run.current_A, run.temperature_degC, soc, run.dt_s, cell.capacity_Ah)
-    return {name: source.values(name) for name in structure.signals}
+    return signals.RunSignals(run.current_A, run.temperature_degC, soc, run.dt_s, cell.capacity_Ah)
 
 
-def find_scaling(structure: Structure, runs: list[GridRun], initial_soc: list[float], cell: CellContext) -> Scaling:
+def find_scaling(
+    structure: Structure,
+    runs: list[GridRun],
+    initial_soc: list[float],
+    cell: CellContext,
+    bank: SignalBank | None = None,
+) -> Scaling:
     """Ranges that map every signal of the training runs to 0..1; a constant signal gets a range of 1 unit around it."""
-    collected: dict[str, list[FloatArray]] = {}
-    for run, soc in zip(runs, initial_soc, strict=True):
-        for name, values in run_signals(structure, run, soc, cell).items():
-            collected.setdefault(name, []).append(values)
-        collected.setdefault(VOLTAGE, []).append(run.voltage_V[run.measured])
+    known = bank or SignalBank(runs, initial_soc, cell)
+    collected = {name: known.values(name) for name in structure.signals}
+    collected[VOLTAGE] = [run.voltage_V[run.measured] for run in runs]
     scaling = {}
     for name, parts in collected.items():
         low = min(float(p.min()) for p in parts)
@@ -82,31 +114,46 @@ def normalise(values: FloatArray, bounds: tuple[float, float]) -> FloatArray:
 
 
 def build_dataset(
-    structure: Structure, scaling: Scaling, runs: list[GridRun], initial_soc: list[float], cell: CellContext
+    structure: Structure,
+    scaling: Scaling,
+    runs: list[GridRun],
+    initial_soc: list[float],
+    cell: CellContext,
+    bank: SignalBank | None = None,
+    keep_every: int = 1,
 ) -> Dataset:
     """Regressors, partition variables and outputs of several runs.
 
     The SoC in the partition space is SoC(k-1), as in the observer, where SoC(k) is not known yet when the validity
     functions are needed; all other partition variables are taken at k.
+
+    Parameters
+    ----------
+    structure, scaling, runs, initial_soc, cell : what to build from
+    bank : signals of these runs that are known already
+    keep_every : keep only every n-th sample of each run; for structures without past outputs
     """
+    known = bank or SignalBank(runs, initial_soc, cell)
     parts_u, parts_z, parts_y, starts, index = [], [], [], [], []
     offset = 0
-    for number, (run, soc) in enumerate(zip(runs, initial_soc, strict=True)):
-        physical = run_signals(structure, run, soc, cell)
-        scaled = {name: normalise(values, scaling[name]) for name, values in physical.items()}
-        columns = [_tap(scaled[signal], lag) for signal, lag in structure.taps()]
-        parts_u.append(np.column_stack([*columns, np.ones(len(run))]))
-        parts_z.append(np.column_stack([_tap(scaled[a.signal], axis_lag(a.signal)) for a in structure.axes]))
-        parts_y.append(normalise(run.voltage_V, scaling[VOLTAGE]))
-        starts.extend(offset + s for s in run.segment_starts)
-        index.append(np.full(len(run), number))
-        offset += len(run)
+    for number, run in enumerate(runs):
+        kept = slice(None, None, keep_every)
+        scaled = {name: normalise(known.values(name)[number], scaling[name]) for name in structure.signals}
+        columns = [_tap(scaled[signal], lag)[kept] for signal, lag in structure.taps()]
+        count = len(columns[0])
+        parts_u.append(np.column_stack([*columns, np.ones(count)]))
+        parts_z.append(np.column_stack([_tap(scaled[a.signal], axis_lag(a.signal))[kept] for a in structure.axes]))
+        parts_y.append(normalise(run.voltage_V[kept], scaling[VOLTAGE]))
+        starts.extend(offset + -(-s // keep_every) for s in run.segment_starts)
+        index.append(np.full(count, number))
+        offset += count
     return Dataset(
         u=np.ascontiguousarray(np.vstack(parts_u)),
         z=np.ascontiguousarray(np.vstack(parts_z)),
         y=np.concatenate(parts_y),
         starts=np.array(starts, dtype=np.int64),
         run_index=np.concatenate(index),
+        run_group=balanced_groups(runs),
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
-from models.lookup import volume
+from models.lookup import nested_list, volume
 from models.steady_state import (
     OperatingPoints,
     current_axis,
@@ -72,8 +72,8 @@ class ResistanceTable:
             "current_A": self.current_A.tolist(),
             "temperature_degC": self.temperature_degC.tolist(),
             "soc": self.soc.tolist(),
-            "resistance_Ohm": _plain(self.resistance_Ohm),
-            "std_Ohm": None if self.std_Ohm is None else _plain(self.std_Ohm),
+            "resistance_Ohm": nested_list(self.resistance_Ohm),
+            "std_Ohm": None if self.std_Ohm is None else nested_list(self.std_Ohm),
             "reservations": list(self.reservations),
         }
 
@@ -86,7 +86,8 @@ class ResistanceTable:
         ModelError
             It is no such table, or damaged.
         """
-        if document.get("kind") != "resistance_table" or document.get("schema_version") != SCHEMA_VERSION:
+        known = isinstance(document, dict) and document.get("kind") == "resistance_table"
+        if not known or document.get("schema_version") != SCHEMA_VERSION:
             raise ModelError(f"not a resistance table of schema version {SCHEMA_VERSION}")
         try:
             current, temperature = np.array(document["current_A"], float), np.array(document["temperature_degC"], float)
@@ -166,12 +167,6 @@ def _physical_reservations(
             f"SoC {soc[n]:.3f}"
         )
     return found
-
-
-def _plain(values: FloatArray) -> list[Any]:
-    plain = values.astype(object)
-    plain[np.isnan(values)] = None
-    return plain.tolist()
 
 
 @njit(cache=True)

@@ -80,12 +80,13 @@ def moments(partition: Partition, data: Dataset, a: FloatArray, group: np.ndarra
     group : (N,) group of each sample
     keep_every : use only every n-th sample in the sums (all pass through the filter); neighbours tell the same
     """
+    if len(a) == 0:
+        usable = ~np.isnan(data.y) & (np.arange(len(data)) % keep_every == 0)
+        return _static_moments(partition, data, usable, group)
     validity = partition.validity(data.z)
     since = samples_since_start(len(data), data.starts)
     target = data.y - _initial_response(np.nan_to_num(data.y), a, since)
     usable = ~np.isnan(data.y) & (since >= len(a)) & (np.arange(len(data)) % keep_every == 0)
-    if len(a) == 0:
-        return _static_moments(validity, data, usable, group)
     size, n_groups = validity.shape[1] * data.u.shape[1], int(group.max()) + 1
     xx, xy = np.zeros((n_groups, size, size)), np.zeros((n_groups, size))
     yy, count = np.zeros(n_groups), np.zeros(n_groups)
@@ -104,16 +105,16 @@ def moments(partition: Partition, data: Dataset, a: FloatArray, group: np.ndarra
     return Moments(xx, xy, yy, count)
 
 
-def _static_moments(validity: FloatArray, data: Dataset, usable: np.ndarray, group: np.ndarray) -> Moments:
+def _static_moments(partition: Partition, data: Dataset, usable: np.ndarray, group: np.ndarray) -> Moments:
     """Without output feedback nothing passes through a filter: only the samples that count are touched."""
-    size, n_groups = validity.shape[1] * data.u.shape[1], int(group.max()) + 1
+    size, n_groups = partition.n_models * data.u.shape[1], int(group.max()) + 1
     xx, xy = np.zeros((n_groups, size, size)), np.zeros((n_groups, size))
     yy, count = np.zeros(n_groups), np.zeros(n_groups)
     for g in range(n_groups):
         chosen = np.flatnonzero(usable & (group == g))
         for first in range(0, len(chosen), _BLOCK):
             k = chosen[first : first + _BLOCK]
-            x = (validity[k][:, :, None] * data.u[k][:, None, :]).reshape(len(k), size)
+            x = (partition.validity(data.z[k])[:, :, None] * data.u[k][:, None, :]).reshape(len(k), size)
             xx[g] += x.T @ x
             xy[g] += x.T @ data.y[k]
             yy[g] += data.y[k] @ data.y[k]
@@ -141,44 +142,45 @@ def penalties(structure: Structure, partition: Partition, data: Dataset, a: Floa
     forms: list[FloatArray] = [np.zeros((n_models * q, n_models * q)) for _ in range(4)]
     for i, j in partition.neighbours():
         along_soc = _shared_axis(partition, i, j) == soc_axis
-        for probe in _probes(partition, i, j, soc_axis, along_soc):
-            row = np.zeros(n_models * q)
-            row[i * q + q - 1], row[j * q + q - 1] = gain, -gain
-            for tap in line:
-                row[i * q + tap], row[j * q + tap] = gain * probe, -gain * probe
-            forms[0 if along_soc else 1] += np.outer(row, row)
-        for tap in other:
-            row = np.zeros(n_models * q)
-            row[i * q + tap], row[j * q + tap] = gain * scale[tap], -gain * scale[tap]
-            forms[2 if along_soc else 3] += np.outer(row, row)
+        probes = np.array(_probes(partition, i, j, soc_axis, along_soc))
+        rows = np.zeros((len(probes), q))
+        rows[:, q - 1] = gain
+        rows[:, line] = gain * probes[:, None]
+        _add_difference(forms[0 if along_soc else 1], i, j, rows.T @ rows)
+        apart = np.zeros(q)
+        apart[other] = (gain * scale[other]) ** 2
+        _add_difference(forms[2 if along_soc else 3], i, j, np.diag(apart))
     return forms
 
 
-def fit(sums: Moments, forms: list[FloatArray], quick: bool = False) -> SharedPoleFit:
+def _add_difference(form: FloatArray, i: int, j: int, block: FloatArray) -> None:
+    """Add the quadratic form `block` of the difference between the parameters of two local models."""
+    q = len(block)
+    first, second = slice(i * q, (i + 1) * q), slice(j * q, (j + 1) * q)
+    form[first, first] += block
+    form[second, second] += block
+    form[first, second] -= block
+    form[second, first] -= block
+
+
+def fit(sums: Moments, forms: list[FloatArray], start: tuple[float, ...] | None = None) -> SharedPoleFit:
     """Choose the penalties' strengths on held-out groups, then fit all groups.
 
     Parameters
     ----------
     sums : moments of each group
     forms : penalties
-    quick : whether candidates are only to be compared: whole powers of ten
+    start : strengths that served a similar candidate: only these, all weaker and all stronger are tried, which will do
+        to compare candidates
     """
-    held = folds(len(sums.count))
-    levels = [[level] * len(forms) for level in _FIRST_LEVELS]
-    errors = [_held_out(sums, _weighted(forms, level), held) for level in levels]
-    best = min(errors)
-    strengths = levels[errors.index(best)]
-    for step in _STEPS[: 1 if quick else None]:
-        for i in range(len(strengths)):
-            for signed in (step, -step):
-                while _STRENGTH[0] <= strengths[i] + signed <= _STRENGTH[1]:
-                    trial = [*strengths[:i], strengths[i] + signed, *strengths[i + 1 :]]
-                    error = _held_out(sums, _weighted(forms, trial), held)
-                    if not error < best * (1.0 - 1e-4):
-                        break
-                    best, strengths = error, trial
+    judge = _Judge.of(sums, forms)
+    if start is not None:
+        best, strengths = min((judge.error(level), level) for level in _near(list(start)))
+    else:
+        best, strengths = min((judge.error(level), level) for level in [[v] * len(forms) for v in _FIRST_LEVELS])
+        best, strengths = _descend(judge, best, strengths)
     penalty = _weighted(forms, strengths) * sums.count.sum()
-    b = _solve(sums.xx.sum(axis=0) + penalty, sums.xy.sum(axis=0))
+    b = _solve(judge.xx + penalty, judge.xy)
     return SharedPoleFit(b, tuple(strengths), best, penalty)
 
 
@@ -189,20 +191,56 @@ def solve_without(sums: Moments, penalty: FloatArray, held: np.ndarray) -> Float
     return _solve(sums.xx[kept].sum(axis=0) + share * penalty, sums.xy[kept].sum(axis=0))
 
 
+def _near(start: list[float]) -> list[list[float]]:
+    low, high = _STRENGTH
+    return [[min(max(v + shift, low), high) for v in start] for shift in (0.0, -1.0, 1.0)]
+
+
+def _descend(judge: _Judge, best: float, strengths: list[float]) -> tuple[float, list[float]]:
+    """One strength after the other, with finer steps in the second round."""
+    for step in _STEPS:
+        for i in range(len(strengths)):
+            for signed in (step, -step):
+                while _STRENGTH[0] <= strengths[i] + signed <= _STRENGTH[1]:
+                    trial = [*strengths[:i], strengths[i] + signed, *strengths[i + 1 :]]
+                    error = judge.error(trial)
+                    if not error < best * (1.0 - 1e-4):
+                        break
+                    best, strengths = error, trial
+    return best, strengths
+
+
 def _weighted(forms: list[FloatArray], log_strengths: list[float]) -> FloatArray:
     return np.sum([10.0**s * form for s, form in zip(log_strengths, forms, strict=True)], axis=0)
 
 
-def _held_out(sums: Moments, penalty: FloatArray, held: list[np.ndarray]) -> float:
-    """Mean squared error over all held-out groups."""
-    total, count = 0.0, 0.0
-    whole = penalty * sums.count.sum()
-    for fold in held:
-        b = solve_without(sums, whole, fold)
-        xx, xy = sums.xx[fold].sum(axis=0), sums.xy[fold].sum(axis=0)
-        total += max(float(sums.yy[fold].sum() - 2.0 * b @ xy + b @ xx @ b), 0.0)
-        count += float(sums.count[fold].sum())
-    return total / max(count, 1.0)
+@dataclass(frozen=True)
+class _Judge:
+    """Held-out error of any strengths; sums over all groups and over each fold are made once."""
+
+    forms: list[FloatArray]
+    xx: FloatArray
+    xy: FloatArray
+    count: float
+    folds: list[tuple[FloatArray, FloatArray, float, float]]
+
+    @classmethod
+    def of(cls, sums: Moments, forms: list[FloatArray]) -> _Judge:
+        parts = [
+            (sums.xx[f].sum(axis=0), sums.xy[f].sum(axis=0), float(sums.yy[f].sum()), float(sums.count[f].sum()))
+            for f in folds(len(sums.count))
+        ]
+        return cls(forms, sums.xx.sum(axis=0), sums.xy.sum(axis=0), float(sums.count.sum()), parts)
+
+    def error(self, log_strengths: list[float]) -> float:
+        """Mean squared error over all held-out groups."""
+        penalty = _weighted(self.forms, log_strengths)
+        total, judged = 0.0, 0.0
+        for xx, xy, yy, count in self.folds:
+            b = _solve(self.xx - xx + (self.count - count) * penalty, self.xy - xy)
+            total += max(float(yy - 2.0 * b @ xy + b @ xx @ b), 0.0)
+            judged += count
+        return total / max(judged, 1.0)
 
 
 def _solve(information: FloatArray, right: FloatArray) -> FloatArray:

@@ -190,6 +190,9 @@ def _settled(name: str, points: OperatingPoints, capacity_Ah: float) -> FloatArr
     kind = signal.kind
     if kind in ("current", "scaled_current", "low_pass", "charge_transfer"):
         return drive(signal, points.current_A, points.temperature_degC)
+    if kind == "squared_current":
+        settled_A = drive(signal, points.current_A, points.temperature_degC)
+        return settled_A * np.abs(settled_A)
     if kind in ("soc", "surface_soc"):
         shift = signal.get("depth") * drive(signal, points.current_A, points.temperature_degC) / capacity_Ah
         return points.soc + shift

@@ -177,10 +177,16 @@ def _regressors(
         if signal.kind in ("temperature", "inverse_temperature"):
             return signals.RunSignals(current, temperature, counted, dt_s, cell.capacity_Ah).values(name)
         x = drive(signal, current, temperature)
-        if signal.get("time_constant_s"):
-            # From the settled value on, where the signal of a whole run starts at rest.
-            x = x[0] + signals.low_pass(x - x[0], signal.get("time_constant_s"), dt_s)
-        return counted + signal.get("depth") * x / cell.capacity_Ah if signals.is_soc(name) else x
+        tau_s = signal.get("time_constant_s")
+        # From the settled value on, where the signal of a whole run starts at rest.
+        if signal.kind == "surface_soc":
+            slowed = signals.arrhenius(temperature, signal.get("activation_K"))
+            x = x[0] + signals.diffusion(x - x[0], tau_s, slowed, dt_s)
+        elif tau_s:
+            x = x[0] + signals.low_pass(x - x[0], tau_s, dt_s)
+        if signals.is_soc(name):
+            return counted + signal.get("depth") * x / cell.capacity_Ah
+        return x * np.abs(x) if signal.kind == "squared_current" else x
 
     value = {name: normalise(physical(name), network.scaling[name]) for name in structure.signals}
     columns = [_delayed(value[signal], lag) for signal, lag in structure.taps()]

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from models.auto_structure import AutoCandidate, alternatives, first_candidate
+from models.auto_structure import AutoCandidate, alternatives, find_offer, first_candidate
+from models.circuit_start import circuit_alternatives, circuit_candidate, stands_apart
 from models.given_structure import GivenCandidate, pole_alternatives, poles_for, size_alternatives
 from models.holdout import groups
 from models.lolimot import construct
 from models.partition import Partition
-from models.regression import VOLTAGE, CellContext, Dataset, Scaling, build_dataset, find_scaling
+from models.regression import VOLTAGE, CellContext, Dataset, Scaling, SignalBank, build_dataset, find_scaling
 from models.resampling import GridRun
 from models.shared_poles import Moments, SharedPoleFit, fit, moments, output_coefficients, penalties
 from models.structure import Structure, full_structure, minimal_structure
@@ -39,6 +41,8 @@ _FASTEST_SAMPLES = 2.0
 _WORTH = 0.005
 # Samples in the sums while candidates are compared; all samples pass through the filters.
 _SEARCH_SAMPLES = 12_000
+# Samples in the sums of the final fit where there are no past outputs; more of them tell nothing new.
+_STATIC_SAMPLES = 400_000
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,12 @@ class Search:
     progress: Progress
     table: list[dict[str, Any]] = field(default_factory=list)
     _known: dict[Choice, float] = field(default_factory=dict)
+    _strengths: dict[Choice, tuple[float, ...]] = field(default_factory=dict)
+
+    @cached_property
+    def bank(self) -> SignalBank:
+        """Signals of the runs, shared by all candidates."""
+        return SignalBank(self.runs, self.initial_soc, self.cell)
 
     @property
     def dt_s(self) -> float:
@@ -144,17 +154,29 @@ class Search:
         return best
 
     def _best_auto(self) -> AutoCandidate:
-        known = np.concatenate([run.temperature_degC for run in self.runs])
-        range_K = 0.0 if np.isnan(known).any() else float(np.ptp(known))
-        best = first_candidate(self.cell.capacity_Ah, range_K)
+        offer = find_offer(self.bank)
+        best = first_candidate(self.cell.capacity_Ah, offer)
         for done in (0.0, 0.5):
             before, stage = best, 0
-            while tried := alternatives(best, range_K, stage):
-                best = self._choose(best, tried, done + 0.04 * stage)
+            while tried := alternatives(best, offer, stage):
+                best = self._choose(best, tried, done + 0.02 * stage)
                 stage += 1
             if best == before:
                 break
-        return best
+        return self._from_circuit(best, offer.temperature_range_K >= 3.0)
+
+    def _from_circuit(self, best: AutoCandidate, warm: bool) -> AutoCandidate:
+        """Search once more from an equivalent circuit's terms; the better of both ends."""
+        circuit, stage = circuit_candidate(self.cell.capacity_Ah, warm), 0
+        while (tried := circuit_alternatives(circuit, warm, stage)) is not None:
+            self.progress(0.9, f"trying {circuit}")
+            # No change is too small: constants are moved, not terms added.
+            errors = {each: self._held_out_error(each, circuit) for each in dict.fromkeys([circuit, *tried])}
+            circuit, stage = min(errors, key=errors.__getitem__), stage + 1
+        if not stands_apart(circuit, self.bank):
+            return best
+        # Both with their own penalties: those of a neighbour, which do among neighbours, blur the difference.
+        return min((best, circuit), key=lambda candidate: self.fitted(candidate).held_out_rmse_V)
 
     def _pass(self, best: Candidate, done: float) -> Candidate:
         full = best.family == "full"
@@ -175,17 +197,25 @@ class Search:
         slower = [replace(best, poles_s=(*best.poles_s[:-1], self._slow_enough(f * best.poles_s[-1]))) for f in _FINER]
         return self._choose(best, slower, done + 0.38)
 
-    def fitted(self, candidate: Choice, keep_every: int = 1) -> Fitted:
+    def fitted(self, candidate: Choice) -> Fitted:
         """Construct and fit a candidate with its poles shared."""
+        n_samples = sum(len(run) for run in self.runs)
+        return self._fitted(candidate, 1 if candidate.poles_s else max(1, n_samples // _STATIC_SAMPLES), None)
+
+    def _fitted(self, candidate: Choice, keep_every: int, start: tuple[float, ...] | None) -> Fitted:
+        """Fit with every n-th sample in the sums, and with penalties near `start` where that is known."""
         structure = candidate.structure(self.dt_s)
-        scaling = find_scaling(structure, self.runs, self.initial_soc, self.cell)
-        data = build_dataset(structure, scaling, self.runs, self.initial_soc, self.cell)
-        use = None if keep_every == 1 else np.arange(len(data)) % keep_every == 0
+        scaling = find_scaling(structure, self.runs, self.initial_soc, self.cell, self.bank)
+        # Without past outputs a sample stands for itself, and those that do not count need not be made.
+        thinned = keep_every if structure.output_order == 0 else 1
+        data = build_dataset(structure, scaling, self.runs, self.initial_soc, self.cell, self.bank, thinned)
+        left = keep_every // thinned
+        use = None if left == 1 else np.arange(len(data)) % left == 0
         *_, local = construct(structure, data, candidate.n_models, use)
         a = output_coefficients(candidate.poles_s, self.dt_s)
         with threadpool_limits(1, user_api="blas"):
-            sums = moments(local.partition, data, a, groups(data), keep_every)
-            chosen = fit(sums, penalties(structure, local.partition, data, a), quick=keep_every > 1)
+            sums = moments(local.partition, data, a, groups(data), left)
+            chosen = fit(sums, penalties(structure, local.partition, data, a), start)
         return Fitted(structure, scaling, data, local.partition, a, sums, chosen)
 
     def _choose(self, current: ChoiceT, candidates: list[ChoiceT], share_done: float) -> ChoiceT:
@@ -193,16 +223,19 @@ class Search:
         errors = {}
         for candidate in dict.fromkeys([current, *candidates]):
             self.progress(share_done, f"trying {candidate}")
-            errors[candidate] = self._held_out_error(candidate)
+            errors[candidate] = self._held_out_error(candidate, current)
         best = min(errors, key=errors.__getitem__)
         return best if errors[best] < errors[current] * (1.0 - _WORTH) else current
 
-    def _held_out_error(self, candidate: Choice) -> float:
+    def _held_out_error(self, candidate: Choice, current: Choice) -> float:
         """Free-run RMSE in V on held-out samples."""
         if candidate not in self._known:
             n_samples = sum(len(run) for run in self.runs)
-            found = self.fitted(candidate, keep_every=max(1, n_samples // _SEARCH_SAMPLES))
+            keep_every = max(1, n_samples // _SEARCH_SAMPLES)
+            # The penalties that served the present choice serve its neighbours, or nearly so.
+            found = self._fitted(candidate, keep_every, self._strengths.get(current))
             self._known[candidate] = found.held_out_rmse_V
+            self._strengths[candidate] = found.fit.log_strengths
             row = {"n_models_built": found.partition.n_models, "held_out_rmse_mV": 1e3 * found.held_out_rmse_V}
             self.table.append(candidate.to_json() | row)
         return self._known[candidate]

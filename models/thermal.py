@@ -157,9 +157,11 @@ class ThermalModel:
         ModelError
             It is no thermal model, or damaged.
         """
-        fields = {key: value for key, value in document.items() if key not in ("schema_version", "kind")}
-        if document.get("kind") != "thermal_model" or document.get("schema_version") != SCHEMA_VERSION:
+        if not isinstance(document, dict) or document.get("kind") != "thermal_model":
+            raise ModelError("not a thermal model")
+        if document.get("schema_version") != SCHEMA_VERSION:
             raise ModelError(f"not a thermal model of schema version {SCHEMA_VERSION}")
+        fields = {key: value for key, value in document.items() if key not in ("schema_version", "kind")}
         try:
             for key in ("dU_dT_V_per_K", "dU_dT_soc"):
                 fields[key] = tuple(float(value) for value in fields[key])

@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from models.signals import DIFFUSION_GAINS
+
 # Kinds of signals, as codes for the compiled step.
 SOC, FILTERED, CHARGE_TRANSFER, RELAXATION, HYSTERESIS, HYSTERESIS_STATE, TEMPERATURE, INVERSE_TEMPERATURE = range(8)
+SQUARED = 8
 CODES = {
     "soc": SOC,
     "surface_soc": SOC,
@@ -14,14 +17,16 @@ CODES = {
     "low_pass": FILTERED,
     "scaled_current": FILTERED,
     "charge_transfer": CHARGE_TRANSFER,
+    "squared_current": SQUARED,
     "relaxation": RELAXATION,
     "hysteresis": HYSTERESIS,
     "hysteresis_state": HYSTERESIS_STATE,
     "temperature": TEMPERATURE,
     "inverse_temperature": INVERSE_TEMPERATURE,
 }
-# Columns of the signals' constants: poles of three filter stages, gain, activation in K, exchange current in A, rate
-# per A and sample, then low end and span of the normalisation.
+# Columns of the signals' constants: poles of three filter stages (of a state of charge: rates of the three modes of
+# diffusion per sample at 25 degC), gain, activation in K, exchange current in A, rate per A and sample, then low end
+# and span of the normalisation.
 POLE, GAIN, ACTIVATION, EXCHANGE, RATE, LOW, SPAN = 0, 3, 4, 5, 6, 7, 8
 N_CONSTANTS = 9
 # Columns of the output row.
@@ -94,14 +99,23 @@ def step(
         held[1] = -1.0
     now = np.empty(n_signals)
     for s in range(n_signals):
-        base = current_A
+        slowed = 1.0
         if signal[s, ACTIVATION] != 0.0:
-            base *= np.exp(signal[s, ACTIVATION] * (1.0 / (temperature_degC + 273.15) - 1.0 / 298.15))
+            slowed = np.exp(signal[s, ACTIVATION] * (1.0 / (temperature_degC + 273.15) - 1.0 / 298.15))
+        base = current_A * slowed
         if kind[s] == CHARGE_TRANSFER:
             base = np.arcsinh(base / signal[s, EXCHANGE])
-        if kind[s] == SOC or kind[s] == FILTERED or kind[s] == CHARGE_TRANSFER:
+        if kind[s] == SOC:
+            value = 0.0
+            for mode in range(3):
+                keep = np.exp(-signal[s, POLE + mode] / slowed)
+                filters[s, mode] = keep * filters[s, mode] + (1.0 - keep) * DIFFUSION_GAINS[mode] * base
+                value += signal[s, GAIN] * filters[s, mode]
+        elif kind[s] == FILTERED or kind[s] == CHARGE_TRANSFER or kind[s] == SQUARED:
             filters[s, 0] = signal[s, POLE] * filters[s, 0] + (1.0 - signal[s, POLE]) * base
             value = signal[s, GAIN] * filters[s, 0]
+            if kind[s] == SQUARED:
+                value *= np.abs(value)
         elif kind[s] == RELAXATION:
             value = change
             for stage in range(3):

@@ -12,7 +12,7 @@ from models.local_model_network import LocalModelNetwork
 from models.observer import compiled
 from models.observer.gains import state_matrices, steady_state_gains
 from models.regression import VOLTAGE, axis_lag
-from models.signals import parse_signal, relaxation_poles
+from models.signals import diffusion_rates, parse_signal, relaxation_poles
 from models.timeseries import FloatArray
 
 
@@ -224,6 +224,8 @@ class FuzzyObserver:
         if signal.kind == "relaxation":
             row[compiled.POLE : compiled.POLE + 3] = relaxation_poles(time_constant_s, self.dt_s)
             row[compiled.GAIN] = 1.0 / (1.0 - row[compiled.POLE])
+        elif signal.kind == "surface_soc":
+            row[compiled.POLE : compiled.POLE + 3] = diffusion_rates(time_constant_s, self.dt_s)
         elif time_constant_s:
             row[compiled.POLE] = np.exp(-self.dt_s / time_constant_s)
         if signal.kind in ("soc", "surface_soc"):

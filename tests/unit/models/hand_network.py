@@ -26,7 +26,8 @@ SCALING = {
     "inverse_temperature": (1.0 / 314.0, 1.0 / 277.0),
     "scaled_current:2500": (-12.0, 8.0),
     "charge_transfer:3/2500/20": (-1.9, 1.6),
-    "surface_soc:0.05/400": (0.05, 0.95),
+    "squared_current:60/3000": (-90.0, 60.0),
+    "surface_soc:0.05/400/3500": (0.05, 0.95),
 }
 
 
@@ -64,7 +65,8 @@ def everything(order: int, kernel: str = "gaussian") -> LocalModelNetwork:
         InputChannel("inverse_temperature"),
         InputChannel("scaled_current:2500"),
         InputChannel("charge_transfer:3/2500/20"),
-        InputChannel("surface_soc:0.05/400", delay=1),
+        InputChannel("squared_current:60/3000"),
+        InputChannel("surface_soc:0.05/400/3500", delay=1),
     )
     axes = (
         PartitionAxis("soc", initial=3, k_sigma=0.5),
@@ -92,6 +94,7 @@ def everything(order: int, kernel: str = "gaussian") -> LocalModelNetwork:
             rng.uniform(20.0, 40.0, count),
             rng.uniform(0.001, 0.003, count),
             rng.uniform(0.01, 0.03, count),
+            rng.uniform(0.0001, 0.0003, count),
             rng.uniform(0.2, 0.4, count),
             rng.uniform(3.2, 3.3, count),
         ]

@@ -73,3 +73,32 @@ def test_a_model_that_gives_no_voltage_does_not_look_perfect(network) -> None:
     blind = TimeSeries(run.time_s, run.current_A, np.full(500, np.nan), run.temperature_degC)
     with pytest.raises(ModelError, match="samples have a voltage"):
         compare(network, [blind], [0.6])
+
+
+def test_what_lies_outside_is_told_by_dimension(network) -> None:
+    run = synthetic.run(1000, seed=5)
+    half = np.where(np.arange(1000) < 500, 30.0, 0.0)
+    warm = TimeSeries(run.time_s, run.current_A, run.voltage_V, run.temperature_degC + half, None, run.soc_ref)
+    result = compare(network, [warm], [0.6])
+    assert result["outside_by"]["temperature_degC"] == pytest.approx(0.5, abs=0.01)
+    assert result["outside_by"]["current_A"] == 0.0
+    assert result["outside_training"] >= max(result["outside_by"].values())
+
+
+def test_gaps_are_reported(network) -> None:
+    run = synthetic.run(1000, seed=5)
+    voltage = run.voltage_V.copy()
+    voltage[100:150] = voltage[300:310] = np.nan
+    holed = TimeSeries(run.time_s, run.current_A, voltage, run.temperature_degC, None, run.soc_ref)
+    (said,) = compare(network, [holed], [0.6])["gaps"]
+    assert said["gaps"] == 2 and said["longest_gap_s"] == pytest.approx(50.0, abs=2.0)
+    assert said["missing_share"] == pytest.approx(0.06, abs=0.01) and said["parts"] == 1
+
+
+def test_the_band_is_judged(network) -> None:
+    run = synthetic.run(2000, seed=5, noise_V=1e-3)
+    band = compare(network, [run], [0.6])["band"]
+    assert 0.9 <= band["coverage_95"] <= 1.0
+    wrong = TimeSeries(run.time_s, run.current_A, run.voltage_V + 0.1, run.temperature_degC, None, run.soc_ref)
+    assert compare(network, [wrong], [0.6])["band"]["coverage_95"] < 0.05
+    assert compare(replace(network, record={}), [run], [0.6])["band"] is None

@@ -46,3 +46,35 @@ def test_low_pass_reaches_the_current(tau: float) -> None:
     u = signals.low_pass(np.full(4000, 2.0), tau, 1.0)
     assert u[-1] == pytest.approx(2.0, abs=1e-9)
     assert u[int(tau)] == pytest.approx(2.0 * (1 - np.exp(-(int(tau) + 1) / tau)), rel=1e-9)
+
+
+def test_diffusion_settles_to_its_input_and_keeps_the_charge_that_went_in() -> None:
+    step = np.ones(20000)
+    settled = signals.diffusion(step, 500.0, np.ones(1), 1.0)
+    assert settled[-1] == pytest.approx(1.0, abs=1e-9)
+    assert (np.diff(settled) >= 0.0).all()
+
+
+def test_slower_diffusion_settles_higher_but_begins_alike() -> None:
+    # The surface's state of charge: input and time constants both scaled, as a colder cell has it.
+    warm = signals.diffusion(np.ones(50000), 500.0, np.ones(1), 1.0)
+    cold = signals.diffusion(np.full(50000, 4.0), 500.0, np.full(1, 4.0), 1.0)
+    assert cold[-1] == pytest.approx(4.0 * warm[-1], rel=1e-6)
+    assert cold[0] == pytest.approx(warm[0], rel=0.05)
+
+
+def test_diffusion_against_the_series_in_closed_form() -> None:
+    # After a step each mode rises as 1 - exp(-t / tau_n); tau_n goes with the inverse square of the root of tan x = x.
+    roots = np.array([4.493409458, 7.725251837, 10.904121659])
+    assert np.tan(roots) == pytest.approx(roots, rel=1e-6)
+    t = np.arange(1, 2001)
+    tau = 300.0 * (roots[0] / roots) ** 2
+    expected = ((1.0 - np.exp(-t[:, None] / tau)) * roots**-2.0).sum(axis=1) / (roots**-2.0).sum()
+    np.testing.assert_allclose(signals.diffusion(np.ones(2000), 300.0, np.ones(1), 1.0), expected, atol=1e-12)
+
+
+def test_squared_current_keeps_the_sign() -> None:
+    n = 4000
+    for level in (-3.0, 2.0):
+        run = signals.RunSignals(np.full(n, level), np.full(n, 25.0), np.full(n, 0.5), 1.0, 2.0)
+        assert run.values("squared_current:60/3000")[-1] == pytest.approx(level * abs(level))

@@ -18,6 +18,7 @@ INPUTS = (
     InputChannel("relaxation:200"),
     InputChannel("low_pass:30"),
     InputChannel("low_pass:30/2500"),
+    InputChannel("squared_current:60/3000"),
     InputChannel("scaled_current:2500", order=1),
     InputChannel("charge_transfer:1.5/2500"),
     InputChannel("charge_transfer:1.5/0/20"),

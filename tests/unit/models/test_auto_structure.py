@@ -1,0 +1,61 @@
+"""What `--structure auto` offers to the data."""
+
+import numpy as np
+import pytest
+
+from models.auto_structure import alternatives, find_offer, first_candidate, share_of_soc
+from models.regression import CellContext, SignalBank
+from models.structure import Structure
+from tests.unit.models.hand_network import grid_run
+
+CELL = CellContext(2.0)
+
+
+def _bank(current_A: np.ndarray, temperature_degC: np.ndarray | float = 25.0) -> SignalBank:
+    return SignalBank([grid_run(current_A, temperature_degC)], [1.0], CELL)
+
+
+def _steady() -> np.ndarray:
+    return np.full(6000, -1.0)
+
+
+def _pulses() -> np.ndarray:
+    rng = np.random.default_rng(5)
+    return np.repeat(rng.choice([-2.0, 0.0, 1.0], 60), 100)
+
+
+def test_a_slow_low_pass_is_a_function_of_soc_at_one_constant_current_but_not_in_pulses() -> None:
+    assert share_of_soc(_bank(_steady()), "low_pass:3000") > 0.95
+    assert share_of_soc(_bank(_pulses()), "low_pass:100") < 0.5
+
+
+def test_constant_current_is_offered_no_slow_low_pass_and_no_slow_hysteresis() -> None:
+    offer = find_offer(_bank(_steady()))
+    assert offer.longest_s == 100.0
+    assert all(10.0 not in rates for rates in offer.hysteresis_rates)
+
+
+def test_temperature_is_offered_only_where_it_varies() -> None:
+    constant = find_offer(_bank(_pulses()))
+    varied = find_offer(_bank(_pulses(), np.linspace(10.0, 30.0, 6000)))
+    assert first_candidate(2.0, constant).activation_K == 0.0
+    assert first_candidate(2.0, varied).activation_K > 0.0
+    tried = [c for stage in range(22) for c in alternatives(first_candidate(2.0, constant), constant, stage)]
+    assert all(c.temperature_parts == 0 and not c.entropic for c in tried)
+
+
+def test_unknown_temperature_counts_as_none() -> None:
+    assert find_offer(_bank(_pulses(), np.nan)).temperature_range_K == 0.0
+
+
+@pytest.mark.parametrize("stage", range(22))
+def test_every_alternative_is_a_valid_structure(stage: int) -> None:
+    offer = find_offer(_bank(_pulses(), np.linspace(10.0, 30.0, 6000)))
+    for candidate in alternatives(first_candidate(2.0, offer), offer, stage):
+        structure = candidate.structure(1.0)
+        assert Structure.from_json(structure.to_json()) == structure
+
+
+def test_the_stages_come_to_an_end() -> None:
+    offer = find_offer(_bank(_pulses()))
+    assert alternatives(first_candidate(2.0, offer), offer, 99) == []
