@@ -11,7 +11,6 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
-from urllib.parse import urlsplit
 
 from pydantic import (
     AfterValidator,
@@ -25,6 +24,8 @@ from pydantic import (
 )
 
 from bench_service.errors import ServiceError
+from drivers.address import parse_address
+from drivers.errors import CyclerConnectionError
 
 CONFIG_FILE = "bench.toml"
 DATA_DIR_VARIABLE = "BENCH_DATA_DIR"
@@ -102,12 +103,15 @@ class SimulateConfig(_Table):
     """A simulated cycler and cell, started by the service as a process of its own.
 
     ``speed`` counts simulated seconds per second and has a meaning only on the wall clock
-    (``lock_step = false``). ``capacity_Ah`` replaces the true capacity of the simulated cell.
+    (``lock_step = false``). ``capacity_Ah`` replaces the true capacity of the simulated cell; ``baud`` is
+    the pace of a simulated serial line, ``faults`` a script of what goes wrong when (docs/cyclers.md).
     """
 
-    protocol: Literal["modbus-tcp"] = "modbus-tcp"
+    protocol: Literal["modbus-tcp", "modbus-rtu", "can"] = "modbus-tcp"
+    baud: int = Field(default=115200, ge=300, le=4_000_000, strict=True)
     cell: Literal["nmc", "lfp", "nimh"] = "nmc"
     effects: dict[str, Number] = {}
+    faults: str = ""
     seed: int = Field(default=1, ge=0, strict=True)
     lock_step: bool = Field(default=True, strict=True)
     speed: Positive = 1.0
@@ -129,7 +133,7 @@ _STATED_FOR_HARDWARE = ("voltage_V", "current_A", "temperature_degC")
 class BenchConfig(_Table):
     """One bench: a cycler channel with a cell on it.
 
-    Exactly one of ``url`` (``modbus-tcp://host:port``) and ``simulate`` is given. The defaults of capacity and
+    Exactly one of ``url`` (see `drivers.address`) and ``simulate`` is given. The defaults of capacity and
     limits are those of the simulated cell; for a real cell they must be stated.
     """
 
@@ -189,13 +193,10 @@ class BenchConfig(_Table):
     def _known_transport(cls, url: str | None) -> str | None:
         if url is None:
             return None
-        parts = urlsplit(url)
         try:
-            complete = parts.scheme == "modbus-tcp" and bool(parts.hostname) and bool(parts.port)
-        except ValueError:
-            complete = False
-        if not complete:
-            raise ValueError(f"{url!r} must read modbus-tcp://host:port")
+            parse_address(url)
+        except CyclerConnectionError as error:
+            raise ValueError(str(error)) from error
         return url
 
 
@@ -291,7 +292,8 @@ workers = 1
 
 # One table per bench. "sim" is simulated: the service starts its simulator itself.
 [bench.sim]
-# A real cycler instead of a simulated one:  url = "modbus-tcp://192.168.1.50:502"  and no "simulate" table;
+# A real cycler instead of a simulated one:  url = "modbus-tcp://192.168.1.50:502"  and no "simulate" table; or
+# "modbus-rtu:///dev/ttyUSB0?baud=115200&parity=N", or "can://socketcan/can0?bitrate=500000&node=1&log=traffic";
 # capacity_Ah and the limits of voltage, current and temperature must then be stated.
 # Register map: a name from drivers/maps, or the path of a .toml file.
 map = "generic"
@@ -308,11 +310,15 @@ timeout_s = 0.5
 settle_s = 1.0
 
 [bench.sim.simulate]
+# modbus-tcp, modbus-rtu (a pseudo-terminal, paced to its baud rate) or can (needs map = "generic_can")
 protocol = "modbus-tcp"
+baud = 115200
 # nmc, lfp or nimh
 cell = "nmc"
 # Physical effects of the simulated cell on top of its own, for example { hysteresis = 0.02 }.
 effects = {}
+# What goes wrong when, for example "silence@sample:30; nan.voltage@t:12.5+3" (docs/cyclers.md).
+faults = ""
 seed = 1
 # true: simulated time moves one period per sample, as fast as the machine can. false: the wall clock, times speed.
 lock_step = true

@@ -19,16 +19,19 @@ TYPE_WORDS: Mapping[str, int] = {"u16": 1, "i16": 1, "u32": 2, "i32": 2, "f32": 
 LIMIT_ROLES = tuple(
     f"limit_{quantity}_{side}" for quantity in ("voltage", "current", "temperature") for side in ("high", "low")
 )
+# A device has one signed set-point, or one for each direction, perhaps with a voltage that it must not pass.
+SETPOINT_ROLES = ("set_current", "set_charge", "set_discharge", "set_voltage")
 COMMAND_ROLES = ("set_current", "heartbeat", "lock_step")
+SWITCH_ROLES = ("remote", "output", "clear_alarms")  # a coil, or a register that takes 1 and 0
 SAMPLE_ROLES = (
     "sequence", "actual_voltage", "actual_current", "temperature", "ambient_temperature",
     "setpoint_in_force", "status", "alarms",
 )  # fmt: skip
 REGISTER_ROLES = frozenset(
-    (*COMMAND_ROLES, *SAMPLE_ROLES, *LIMIT_ROLES, "ramp", "watchdog", "lock_step_available",
-     "lock_step_period", "serial")
+    (*SETPOINT_ROLES, *COMMAND_ROLES, *SAMPLE_ROLES, *LIMIT_ROLES, *SWITCH_ROLES, "ramp", "watchdog",
+     "lock_step_available", "lock_step_period", "serial")
 )  # fmt: skip
-COIL_ROLES = frozenset(("remote", "output", "clear_alarms"))
+COIL_ROLES = frozenset(SWITCH_ROLES)
 # Registers whose sign `positive_current` turns. Roles speak the house's language: limit_current_high is the limit
 # of charging, in whichever register a device of the other convention keeps it.
 CURRENT_ROLES = frozenset(
@@ -53,7 +56,8 @@ class Register:
     """One value in the register space: ``value = raw * scale``, in `unit`.
 
     `range` is in engineering units and the house's sign; `invalid` holds raw bit patterns that mean "missing";
-    `raw_max` is the largest raw number that the device takes.
+    `raw_max` is the largest raw number that the device takes; `negative` is the status bit that turns an unsigned
+    value's sign.
     """
 
     name: str
@@ -71,6 +75,7 @@ class Register:
     invalid: tuple[int, ...] = ()
     unlimited: float | None = None
     verify: Verify = Verify()
+    negative: str | None = None
 
     @property
     def end(self) -> int:
@@ -113,10 +118,10 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """The register that tells this family of devices from others, and what it reads."""
+    """The register that tells this family of devices from others, and what it may read."""
 
     register: str
-    equals: float | str
+    equals: tuple[float | str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +146,11 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class DeviceMap:
-    """A whole map; validated by `drivers.register_map.load_map`."""
+    """A whole map; validated by `drivers.register_map.load_map`.
+
+    `single_writes`: one register per message. `alarm_bits` are bits of the status that count as alarms.
+    `worst_reply_s` is the longest that the device may take for an answer on a serial line.
+    """
 
     file: Path
     name: str
@@ -153,7 +162,9 @@ class DeviceMap:
     word_order: WordOrder
     functions: frozenset[int]
     min_gap_s: float
+    worst_reply_s: float
     max_read_registers: int
+    single_writes: bool
     positive_current: Literal["charge", "discharge"]
     identity: Identity
     constants: Mapping[str, str]
@@ -162,12 +173,23 @@ class DeviceMap:
     registers: Mapping[str, Register]
     coils: Mapping[str, Coil]
     bits: Mapping[str, Mapping[str, int]]
+    alarm_bits: tuple[str, ...]
     sequences: Mapping[str, tuple[Step, ...]]
     frames: tuple[Frame, ...]
 
     def by_role(self, role: str) -> Register | None:
-        """Return the register that has a role, or None."""
-        return next((r for r in self.registers.values() if r.role == role), None)
+        """Return the register that has a role, or None; where nothing is the status, the output's own register is."""
+        found = next((r for r in self.registers.values() if r.role == role), None)
+        return self.by_role("output") if found is None and role == "status" else found
+
+    @property
+    def has_directions(self) -> bool:
+        """Whether there is a set-point for each direction of the current instead of a signed one."""
+        return self.by_role("set_current") is None
+
+    def switch(self, role: str) -> Coil | Register | None:
+        """Return what switches remote mode, the output, or clears alarms: a coil or a register, or None."""
+        return self.coil_by_role(role) or self.by_role(role)
 
     def coil_by_role(self, role: str) -> Coil | None:
         """Return the coil that has a role, or None."""

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from urllib.parse import urlsplit
 
+from drivers.address import CanAddress, SerialAddress, TcpAddress, parse_address
+from drivers.can_codec import CanCodec
+from drivers.can_cycler import CanCycler
+from drivers.can_link import CanLink
 from drivers.cycler import Cycler
-from drivers.errors import CyclerConnectionError
+from drivers.errors import BadMapError, CyclerConnectionError
 from drivers.modbus import ModbusCycler
-from drivers.modbus_link import ModbusLink, tcp_client_factory
-from drivers.register_map import load_map
+from drivers.modbus_link import ModbusLink, serial_client_factory, tcp_client_factory
+from drivers.register_map import CanMap, DeviceMap, load_can_map, load_map, map_transport
+
+SILENT_CHARACTERS = 3.5  # between two messages on a serial line (Modbus over Serial Line V1.02, 2.5.1.1)
 
 
 def open_cycler(url: str, map_name: str | Path, timeout_s: float) -> Cycler:
@@ -18,7 +23,8 @@ def open_cycler(url: str, map_name: str | Path, timeout_s: float) -> Cycler:
     Parameters
     ----------
     url : str
-        ``modbus-tcp://HOST:PORT`` (port 502 where none is given).
+        ``modbus-tcp://HOST:PORT`` (port 502 where none is given), ``modbus-rtu:///DEVICE?baud=N`` or
+        ``can://INTERFACE/CHANNEL``; the options are those of `drivers.address`.
     map_name : str or Path
         Name of a map, or the path of one.
     timeout_s : float
@@ -33,20 +39,54 @@ def open_cycler(url: str, map_name: str | Path, timeout_s: float) -> Cycler:
     """
     if not timeout_s > 0:
         raise CyclerConnectionError(f"{url}: the time-out must be positive, not {timeout_s} s")
+    address = parse_address(url)
+    wanted, found = "can" if isinstance(address, CanAddress) else "modbus", map_transport(map_name)
+    if found != wanted and found in ("can", "modbus"):
+        raise BadMapError(map_name, "transport", f"is '{found}', but the address {url} wants '{wanted}'")
+    if isinstance(address, CanAddress):
+        return _can_cycler(address, load_can_map(map_name), timeout_s)
     device_map = load_map(map_name)
-    try:
-        parts = urlsplit(url)
-        host, port = parts.hostname, 502 if parts.port is None else parts.port
-    except ValueError as error:
-        raise CyclerConnectionError(f"{url}: {error}") from None
-    if parts.scheme != "modbus-tcp" or not host or parts.path.strip("/") or port == 0:
-        raise CyclerConnectionError(f"{url}: the address of a cycler is modbus-tcp://HOST:PORT")
-    link = ModbusLink(
-        f"modbus-tcp://{host}:{port}",
-        tcp_client_factory(host, port),
-        unit_id=device_map.unit_id,
-        functions=device_map.functions,
-        min_gap_s=device_map.min_gap_s,
+    return ModbusCycler(_modbus_link(address, device_map, timeout_s), device_map)
+
+
+def _can_cycler(address: CanAddress, can_map: CanMap, timeout_s: float) -> CanCycler:
+    codec = CanCodec(can_map.dbc, can_map.views)
+    sends = [command.send for command in can_map.commands.values()] + [ask.send for ask in can_map.asks.values()]
+    receives = {signal.message for _, signal in can_map.signals()}
+    receives |= {command.echo for command in can_map.commands.values() if command.echo}
+    receives |= {reply for ask in can_map.asks.values() for reply in ask.replies}
+    link = CanLink(
+        address,
+        sends=codec.identifiers({send.message for send in sends}),
+        receives=codec.identifiers({can_map.base(name) for name in receives}),
+        node_step=can_map.node_step,
+        fd=can_map.fd,
+        min_gap_s=can_map.min_gap_s,
         timeout_s=timeout_s,
+        silence_s=can_map.worst_reply_s,
+        view_of=codec.view_of,
     )
-    return ModbusCycler(link, device_map)
+    return CanCycler(link, can_map, codec)
+
+
+def _modbus_link(address: TcpAddress | SerialAddress, device_map: DeviceMap, timeout_s: float) -> ModbusLink:
+    unit_id = device_map.unit_id if address.unit is None else address.unit
+    if isinstance(address, TcpAddress):
+        return ModbusLink(
+            str(address),
+            tcp_client_factory(address.host, address.port),
+            unit_id=unit_id,
+            functions=device_map.functions,
+            min_gap_s=device_map.min_gap_s,
+            timeout_s=timeout_s,
+        )
+    return ModbusLink(
+        str(address),
+        serial_client_factory(address),
+        unit_id=unit_id,
+        functions=device_map.functions,
+        min_gap_s=max(device_map.min_gap_s, SILENT_CHARACTERS * address.character_s),
+        timeout_s=timeout_s,
+        silence_s=device_map.worst_reply_s,
+        rs485=address.rs485,
+    )

@@ -6,11 +6,11 @@ from collections import Counter
 from itertools import pairwise
 from typing import NoReturn
 
-from drivers.device_map import LIMIT_ROLES, Coil, DeviceMap, Register
+from drivers.device_map import LIMIT_ROLES, SETPOINT_ROLES, Coil, DeviceMap, Register
 from drivers.errors import BadMapError
 from drivers.read_plan import block_of
 
-NEEDED_REGISTER_ROLES = ("set_current", "actual_voltage", "actual_current", "status")
+NEEDED_REGISTER_ROLES = ("actual_voltage", "actual_current", "status")
 READ_BACK_ROLES = (*LIMIT_ROLES, "ramp", "watchdog", "lock_step", "lock_step_period")
 _READ_FUNCTION = {"holding": 3, "input": 4}
 
@@ -45,20 +45,34 @@ def _check_roles(device_map: DeviceMap) -> None:
         register = device_map.by_role(role)
         if register is None:
             _fail(device_map, "reg", f"no register has the role '{role}', which every cycler needs")
-        needed = "w" if role == "set_current" else "r"
-        if needed not in register.access:
-            _fail(device_map, f"reg.{register.name}.access", f"role '{role}' needs access '{needed}'")
+        if not register.readable:
+            _fail(device_map, f"reg.{register.name}.access", f"role '{role}' needs access 'r'")
+    _check_setpoints(device_map)
     for role in READ_BACK_ROLES:
         if (register := device_map.by_role(role)) and register.access != "rw":
             _fail(device_map, f"reg.{register.name}.access", f"role '{role}' is read back, so it needs access 'rw'")
-    output = device_map.coil_by_role("output")
+    output = device_map.switch("output")
     if output is None or "w" not in output.access:
-        _fail(device_map, "coil", "no writable coil has the role 'output', which every cycler needs")
+        _fail(device_map, "coil", "no writable coil or register has the role 'output', which every cycler needs")
     status = device_map.by_role("status")
     if status is None or "output_on" not in device_map.bits.get(status.name, {}):
         _fail(device_map, "bits", "the status register needs a bit 'output_on': the output is verified by it")
     if (device_map.by_role("lock_step") is None) != (device_map.by_role("lock_step_period") is None):
         _fail(device_map, "reg", "roles 'lock_step' and 'lock_step_period' come together or not at all")
+
+
+def _check_setpoints(device_map: DeviceMap) -> None:
+    """One signed set-point, or a charging one with perhaps a discharging one beside it."""
+    signed, charge = device_map.by_role("set_current"), device_map.by_role("set_charge")
+    if (signed is None) == (charge is None):
+        reason = "one register must have the role 'set_current', or one 'set_charge' (and one 'set_discharge')"
+        _fail(device_map, "reg", f"{reason}: every cycler needs a set-point")
+    for role in SETPOINT_ROLES:
+        register = device_map.by_role(role)
+        if register is not None and not register.writable:
+            _fail(device_map, f"reg.{register.name}.access", f"role '{role}' needs access 'w'")
+    if signed is not None and (device_map.by_role("set_discharge") or device_map.by_role("set_voltage")):
+        _fail(device_map, "reg", "'set_discharge' and 'set_voltage' go with 'set_charge', not with 'set_current'")
 
 
 def _check_layout(device_map: DeviceMap) -> None:
@@ -117,6 +131,16 @@ def _check_references(device_map: DeviceMap) -> None:
         highest = max(device_map.bits[name].values(), default=0)
         if register.type not in ("u16", "u32") or highest >= 16 * register.words:
             _fail(device_map, f"bits.{name}", f"bit {highest} does not exist in type {register.type}")
+    status = device_map.by_role("status")
+    known = device_map.bits.get(status.name, {}) if status else {}
+    for register in device_map.registers.values():
+        if register.negative is not None and register.role != "actual_current":
+            _fail(device_map, f"reg.{register.name}.negative", "is for the role 'actual_current'")
+        if register.negative is not None and register.negative not in known:
+            _fail(device_map, f"reg.{register.name}.negative", f"'{register.negative}' is no bit of the status")
+    for name in device_map.alarm_bits:
+        if name not in known:
+            _fail(device_map, "alarm_bits", f"'{name}' is no bit of the status")
     for register in device_map.registers.values():
         if register.verify.kind == "readback":
             _readable(device_map, f"reg.{register.name}.verify", register.verify.register or register.name)
@@ -144,9 +168,10 @@ def _check_sequences(device_map: DeviceMap) -> None:
                 _fail(device_map, f"{key}.write", f"'{step.write}' is nothing that can be written")
             if step.value is not None and isinstance(step.value, bool) != isinstance(entry, Coil):
                 _fail(device_map, f"{key}.value", "coils take true or false, registers take numbers")
-    output = device_map.coil_by_role("output")
-    if output and not any(s.write == output.name and s.value is False for s in device_map.sequences["safe"]):
-        _fail(device_map, "sequence.safe", f"must write false to '{output.name}': safe means output off")
+    output = device_map.switch("output")
+    if output and not any(s.write == output.name and s.value == 0 for s in device_map.sequences["safe"]):
+        off = "false" if isinstance(output, Coil) else "0"
+        _fail(device_map, "sequence.safe", f"must write {off} to '{output.name}': safe means output off")
 
 
 def _check_frames(device_map: DeviceMap) -> None:

@@ -23,6 +23,7 @@ from drivers.device_map import (
 from drivers.map_table import Table
 
 SCHEMA = 1
+DEFAULT_WORST_REPLY_S = 0.5
 SEQUENCES = ("acquire", "safe", "release", "clear_fault")
 KNOWN_FUNCTIONS = frozenset((1, 3, 4, 5, 6, 15, 16, 23))
 
@@ -38,6 +39,7 @@ def read_device_map(file: Path, content: Mapping[str, Any]) -> DeviceMap:
     top = Table(file, "", content)
     if (schema := top.take("schema", int)) != SCHEMA:
         top.fail("schema", f"is {schema}; this version reads schema {SCHEMA}")
+    transport = top.choose("transport", ("modbus",))
     identity = top.table("identity")
     constants = top.table("const").values()
     capabilities = top.table("capabilities")
@@ -48,20 +50,23 @@ def read_device_map(file: Path, content: Mapping[str, Any]) -> DeviceMap:
         title=top.take("title", str),
         source=top.take("source", str),
         verified_on_hardware=top.take("verified_on_hardware", bool),
-        transport=top.choose("transport", ("modbus",)),
+        transport=transport,
         unit_id=top.integer("unit_id", 0, 255),
         word_order=word_order,
         functions=_functions(top),
-        min_gap_s=_not_negative(top, "min_gap_s", 0.0),
+        min_gap_s=top.not_negative("min_gap_s", 0.0),
+        worst_reply_s=top.not_negative("worst_reply_s", DEFAULT_WORST_REPLY_S),
         max_read_registers=top.integer("max_read_registers", 1, 125, 125),
+        single_writes=top.take("single_writes", bool, False),
         positive_current=top.choose("positive_current", ("charge", "discharge")),
-        identity=Identity(identity.take("register", str), _scalar(identity, "equals")),
+        identity=Identity(identity.take("register", str), _scalars(identity, "equals")),
         constants=MappingProxyType(constants),
         capabilities=_intervals(capabilities, ("current", "voltage"), constants),
         blocks=tuple(_block(table) for table in top.tables("block")),
         registers=_named(top.table("reg"), lambda n, t: _register(n, t, word_order, constants)),
         coils=_named(top.table("coil"), _coil),
         bits=_named(top.table("bits"), _bits),
+        alarm_bits=_names(top, "alarm_bits"),
         sequences=_sequences(top.table("sequence")),
         frames=tuple(_frame(table) for table in top.tables("frame")),
     )
@@ -78,19 +83,13 @@ def _functions(top: Table) -> frozenset[int]:
     return frozenset(functions)
 
 
-def _not_negative(table: Table, key: str, default: float) -> float:
-    value = table.take(key, float, default)
-    if value < 0:
-        table.fail(key, f"must not be negative, not {value}")
-    return value
-
-
-def _scalar(table: Table, key: str) -> float | str:
-    """Take a number or a string."""
+def _scalars(table: Table, key: str) -> tuple[float | str, ...]:
+    """Take a number, a string, or a list of such."""
     value = table.any_value(key)
-    if type(value) not in (int, float, str):
-        table.fail(key, f"must be a number or a string, not {value!r}")
-    return value
+    values = value if isinstance(value, list) else [value]
+    if not values or any(type(part) not in (int, float, str) for part in values):
+        table.fail(key, f"must be a number or a string, or a list of such, not {value!r}")
+    return tuple(values)
 
 
 def _intervals(table: Table, keys: tuple[str, ...], names: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -138,6 +137,7 @@ def _register(name: str, table: Table, word_order: str, constants: Mapping[str, 
         invalid=table.integers("invalid", 0, (1 << 16 * words) - 1, []),
         unlimited=table.take("unlimited", float, None),
         verify=_verify(table),
+        negative=table.take("negative", str, None),
     )
     if kind == "string" and (register.scale or register.range or register.invalid or register.raw_max is not None):
         table.fail("type", "a string has no scale, range, invalid or raw_max")
@@ -163,6 +163,13 @@ def _coil(name: str, table: Table) -> Coil:
         access=table.choose("access", ("r", "w", "rw")),
         role=table.choose("role", COIL_ROLES, None),
     )
+
+
+def _names(table: Table, key: str) -> tuple[str, ...]:
+    names = table.take(key, list, [])
+    if not all(isinstance(name, str) for name in names):
+        table.fail(key, f"must be a list of names, not {names!r}")
+    return tuple(names)
 
 
 def _bits(_name: str, table: Table) -> Mapping[str, int]:
@@ -206,18 +213,10 @@ def _frame(table: Table) -> Frame:
     missing = table.take("missing", list, [])
     frame = Frame(
         meaning=table.take("meaning", str),
-        request=_hex(table, "request"),
-        reply=_hex(table, "reply"),
+        request=table.hexadecimal("request"),
+        reply=table.hexadecimal("reply"),
         values=MappingProxyType(values),
         missing=tuple(missing),
     )
     table.finish()
     return frame
-
-
-def _hex(table: Table, key: str) -> bytes:
-    text = table.take(key, str)
-    try:
-        return bytes.fromhex(text)
-    except ValueError:
-        table.fail(key, f"must be bytes in hexadecimal, not {text!r}")

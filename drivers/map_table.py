@@ -73,6 +73,10 @@ class Table:
         value = self._left.pop(key, None)
         return None if value is None else self._expression(key, value, names)
 
+    def needed_expression(self, key: str, names: Collection[str]) -> Expression:
+        """Take an expression that must be there."""
+        return self._expression(key, self.any_value(key), names)
+
     def interval(self, key: str, names: Collection[str]) -> tuple[Expression, Expression] | None:
         """Take an optional pair of expressions, low and high."""
         value = self._left.pop(key, None)
@@ -111,6 +115,25 @@ class Table:
     def children(self) -> dict[str, Table]:
         """Take every key that is left, as a table each."""
         return {key: self.table(key) for key in list(self._left)}
+
+    def keys(self) -> tuple[str, ...]:
+        """Return the keys that are left."""
+        return tuple(self._left)
+
+    def not_negative(self, key: str, default: float) -> float:
+        """Take an optional number that is not below zero."""
+        value = self.take(key, float, default)
+        if value < 0:
+            self.fail(key, f"must not be negative, not {value}")
+        return value
+
+    def hexadecimal(self, key: str) -> bytes:
+        """Take bytes written in hexadecimal."""
+        text = self.take(key, str)
+        try:
+            return bytes.fromhex(text)
+        except ValueError:
+            self.fail(key, f"must be bytes in hexadecimal, not {text!r}")
 
     def values(self) -> dict[str, Any]:
         """Take every key that is left, as it stands."""

@@ -10,7 +10,7 @@ from functools import partial
 
 from drivers.codec import Value, bind
 from drivers.cycler import Capabilities, DeviceLimits, Reading
-from drivers.device_map import DeviceMap, Register
+from drivers.device_map import Coil, DeviceMap, Register
 from drivers.errors import CyclerConnectionError, CyclerError, CyclerProtocolError, SetPointRefusedError
 from drivers.modbus_link import ModbusLink
 from drivers.modbus_plan import DevicePlan
@@ -41,6 +41,8 @@ class ModbusCycler:
         self._heartbeat = 0
         self._tick: int | None = None  # None: wall clock
         self._sequence = 0
+        self._voltage_V = (0.0, 0.0)  # limits of the run
+        self._read_ahead: tuple[float, list[int]] | None = None  # the next sample, if the last message brought it
 
     # --- opening -------------------------------------------------------------------------------------------
     async def connect(self) -> Capabilities:
@@ -59,7 +61,7 @@ class ModbusCycler:
 
     async def close(self) -> None:
         """See `Cycler.close`."""
-        self._watch = None
+        self._watch = self._read_ahead = None
         self._link.close()
 
     async def _open(self) -> None:
@@ -71,11 +73,12 @@ class ModbusCycler:
         except CyclerError:
             self._link.close()
             raise
-        if found != identity.equals:
+        if found not in identity.equals:
             self._link.close()
+            wanted = " or ".join(repr(value) for value in identity.equals)
             raise CyclerProtocolError(
                 f"{self._link.address}: register '{identity.register}' reads {found!r}, map '{self._map.name}' "
-                f"wants {identity.equals!r}: another device, or the wrong map; nothing was written"
+                f"wants {wanted}: another device, or the wrong map; nothing was written"
             )
 
     async def _constant(self, name: str, register_name: str) -> float:
@@ -98,7 +101,8 @@ class ModbusCycler:
     async def acquire(self, limits: DeviceLimits, watchdog_s: float, lock_step_period_s: float | None) -> None:
         """See `Cycler.acquire`. Output off and set-point 0 come before anything else is configured."""
         plan = self._connected_plan()
-        self._watch = None
+        self._watch = self._read_ahead = None
+        self._voltage_V = limits.voltage_V
         # Everything is encoded, and refused if it must be, before the first write.
         settings = plan.grouped(await self._settings(plan, limits, watchdog_s, lock_step_period_s))
         await self._run("acquire", {"watchdog_s": watchdog_s})
@@ -111,9 +115,10 @@ class ModbusCycler:
         if lock_step_period_s is not None:
             tick = await self._read_role("lock_step", plan.constants)
             self._tick = tick if isinstance(tick, int) else 0
-        for write in plan.command.writes(0.0, self._next_heartbeat(plan), None):
+        for write in plan.command.writes(0.0, self._next_heartbeat(plan), None, self._voltage_V):
             await self._link.write_registers(write.first, write.values, write.label)
-        await self._verify_setpoint_register(plan, 0.0)
+        for write in plan.command.read_back(0.0, every=True):
+            await self._verify_readback(write.first, write.values, write.label)
         self._sequence = (await self._read_sample(plan)).sequence
         self._watch = SetPointWatch(exact=lock_step_period_s is not None)
 
@@ -155,7 +160,12 @@ class ModbusCycler:
     # --- each tick -----------------------------------------------------------------------------------------
     async def sample(self) -> Reading:
         """See `Cycler.sample`."""
-        reading = await self._read_sample(self._connected_plan())
+        plan, ahead = self._connected_plan(), self._read_ahead
+        self._read_ahead = None
+        if ahead is None or not self._link.is_open:
+            reading = await self._read_sample(plan)
+        else:
+            reading = plan.sample.reading(ahead[0], self._sequence + 1, [ahead[1]])
         self._sequence = reading.sequence
         if self._watch is not None:
             expected_A = self._watch.check(reading.setpoint_in_force_A, reading.sequence)
@@ -169,24 +179,33 @@ class ModbusCycler:
         if self._watch is None:
             raise CyclerProtocolError(f"{self._link.address}: no set-point without control: acquire first")
         tick = None if self._tick is None else (self._tick + 1) & 0xFFFFFFFF
-        for write in plan.command.writes(current_A, self._next_heartbeat(plan), tick):
-            await self._link.write_registers(write.first, write.values, write.label)
+        self._read_ahead = None
+        writes = plan.command.writes(current_A, self._next_heartbeat(plan), tick, self._voltage_V)
+        if tick is not None and len(writes) == 1 and (read := plan.one_message_read) is not None:
+            # Simulated time stands still until the next tick, so its sample may come with this one.
+            registers = await self._link.write_then_read(
+                writes[0].first, writes[0].values, read.first, read.count, writes[0].label
+            )
+            self._read_ahead = time.monotonic(), registers
+        else:
+            for write in writes:
+                await self._link.write_registers(write.first, write.values, write.label)
         self._tick = tick
         value_A, tolerance_A = plan.expected(current_A)
-        verify = self._map.registers[plan.command.codec.name].verify
-        if verify.kind == "readback" and verify.register is None:
-            await self._verify_setpoint_register(plan, current_A)
+        for write in plan.command.read_back(current_A, every=False):
+            await self._verify_readback(write.first, write.values, write.label)
         if tolerance_A < math.inf:
             self._watch.written(value_A, tolerance_A, self._sequence)
 
     async def output(self, on: bool) -> None:
         """See `Cycler.output`."""
         plan = self._connected_plan()
+        self._read_ahead = None
         if on and self._watch is None:
             raise CyclerProtocolError(f"{self._link.address}: no output without control: acquire first")
-        coil = self._map.coil_by_role("output")
-        if coil is not None:  # every validated map has one
-            await self._link.write_coil(coil.address, on, f"'{coil.name}'")
+        switch = self._map.switch("output")
+        if switch is not None:  # every validated map has one
+            await self._write(switch.name, on if isinstance(switch, Coil) else float(on))
         if not on:
             self._forget_setpoints()
         await self._verify_output(plan, on=on)
@@ -194,6 +213,7 @@ class ModbusCycler:
     # --- safety --------------------------------------------------------------------------------------------
     async def safe(self) -> None:
         """See `Cycler.safe`. Writing rest twice does no harm, so each step is tried again on a fresh link."""
+        self._read_ahead = None
         actions: list[Callable[[], Awaitable[None]]] = [
             partial(self._write, step.write, step.value) for step in self._map.sequences["safe"]
         ]
@@ -260,12 +280,6 @@ class ModbusCycler:
                 f"{self._link.address}: {label} read back differently: "
                 f"wrote {_words(values)}, reads {_words(found)} (registers from {first})"
             )
-
-    async def _verify_setpoint_register(self, plan: DevicePlan, current_A: float) -> None:
-        register = self._map.registers[plan.command.codec.name]
-        if register.readable:
-            values = plan.command.codec.encode(current_A)
-            await self._verify_readback(register.address, values, f"'{register.name}'")
 
     async def _verify_output(self, plan: DevicePlan, *, on: bool) -> None:
         """Wait until the status says what the output was told."""

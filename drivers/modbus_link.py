@@ -1,14 +1,20 @@
 """Modbus requests over one connection: every reply checked, every failure one of the `CyclerError` tree.
 
-pymodbus 3.16 returns device exceptions instead of raising them, checks neither the length of a reply nor that a
-reply has the function code of its request, and lets a request that is waiting when the connection drops wait for
-its time-out; all of that is made good here. It is used without retries and without reconnecting: a set-point is
-never sent twice, and coming back is the owner's decision.
+Over TCP it speaks through `drivers.modbus_tcp`, on a serial line through pymodbus. pymodbus 3.16 returns device
+exceptions instead of raising them, checks neither the length of a reply nor that a reply has the function code of its
+request, and lets a request that is waiting when the connection drops wait for its time-out; all of that is made good
+here. Either is used without retries and without reconnecting: a set-point is never sent twice, and coming back is the
+owner's decision.
 
 Reads are not tried again either. A lost packet is TCP's own business, which repairs it within about 0.2 s; an answer
 that stays away for the whole time-out is a device that is silent. A second attempt would need a new connection, and
 by then the last reading is older than the bench accepts as ground for a set-point, and the device's watchdog about to
 trip.
+
+A serial line has no transaction numbers, so the answer to one request can be taken for the answer to the next. After
+a time-out, or a reply that does not fit its request, the line therefore stays silent for the worst reply time of the
+device (`silence_s`) and what came meanwhile is thrown away; the same before the first request, because whoever had
+the line before may have left a request behind.
 """
 
 from __future__ import annotations
@@ -17,13 +23,17 @@ import asyncio
 import logging
 import time
 from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
 
-from pymodbus.client import AsyncModbusTcpClient
+from pymodbus.client import AsyncModbusSerialClient
 from pymodbus.exceptions import ConnectionException, ModbusException
-from pymodbus.pdu import ModbusPDU
+from serial import SerialException
+from serial.rs485 import RS485Settings
 
+from drivers.address import SerialAddress
 from drivers.device_map import Space
 from drivers.errors import CyclerConnectionError, CyclerProtocolError, CyclerTimeoutError
+from drivers.modbus_tcp import TcpClient
 
 CONNECT_TIMEOUT_S = 1.0  # a handshake may take longer than a control period; an answer may not
 
@@ -46,14 +56,33 @@ EXCEPTIONS = {
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 
-ClientFactory = Callable[[Callable[[bool], None]], AsyncModbusTcpClient]
+Client = TcpClient | AsyncModbusSerialClient
+ClientFactory = Callable[[Callable[[bool], None]], Client]
+SLEEP_SLACK_S = 0.001  # the event loop rounds waits up to whole milliseconds
 
 
 def tcp_client_factory(host: str, port: int) -> ClientFactory:
     """Make clients for Modbus TCP; the argument of each is told of connects and disconnects."""
-    return lambda on_change: AsyncModbusTcpClient(
-        host, port=port, timeout=CONNECT_TIMEOUT_S, retries=0, reconnect_delay=0, trace_connect=on_change
-    )
+    return lambda on_change: TcpClient(host, port, CONNECT_TIMEOUT_S, on_change)
+
+
+def serial_client_factory(address: SerialAddress) -> ClientFactory:
+    """Make clients for Modbus RTU on a serial line."""
+
+    def make(on_change: Callable[[bool], None]) -> AsyncModbusSerialClient:
+        return AsyncModbusSerialClient(
+            address.device,
+            baudrate=address.baud,
+            parity=address.parity,
+            stopbits=address.stopbits,
+            handle_local_echo=address.echo,
+            timeout=CONNECT_TIMEOUT_S,
+            retries=0,
+            reconnect_delay=0,
+            trace_connect=on_change,
+        )
+
+    return make
 
 
 class ModbusLink:
@@ -64,7 +93,7 @@ class ModbusLink:
     address : str
         For messages, such as ``modbus-tcp://127.0.0.1:502``.
     make_client : ClientFactory
-        Makes a fresh pymodbus client for each connection, so that nothing is left over from the one before.
+        Makes a fresh client for each connection, so that nothing is left over from the one before.
     unit_id : int
         Modbus unit identifier.
     functions : frozenset of int
@@ -73,6 +102,10 @@ class ModbusLink:
         Silence that the device needs between two messages, in s.
     timeout_s : float
         How long an answer may take, in s. After a time-out the connection is closed.
+    silence_s : float
+        Worst reply time of the device, in s, where replies carry no transaction number (a serial line); else 0.
+    rs485 : bool
+        Switch the line driver's direction control on.
     """
 
     def __init__(
@@ -84,6 +117,8 @@ class ModbusLink:
         functions: frozenset[int],
         min_gap_s: float,
         timeout_s: float,
+        silence_s: float = 0.0,
+        rs485: bool = False,
     ) -> None:
         self.address = address
         self._make_client = make_client
@@ -91,9 +126,12 @@ class ModbusLink:
         self._functions = functions
         self._min_gap_s = min_gap_s
         self._timeout_s = timeout_s
-        self._client: AsyncModbusTcpClient | None = None
+        self._silence_s = silence_s
+        self._rs485 = rs485
+        self._client: Client | None = None
         self._waiting = False
         self._quiet_since_s = 0.0
+        self._silent_until_s = time.monotonic() + silence_s
 
     @property
     def is_open(self) -> bool:
@@ -106,9 +144,10 @@ class ModbusLink:
         Raises
         ------
         CyclerConnectionError
-            If nobody answers within `CONNECT_TIMEOUT_S`.
+            If nobody answers within `CONNECT_TIMEOUT_S`, or the serial line cannot be had.
         """
         self.close()
+        await self._silence()  # opening a serial line then throws away what has come until now
         client = self._make_client(self._on_change)
         if not await client.connect():
             client.close()
@@ -116,8 +155,13 @@ class ModbusLink:
                 f"{self.address}: cannot connect within {CONNECT_TIMEOUT_S:g} s; is the cycler switched on, "
                 "reachable and not taken by another program?"
             )
-        client.ctx.comm_params.timeout_connect = self._timeout_s  # pymodbus has one time-out for both
+        if isinstance(client, TcpClient):
+            client.timeout_s = self._timeout_s
+        else:
+            client.ctx.comm_params.timeout_connect = self._timeout_s  # pymodbus has one time-out for both
         self._client = client
+        if self._rs485:
+            self._control_direction(client)
 
     def close(self) -> None:
         """Close the connection, if there is one."""
@@ -134,12 +178,7 @@ class ModbusLink:
         reply = await self._exchange(
             client, function, "reading", what, lambda: read(first, count=count, device_id=self._unit_id)
         )
-        registers = list(reply.registers)
-        if len(registers) != count:
-            raise CyclerProtocolError(
-                f"{self.address}: reading {what}: {len(registers)} registers came back, {count} were asked for"
-            )
-        return registers
+        return self._counted(list(reply.registers), count, what)
 
     async def write_registers(self, first: int, values: Sequence[int], what: str) -> None:
         """Write consecutive registers in one message.
@@ -167,6 +206,27 @@ class ModbusLink:
         )
         self._echoed((first, len(values)), (reply.address, reply.count), what)
 
+    async def write_then_read(
+        self, first: int, values: Sequence[int], read_first: int, read_count: int, what: str
+    ) -> list[int]:
+        """Write holding registers, then read some, in one message (function 23); exactly `read_count`, or an error."""
+        client = self._connected(what)
+        self._allowed(23, what)
+        reply = await self._exchange(
+            client,
+            23,
+            "writing",
+            what,
+            lambda: client.readwrite_registers(
+                read_address=read_first,
+                read_count=read_count,
+                write_address=first,
+                values=list(values),
+                device_id=self._unit_id,
+            ),
+        )
+        return self._counted(list(reply.registers), read_count, what)
+
     async def write_coil(self, address: int, value: bool, what: str) -> None:
         """Write one coil by function 5 (the reply must repeat it), or 15 where the device has no 5."""
         client = self._connected(what)
@@ -184,24 +244,28 @@ class ModbusLink:
 
     async def _exchange(
         self,
-        client: AsyncModbusTcpClient,
+        client: Client,
         function: int,
         doing: str,
         what: str,
-        send: Callable[[], Awaitable[ModbusPDU]],
-    ) -> ModbusPDU:
+        send: Callable[[], Awaitable[Any]],
+    ) -> Any:
         """Send one request and return its checked reply."""
         if self._min_gap_s:
-            await asyncio.sleep(self._quiet_since_s + self._min_gap_s - time.monotonic())
+            await _sleep_until(self._quiet_since_s + self._min_gap_s)
         self._waiting = True
         try:
             reply = await send()
         except ConnectionException as error:
             self.close()
             raise CyclerConnectionError(f"{self.address}: {doing} {what}: {error}") from error
+        except asyncio.CancelledError:
+            self._mistrust()  # the answer is still to come
+            raise
         except ModbusException as error:
             # Closed, because a late answer must not meet a later request.
             self.close()
+            self._mistrust()
             raise CyclerTimeoutError(
                 f"{self.address}: {doing} {what}: no answer within {self._timeout_s:g} s; connection closed"
             ) from error
@@ -217,11 +281,43 @@ class ModbusLink:
                 f"{self.address}: {doing} {what}: device answers exception {reply.exception_code} ({reason})"
             )
         self.close()
+        self._mistrust()
         raise CyclerProtocolError(
             f"{self.address}: {doing} {what}: reply has function {reply.function_code}, request had {function}"
         )
 
-    def _connected(self, what: str) -> AsyncModbusTcpClient:
+    def _counted(self, registers: list[int], count: int, what: str) -> list[int]:
+        if len(registers) != count:
+            self._mistrust()
+            raise CyclerProtocolError(
+                f"{self.address}: reading {what}: {len(registers)} registers came back, {count} were asked for"
+            )
+        return registers
+
+    async def _silence(self) -> None:
+        """Wait until no answer to an earlier request can be on its way."""
+        if self._silence_s:
+            await asyncio.sleep(self._silent_until_s - time.monotonic())
+
+    def _mistrust(self) -> None:
+        """Close a serial line on which an answer may come that belongs to an earlier request."""
+        if self._silence_s:
+            self.close()
+            self._silent_until_s = time.monotonic() + self._silence_s
+
+    def _control_direction(self, client: Client) -> None:
+        if isinstance(client, TcpClient):
+            return
+        try:
+            client.ctx.transport.sync_serial.rs485_mode = RS485Settings()  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue]
+        except (OSError, ValueError, SerialException) as error:
+            self.close()
+            raise CyclerConnectionError(
+                f"{self.address}: the line driver takes no RS-485 direction control ({error}); "
+                "leave rs485 out if the adapter switches by itself"
+            ) from error
+
+    def _connected(self, what: str) -> Client:
         if self._client is None or not self._client.connected:
             raise CyclerConnectionError(f"{self.address}: {what}: not connected")
         return self._client
@@ -232,14 +328,24 @@ class ModbusLink:
 
     def _echoed(self, sent: object, echoed: object, what: str) -> None:
         if sent != echoed:
+            self._mistrust()
             raise CyclerProtocolError(f"{self.address}: writing {what}: sent {sent}, the reply repeats {echoed}")
 
     def _on_change(self, connected: bool) -> None:
         """End the request that is waiting as soon as the device has closed the connection."""
         client = self._client
-        if connected or client is None or not self._waiting:
+        if connected or not isinstance(client, AsyncModbusSerialClient) or not self._waiting:
             return
         if not client.ctx.response_future.done():
             client.ctx.response_future.set_exception(
                 ConnectionException("connection lost: closed by the device, or its answer is no Modbus")
             )
+
+
+async def _sleep_until(time_s: float) -> None:
+    """Sleep until a monotonic time, to better than the event loop's millisecond."""
+    left_s = time_s - time.monotonic()
+    if left_s > SLEEP_SLACK_S:
+        await asyncio.sleep(left_s - SLEEP_SLACK_S)
+    while time.monotonic() < time_s:
+        await asyncio.sleep(0)

@@ -7,7 +7,11 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
+from drivers.can_map import CanMap, Send
+from drivers.can_map_checks import check_can_map
+from drivers.can_map_reader import read_can_map
 from drivers.device_map import (
     Block,
     Coil,
@@ -27,6 +31,7 @@ from drivers.read_plan import ReadPlan, plan_reads
 __all__ = [
     "BadMapError",
     "Block",
+    "CanMap",
     "Coil",
     "DeviceMap",
     "Expression",
@@ -34,24 +39,33 @@ __all__ = [
     "Frame",
     "Identity",
     "ReadPlan",
+    "Send",
     "Register",
     "Step",
     "Verify",
     "list_maps",
+    "load_can_map",
     "load_map",
+    "map_transport",
     "plan_reads",
 ]
 
 MAPS = Path(__file__).parent / "maps"
 
 
-def list_maps() -> tuple[str, ...]:
-    """Names of the maps that come with the program, sorted."""
-    return tuple(sorted(path.stem for path in MAPS.glob("*.toml")))
+def list_maps(transport: str | None = None) -> tuple[str, ...]:
+    """Names of the maps that come with the program, sorted; of one transport ("modbus" or "can"), or of all."""
+    names = sorted(path.stem for path in MAPS.glob("*.toml"))
+    return tuple(name for name in names if transport in (None, map_transport(name)))
+
+
+def map_transport(name_or_path: str | Path) -> str:
+    """Return what a map says of its transport, "modbus" or "can"; anything else is not checked here."""
+    return str(_content(name_or_path)[1].get("transport"))
 
 
 def load_map(name_or_path: str | Path) -> DeviceMap:
-    """Read and validate a device map.
+    """Read and validate a Modbus device map.
 
     Parameters
     ----------
@@ -67,11 +81,33 @@ def load_map(name_or_path: str | Path) -> DeviceMap:
     BadMapError
         Naming the file, the dotted key and the reason.
     """
+    path, content = _content(name_or_path)
+    device_map = read_device_map(path, content)
+    _check_name(name_or_path, path, device_map.name)
+    check_device_map(device_map)
+    return device_map
+
+
+def load_can_map(name_or_path: str | Path) -> CanMap:
+    """Read a CAN device map and check it against its DBC file; otherwise as `load_map`."""
+    path, content = _content(name_or_path)
+    can_map = read_can_map(path, content)
+    _check_name(name_or_path, path, can_map.name)
+    check_can_map(can_map)
+    return can_map
+
+
+def _is_path(name_or_path: str | Path) -> bool:
     text = str(name_or_path)
-    is_path = isinstance(name_or_path, Path) or "/" in text or text.endswith(".toml")
+    return isinstance(name_or_path, Path) or "/" in text or text.endswith(".toml")
+
+
+def _content(name_or_path: str | Path) -> tuple[Path, dict[str, Any]]:
+    """Find and parse a map's file."""
+    text, is_path = str(name_or_path), _is_path(name_or_path)
     path = Path(text) if is_path else MAPS / f"{text}.toml"
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        return path, tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         known = "" if is_path else f"; maps that come with the program: {', '.join(list_maps())}"
         raise BadMapError(path, "(file)", f"does not exist{known}") from None
@@ -79,8 +115,8 @@ def load_map(name_or_path: str | Path) -> DeviceMap:
         raise BadMapError(path, "(file)", f"cannot be read: {error}") from error
     except tomllib.TOMLDecodeError as error:
         raise BadMapError(path, "(file)", f"is not TOML: {error}") from error
-    device_map = read_device_map(path, content)
-    if not is_path and device_map.name != text:
-        raise BadMapError(path, "name", f"is '{device_map.name}'; must be the file's name, '{text}'")
-    check_device_map(device_map)
-    return device_map
+
+
+def _check_name(name_or_path: str | Path, path: Path, name: str) -> None:
+    if not _is_path(name_or_path) and name != str(name_or_path):
+        raise BadMapError(path, "name", f"is '{name}'; must be the file's name, '{name_or_path}'")

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from simulators.cell import TruthCell
-from simulators.sensors import Measurement, Sensors
+from simulators.sensors import Measurement, MeasuringLayer
 
 __all__ = ["Cycler", "CyclerSettings", "StateRefusedError", "ValueRefusedError"]
 
@@ -43,7 +43,7 @@ class Cycler:
     ----------
     settings : CyclerSettings
     cell : TruthCell
-    sensors : Sensors
+    sensors : MeasuringLayer
     watchdog_enabled : bool
         False where time moves only with the client (lock-step), as silence then takes no time.
 
@@ -58,16 +58,36 @@ class Cycler:
         None: the set-point is reached at once.
     alarms : set[str]
         Latched until cleared; none may be there when the output is switched on.
+    deaf : bool
+        Set-points are taken without a complaint, but the old one stays in force (a fault).
     """
 
-    def __init__(self, settings: CyclerSettings, cell: TruthCell, sensors: Sensors, *, watchdog_enabled: bool) -> None:
+    def __init__(
+        self, settings: CyclerSettings, cell: TruthCell, sensors: MeasuringLayer, *, watchdog_enabled: bool
+    ) -> None:
         self.settings = settings
+        self.alarms: set[str] = set()
+        self.limits: dict[str, float] = {}
+        self.deaf = False
+        self._cell = cell
+        self._sensors = sensors
+        self._watchdog_enabled = watchdog_enabled
+        self._switch_on()
+        self._truth = cell.step(0.0, 0.0)
+        self.measurement = self._measure()
+
+    def restart(self) -> None:
+        """Lose power and come back: everything that was told is forgotten, and the output is off."""
+        self._switch_on()
+
+    def _switch_on(self) -> None:
+        settings = self.settings
         self.requested_A = self.set_point_A = self.current_A = 0.0
         self.output_on = self.remote = False
-        self.alarms: set[str] = set()
+        self.alarms.clear()
         self.watchdog_s = settings.watchdog_s
         self.ramp_A_per_s: float | None = None
-        self.limits = {
+        self.limits |= {
             "voltage_high": settings.nominal_voltage_V,
             "voltage_low": 0.0,
             "current_high": settings.nominal_current_A,
@@ -76,12 +96,7 @@ class Cycler:
             "temperature_low": -40.0,
         }
         self.sequence = 0
-        self._cell = cell
-        self._sensors = sensors
-        self._watchdog_enabled = watchdog_enabled
         self._heartbeat_left_s = self.watchdog_s
-        self._truth = cell.step(0.0, 0.0)
-        self.measurement = self._measure()
 
     @property
     def status(self) -> frozenset[str]:
@@ -116,6 +131,8 @@ class Cycler:
 
     def set_current(self, current_A: float) -> None:
         """Take a checked set-point; it flows from the next advance on."""
+        if self.deaf:
+            return
         self.requested_A = self.set_point_A = current_A
 
     def set_limit(self, name: str, value: float) -> None:
@@ -184,8 +201,10 @@ class Cycler:
             else:
                 self._heartbeat_left_s -= dt_s / speed
         self._play(left)
-        self.sequence = (self.sequence + measurements) % SEQUENCE_SPAN
-        self.measurement = self._measure()
+        seen = self._measure()
+        if not self._sensors.frozen:
+            self.sequence = (self.sequence + measurements) % SEQUENCE_SPAN
+            self.measurement = seen
         if self.output_on:
             self._check_limits(self.measurement)
 

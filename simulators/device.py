@@ -44,6 +44,9 @@ class MapDevice:
     that one message can carry set-point, heartbeat and lock-step tick.
     """
 
+    state_refused = DEVICE_FAILURE  # the exception of a command that the device's state does not allow
+    tells_refusals = True  # of set-points out of range; some devices answer as if they had taken them
+
     def __init__(self, device_map: DeviceMap, cycler: Cycler, clock: SimulatedClock) -> None:
         self.map = device_map
         self.cycler = cycler
@@ -54,6 +57,9 @@ class MapDevice:
             "v_nom": s.nominal_voltage_V,
             "p_nom": s.nominal_current_A * s.nominal_voltage_V,
         }
+        self._directions = {"set_charge": 0.0, "set_discharge": 0.0, "set_voltage": 0.0}
+        if self.map.switch("remote") is None:
+            cycler.set_remote(True)  # a device that takes commands whenever they come
         self._codecs = {name: RegisterCodec(reg, constants) for name, reg in device_map.registers.items()}
         self._writable = {
             (codec.register.space, codec.register.address): codec
@@ -61,6 +67,8 @@ class MapDevice:
             if codec.register.writable
         }
         self._image, self._block_end = _layout(device_map)
+        one_type = (block for block in device_map.blocks if block.one_type)
+        self._one_type = {(b.space, address) for b in one_type for address in range(b.first, b.last + 1)}
         self._heartbeat = 0.0
         self._getters = self._bind_getters()
         self._setters = self._bind_setters()
@@ -95,7 +103,13 @@ class MapDevice:
         ends = self._block_end[space]
         if first >= len(ends) or first + count > ends[first]:
             raise RefusedError(ILLEGAL_ADDRESS, f"no readable block holds {space} {first}..{first + count - 1}")
+        if (space, first) in self._one_type and len(self._types(space, first, count)) > 1:
+            raise RefusedError(ILLEGAL_VALUE, f"{space} {first}..{first + count - 1} holds more than one type")
         return bytes(self._image[space][2 * first : 2 * (first + count)])
+
+    def _types(self, space: str, first: int, count: int) -> set[str]:
+        registers = self.map.registers.values()
+        return {r.type for r in registers if r.space == space and first < r.end and r.address < first + count}
 
     def write(self, first: int, data: bytes) -> None:
         """Write whole values to holding registers, all or nothing.
@@ -107,8 +121,11 @@ class MapDevice:
             device's state does not allow it.
         """
         values = self._decoded(first, data)
+        if self.map.single_writes and len(values) > 1:
+            raise RefusedError(ILLEGAL_VALUE, "this device takes one register in a message")
         for codec, value in values:
             self._checked(codec.register, value)
+        values = [(codec, value) for codec, value in values if self.tells_refusals or self._in_range(codec, value)]
         for codec, value in values:
             register = codec.register
             setter = self._setters.get(register.role or "")
@@ -165,7 +182,7 @@ class MapDevice:
             try:
                 cycler.check_output(remote=roles.get("remote", cycler.remote), alarms=alarms)
             except StateRefusedError as error:
-                raise RefusedError(DEVICE_FAILURE, str(error)) from error
+                raise RefusedError(self.state_refused, str(error)) from error
         if not alarms:
             cycler.alarms.clear()
         if "remote" in roles:
@@ -177,7 +194,11 @@ class MapDevice:
         coil = self._coils.get(address)
         if coil is None or "r" not in coil.access:
             raise RefusedError(ILLEGAL_ADDRESS, f"coil {address} cannot be read")
-        states = {"remote": self.cycler.remote, "output": self.cycler.output_on, "clear_alarms": False}
+        states: dict[str | None, bool] = {
+            "remote": self.cycler.remote,
+            "output": self.cycler.output_on,
+            "clear_alarms": False,
+        }
         return states[coil.role] if coil.role in states else self._plain_coils.get(address, False)
 
     def _decoded(self, first: int, data: bytes) -> list[tuple[RegisterCodec, float]]:
@@ -196,16 +217,28 @@ class MapDevice:
 
     def _checked(self, register: Register, value: float) -> None:
         try:
-            if register.role == "set_current":
-                self.cycler.check_set_point(self._house_sign(register.role, value))
+            if register.role in ("set_current", "set_charge", "set_discharge"):
+                turned = -value if register.role == "set_discharge" else value
+                self.cycler.check_set_point(self._house_sign(register.role, turned))
+            elif register.role == "output" and value:
+                self.cycler.check_output(remote=self.cycler.remote, alarms=bool(self.cycler.alarms))
             elif register.role == "lock_step":
                 self.clock.check_tick(int(value))
             elif register.role == "ramp" and value < 0.0:
                 raise ValueRefusedError(f"ramp {value} A/s; it must be above 0, or 0 for none")
         except ValueRefusedError as error:
+            if not self.tells_refusals:
+                return
             raise RefusedError(ILLEGAL_VALUE, str(error)) from error
         except StateRefusedError as error:
-            raise RefusedError(DEVICE_FAILURE, str(error)) from error
+            raise RefusedError(self.state_refused, str(error)) from error
+
+    def _in_range(self, codec: RegisterCodec, value: float) -> bool:
+        """Whether a device that tells of no refusal takes a value."""
+        if codec.register.role not in ("set_charge", "set_discharge"):
+            return True
+        limits = self.cycler.limits
+        return value <= (limits["current_high"] if codec.register.role == "set_charge" else -limits["current_low"])
 
     def _house_sign(self, role: str | None, value: float) -> float:
         return -value if role in _CURRENT_ROLES and self.map.positive_current == "discharge" else value
@@ -216,7 +249,7 @@ class MapDevice:
         self._image[register.space][2 * register.address : 2 * register.address + codec.size] = data
 
     def _publish_fixed(self, constants: Mapping[str, float]) -> None:
-        fixed: dict[str, float | str] = {self.map.identity.register: self.map.identity.equals}
+        fixed: dict[str, float | str] = {self.map.identity.register: self.map.identity.equals[0]}
         fixed |= {register: constants[name] for name, register in self.map.constants.items() if name in constants}
         if "map_version" in self._codecs:
             fixed["map_version"] = 1
@@ -225,17 +258,23 @@ class MapDevice:
 
     def _bind_getters(self) -> list[tuple[RegisterCodec, Callable[[], float]]]:
         cycler, clock = self.cycler, self.clock
-        bits = self.map.bits
+        shared = self.map.by_role("status") is self.map.by_role("output")
         by_role: dict[str, Callable[[], float]] = {
             "sequence": lambda: cycler.sequence,
             "actual_voltage": lambda: cycler.measurement.voltage_V,
-            "actual_current": lambda: cycler.measurement.current_A,
+            "actual_current": self._actual_current,
             "temperature": lambda: cycler.measurement.temperature_degC,
             "ambient_temperature": lambda: cycler.measurement.ambient_degC,
             "set_current": lambda: cycler.requested_A,
+            "set_charge": lambda: max(cycler.requested_A, 0.0),
+            "set_discharge": lambda: max(-cycler.requested_A, 0.0),
+            "set_voltage": lambda: self._directions["set_voltage"],
+            "remote": lambda: float(cycler.remote),
+            "output": lambda: float(_bit_sum(self._bits_of("status"), self._status()) if shared else cycler.output_on),
+            "clear_alarms": lambda: 0.0,
             "setpoint_in_force": lambda: cycler.set_point_A,
-            "status": lambda: _bit_sum(bits.get("status", {}), self._status()),
-            "alarms": lambda: _bit_sum(bits.get("alarms", {}), cycler.alarms),
+            "status": lambda: _bit_sum(self._bits_of("status"), self._status()),
+            "alarms": lambda: _bit_sum(self._bits_of("alarms"), cycler.alarms),
             "heartbeat": lambda: self._heartbeat,
             "lock_step": lambda: clock.tick,
             "lock_step_available": lambda: float(clock.lock_step),
@@ -252,6 +291,12 @@ class MapDevice:
         cycler, clock = self.cycler, self.clock
         setters: dict[str, Callable[[float], None]] = {
             "set_current": cycler.set_current,
+            "set_charge": partial(self._set_direction, "set_charge"),
+            "set_discharge": partial(self._set_direction, "set_discharge"),
+            "set_voltage": partial(self._set_direction, "set_voltage"),
+            "remote": lambda on: self._command({"remote": bool(on)}),
+            "output": lambda on: self._command({"output": bool(on)}),
+            "clear_alarms": lambda on: self._command({"clear_alarms": bool(on)}),
             "heartbeat": self._beat,
             "lock_step": lambda tick: clock.move_to(int(tick), cycler),
             "lock_step_period": clock.set_period,
@@ -261,8 +306,27 @@ class MapDevice:
         setters |= {f"limit_{name}": partial(cycler.set_limit, name) for name in cycler.limits}
         return MappingProxyType(setters)
 
+    def _bits_of(self, role: str) -> Mapping[str, int]:
+        register = self.map.by_role(role)
+        return self.map.bits.get(register.name, {}) if register else {}
+
+    def _actual_current(self) -> float:
+        current = self.map.by_role("actual_current")
+        seen_A = self.cycler.measurement.current_A
+        return abs(seen_A) if current and current.negative else seen_A
+
+    def _set_direction(self, role: str, value: float) -> None:
+        self._directions[role] = value
+        if role != "set_voltage":
+            self.cycler.set_current(self._directions["set_charge"] - self._directions["set_discharge"])
+
     def _status(self) -> frozenset[str]:
         status = self.cycler.status
+        current = self.map.by_role("actual_current")
+        if current and current.negative and self.cycler.measurement.current_A < 0.0:
+            status |= {current.negative}
+        if self.cycler.alarms:
+            status |= set(self.map.alarm_bits)
         return status | {"lock_step"} if self.clock.lock_step else status
 
     def _beat(self, value: float) -> None:

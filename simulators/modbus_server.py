@@ -6,7 +6,7 @@ Application Protocol Specification V1.1b3" and "MODBUS Messaging on TCP/IP Imple
 
 import asyncio
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, cast
 
@@ -50,6 +50,14 @@ class Action:
         Answer with this code; the request then has no effect.
     close : bool
         Close the connection instead of answering.
+    change : Callable or None
+        Makes the answer that is sent from the request and the right answer, both without header or check sum.
+    corrupt : bool
+        Break the answer's check sum; where there is none (TCP), the header.
+    unit_id : int or None
+        Answer as if from this unit.
+    echo : bool
+        The request comes back instead of an answer, and has no effect.
     """
 
     execute: bool = True
@@ -57,6 +65,14 @@ class Action:
     delay_s: float = 0.0
     exception: int | None = None
     close: bool = False
+    change: Callable[[bytes, bytes], bytes] | None = None
+    corrupt: bool = False
+    unit_id: int | None = None
+    echo: bool = False
+
+    def changed(self, request: bytes, answer: bytes) -> bytes:
+        """Return the answer that is sent in place of the right one."""
+        return answer if self.change is None else self.change(request, answer)
 
 
 SILENCE = Action(execute=False, reply=False)
@@ -72,8 +88,9 @@ def delay(time_s: float) -> Action:
 class RequestHandler:
     """Turns a PDU into its answer."""
 
-    def __init__(self, device: MapDevice) -> None:
+    def __init__(self, device: MapDevice, unit_id: int | None = None) -> None:
         self._device = device
+        self._unit_id = device.map.unit_id if unit_id is None else unit_id
         self._max_read = min(MAX_READ, device.map.max_read_registers)
         handlers: dict[int, Callable[[bytes], bytes]] = {
             1: self._read_coils,
@@ -89,8 +106,9 @@ class RequestHandler:
 
     def answer(self, unit_id: int, pdu: bytes) -> bytes:
         """Execute a request and return the answer's PDU; refusals become exception answers."""
-        if unit_id != self._device.map.unit_id:
+        if unit_id != self._unit_id:
             return bytes((pdu[0] | 0x80, NO_SUCH_UNIT))
+        self._device.heard()
         handler = self._handlers.get(pdu[0])
         if handler is None:
             return bytes((pdu[0] | 0x80, ILLEGAL_FUNCTION))
@@ -151,12 +169,40 @@ def _expect(valid: bool) -> None:
         raise RefusedError(ILLEGAL_VALUE, "count or length outside what the protocol allows")
 
 
+class Units:
+    """The devices behind one address, by unit identifier.
+
+    Parameters
+    ----------
+    device : MapDevice
+        Answers to its map's unit identifier.
+    neighbours : Mapping
+        More devices, such as the other channels of one cycler.
+    """
+
+    def __init__(self, device: MapDevice, neighbours: Mapping[int, MapDevice]) -> None:
+        every = {**neighbours, device.map.unit_id: device}
+        self._handlers = {unit: RequestHandler(each, unit) for unit, each in every.items()}
+
+    def __contains__(self, unit_id: int) -> bool:
+        """Whether there is such a unit."""
+        return unit_id in self._handlers
+
+    def __iter__(self) -> Iterator[int]:
+        """Go through the identifiers."""
+        return iter(self._handlers)
+
+    def answer(self, unit_id: int, pdu: bytes) -> bytes:
+        """Execute a request and return the answer's PDU."""
+        handler = self._handlers.get(unit_id)
+        return bytes((pdu[0] | 0x80, NO_SUCH_UNIT)) if handler is None else handler.answer(unit_id, pdu)
+
+
 class ModbusConnection(asyncio.Protocol):
     """One client."""
 
-    def __init__(self, device: MapDevice, handler: RequestHandler, server: "ModbusServer") -> None:
-        self._device = device
-        self._handler = handler
+    def __init__(self, units: Units, server: "ModbusServer") -> None:
+        self._units = units
         self._server = server
         self._received = bytearray()
         self._transport: asyncio.Transport | None = None
@@ -204,19 +250,22 @@ class ModbusConnection(asyncio.Protocol):
         hook = self._server.on_request
         action = hook(frame) if hook else None
         if action is None:
-            self._device.heard()
-            return self._encoded(frame, self._handler.answer(frame.unit_id, frame.pdu))
+            return self._encoded(frame, self._units.answer(frame.unit_id, frame.pdu))
         if action.close:
             self.close()
         pdu = b""
         if action.exception is not None:
             pdu = bytes((frame.function | 0x80, action.exception))
+        elif action.echo:
+            pdu = frame.pdu
         elif action.execute:
-            self._device.heard()
-            pdu = self._handler.answer(frame.unit_id, frame.pdu)
+            pdu = self._units.answer(frame.unit_id, frame.pdu)
         if not pdu or not action.reply or action.close:
             return b""
-        reply = self._encoded(frame, pdu)
+        unit_id = frame.unit_id if action.unit_id is None else action.unit_id
+        reply = self._encoded(frame._replace(unit_id=unit_id), action.changed(frame.pdu, pdu))
+        if action.corrupt:
+            reply = reply[:2] + b"\xff\xff" + reply[4:]  # a protocol that is not Modbus
         if action.delay_s > 0.0:
             asyncio.get_running_loop().call_later(action.delay_s, self._send, reply)
             return b""
@@ -240,13 +289,17 @@ class ModbusServer:
     on_request : Callable, optional
         Seam for faults: sees each request first, and returns an `Action`, or None to let it pass. May be set or
         replaced while the server runs.
+    neighbours : Mapping, optional
+        More devices by unit identifier, such as the other channels of one cycler.
     """
 
-    def __init__(self, device: MapDevice, on_request: OnRequest | None = None) -> None:
+    def __init__(
+        self, device: MapDevice, on_request: OnRequest | None = None, neighbours: Mapping[int, MapDevice] | None = None
+    ) -> None:
         self.device = device
         self.on_request = on_request
         self.connections: set[ModbusConnection] = set()
-        self._handler = RequestHandler(device)
+        self._units = Units(device, neighbours or {})
         self._server: asyncio.Server | None = None
 
     async def start(self, host: str, port: int) -> int:
@@ -258,7 +311,7 @@ class ModbusServer:
             If the address cannot be listened on.
         """
         loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(lambda: ModbusConnection(self.device, self._handler, self), host, port)
+        self._server = await loop.create_server(lambda: ModbusConnection(self._units, self), host, port)
         return self._server.sockets[0].getsockname()[1]
 
     async def close(self) -> None:

@@ -2,13 +2,13 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from simulators.cell import CellOutput
 
-__all__ = ["Measurement", "SensorParameters", "Sensors"]
+__all__ = ["Measurement", "MeasuringLayer", "SensorParameters", "Sensors"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +53,19 @@ class Measurement(NamedTuple):
     ambient_degC: float
 
 
+class MeasuringLayer(Protocol):
+    """What a cycler needs of its sensors, so that faulty ones can be handed in."""
+
+    def measure(self, truth: CellOutput, current_A: float, ambient_degC: float) -> Measurement:
+        """Return one measurement of the truth."""
+        ...
+
+    @property
+    def frozen(self) -> bool:
+        """Whether nothing is measured any more."""
+        ...
+
+
 def _quantised(value: float, resolution: float) -> float:
     return round(value / resolution) * resolution if resolution > 0.0 else value
 
@@ -71,6 +84,8 @@ class Sensors:
     def __init__(self, parameters: SensorParameters, rng: np.random.Generator) -> None:
         self.parameters = parameters
         self._rng = rng
+
+    frozen = False
 
     def measure(self, truth: CellOutput, current_A: float, ambient_degC: float) -> Measurement:
         """Return one measurement of the truth in volt, ampere and degC."""

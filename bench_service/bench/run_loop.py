@@ -164,8 +164,10 @@ class RunLoop:
         period_s = self._plan.player.dt_s
         await cycler.acquire(device, self._plan.watchdog_s, period_s if clock.lock_step else None)
         context = Context(self._plan.rules, self._track, 0.0, self._soc, 0.0)
-        if trip := check_at_rest(await cycler.sample(), context):
+        at_rest = await cycler.sample()
+        if trip := check_at_rest(at_rest, context):
             raise TripError(trip)
+        self._track = Track(temperature_degC=at_rest.temperature_degC)
         await cycler.output(True)
         clock.start(period_s)
 
@@ -199,7 +201,7 @@ class RunLoop:
         reading, refused = await self._sample()
         trip = self._judge(tick, reading)
         if tick.index >= self._next_record or trip or refused:
-            self._record(tick, reading)
+            self._record(tick, reading, suspect=trip is not None or refused is not None)
         self._parts.feed.note_lateness(tick.lateness_s)
         if self._parts.feed.due:
             self._show(tick, reading)
@@ -234,7 +236,7 @@ class RunLoop:
         now_s = clock.elapsed_s(tick)
         return check(reading, Context(plan.rules, self._track, now_s, self._soc, self._commanded_A))
 
-    def _record(self, tick: Tick, reading: Reading) -> None:
+    def _record(self, tick: Tick, reading: Reading, *, suspect: bool) -> None:
         parts, time_s = self._parts, self._track.time_s
         self._next_record = (tick.index // self._plan.every + 1) * self._plan.every
         row = (
@@ -245,7 +247,7 @@ class RunLoop:
             reading.ambient_degC,
             self._commanded_A,
             reading.sequence,
-            self._flags(reading),
+            self._flags(reading, suspect=suspect),
             tick.lateness_s,
         )
         parts.recording.put(SAMPLES, row)
@@ -254,7 +256,7 @@ class RunLoop:
             self._observed = self._observe(reading)
             parts.recording.put(OBSERVER, (time_s, *self._observed))
 
-    def _flags(self, reading: Reading) -> int:
+    def _flags(self, reading: Reading, *, suspect: bool) -> int:
         flags = 0
         if math.isnan(reading.voltage_V):
             flags |= Flag.VOLTAGE_MISSING.value
@@ -270,6 +272,8 @@ class RunLoop:
             flags |= Flag.DEVICE_CURRENT_LIMIT.value
         if self._gap:
             flags |= Flag.GAP_BEFORE.value
+        if suspect or self._track.mismatched or self._track.doubtful:
+            flags |= Flag.SUSPECT.value
         return flags
 
     def _observe(self, reading: Reading) -> ObserverRow:

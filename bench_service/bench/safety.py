@@ -3,7 +3,8 @@
 Comparisons are written ``not (low <= value <= high)``, so that NaN violates every limit.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from bench_service.bench.limits import Limits
@@ -14,6 +15,19 @@ SOC_TOLERANCE = 0.005
 # Share of the commanded current by which a calibrated cycler may be off.
 CURRENT_GAIN_TOLERANCE = 0.01
 MISMATCH_LIMIT = 3
+# A voltage that is the same to the last bit although the current has moved by a tenth of the device's range (a usual
+# tolerance is half a percent of it) comes from a sensor that is stuck; three times in a row are no chance.
+RESPONSE_TOLERANCES = 20
+UNRESPONSIVE_LIMIT = 3
+# A voltage that is noisy (nine of ten samples differ from the one before) does not stay the same ten times by chance.
+LIVELY_SHARE = 0.9
+LIVELY_SAMPLES = 20
+REPEATS_DOUBTFUL = 3
+REPEATS_LIMIT = 10
+# No cell's surface moves faster, not even in thermal runaway between two samples of a second; a sensor that has come
+# loose or been swapped does.
+TEMPERATURE_JUMP_K = 5.0
+TEMPERATURE_RATE_K_PER_S = 5.0
 
 Code = Literal[
     "voltage_limit",
@@ -27,6 +41,8 @@ Code = Literal[
     "device_alarm",
     "output_off",
     "current_mismatch",
+    "voltage_stuck",
+    "temperature_jump",
 ]
 
 
@@ -91,8 +107,17 @@ class Track:
         Samples in a row whose measured current was not the commanded one.
     time_s, current_A : float
         Of this sample.
-    interval_s, change_A : float
+    interval_s, change_A, change_K : float
         Since the sample before; zero at the first.
+    voltage_V, temperature_degC : float
+        Of this sample; before the first one the temperature is that at rest, NaN where it is unknown.
+    unresponsive : int
+        Times in a row that the current moved much and the voltage not at all.
+    samples, changes, repeats : int
+        Fresh samples so far, how many had a voltage other than the one before, and how often the last one has come
+        again.
+    doubtful : bool
+        Whether the voltage may be stuck: not enough to end the run, enough to mark the sample.
     """
 
     sequence: int | None = None
@@ -103,6 +128,20 @@ class Track:
     current_A: float = 0.0
     interval_s: float = 0.0
     change_A: float = 0.0
+    change_K: float = 0.0
+    voltage_V: float = 0.0
+    temperature_degC: float = math.nan
+    unresponsive: int = 0
+    samples: int = 0
+    changes: int = 0
+    repeats: int = 0
+    doubtful: bool = False
+
+    @property
+    def lively(self) -> bool:
+        """Whether the voltage was noisy until it began to repeat itself."""
+        before = self.samples - self.repeats
+        return before >= LIVELY_SAMPLES and self.changes >= LIVELY_SHARE * before
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +177,9 @@ def follow(track: Track, rules: Rules, reading: Reading, time_s: float, commande
     allowed_A = rules.current_tolerance_A + CURRENT_GAIN_TOLERANCE * abs(commanded_A)
     follows = not settled or abs(reading.current_A - commanded_A) <= allowed_A
     first = track.sequence is None
-    return Track(
+    seen = track if stale else _follow_voltage(track, rules, reading)
+    return replace(
+        seen,
         sequence=reading.sequence,
         fresh_s=track.fresh_s if stale else time_s,
         stale=track.stale + 1 if stale else 0,
@@ -147,7 +188,27 @@ def follow(track: Track, rules: Rules, reading: Reading, time_s: float, commande
         current_A=reading.current_A,
         interval_s=0.0 if first else time_s - track.time_s,
         change_A=0.0 if first else reading.current_A - track.current_A,
+        change_K=0.0 if math.isnan(track.temperature_degC) else reading.temperature_degC - track.temperature_degC,
+        voltage_V=reading.voltage_V,
+        temperature_degC=reading.temperature_degC,
     )
+
+
+def _follow_voltage(track: Track, rules: Rules, reading: Reading) -> Track:
+    """Note whether the voltage of a fresh sample is alive."""
+    same = track.sequence is not None and reading.voltage_V == track.voltage_V
+    moved_A = abs(reading.current_A - track.current_A) if same else 0.0
+    after = replace(
+        track,
+        samples=track.samples + 1,
+        changes=track.changes + (not same),
+        repeats=track.repeats + 1 if same else 0,
+        unresponsive=track.unresponsive + (moved_A > RESPONSE_TOLERANCES * rules.current_tolerance_A) if same else 0,
+    )
+    loaded = abs(reading.current_A) > 2 * rules.current_tolerance_A
+    unproven = after.samples - after.repeats < LIVELY_SAMPLES and loaded
+    dull = after.repeats >= REPEATS_DOUBTFUL and (after.lively or unproven)
+    return replace(after, doubtful=dull or (same and (track.doubtful or moved_A > 2 * rules.current_tolerance_A)))
 
 
 def check(reading: Reading, context: Context) -> Trip | None:
@@ -161,6 +222,7 @@ def check(reading: Reading, context: Context) -> Trip | None:
         or _check_output(reading, context)
         or _check_freshness(reading, context)
         or _check_current(reading, context)
+        or _check_sensors(reading, context)
     )
 
 
@@ -264,6 +326,28 @@ def _check_current(reading: Reading, context: Context) -> Trip | None:
                 f"current changed by {track.change_A:.4g} A in {track.interval_s:.4g} s, limit {ramp:g} A/s",
                 "check the cycler's ramp, acknowledge",
             )
+    return None
+
+
+def _check_sensors(reading: Reading, context: Context) -> Trip | None:
+    track = context.track
+    if not (track.unresponsive < UNRESPONSIVE_LIMIT) or (track.lively and track.repeats >= REPEATS_LIMIT):
+        return _trip(
+            context,
+            "voltage_stuck",
+            f"voltage {reading.voltage_V:.5g} V has come {track.repeats + 1} times to the last bit, in "
+            f"{track.unresponsive} changes of the current",
+            "check the voltage sensor and its leads, acknowledge",
+        )
+    allowed_K = TEMPERATURE_JUMP_K + TEMPERATURE_RATE_K_PER_S * track.interval_s
+    if not (abs(track.change_K) <= allowed_K):
+        return _trip(
+            context,
+            "temperature_jump",
+            f"temperature jumped by {track.change_K:.3g} K in {track.interval_s:.3g} s to "
+            f"{reading.temperature_degC:.4g} degC, plausible are {allowed_K:.3g} K",
+            "check the temperature sensor, acknowledge",
+        )
     return None
 
 

@@ -4,18 +4,35 @@ from __future__ import annotations
 
 import asyncio
 from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
 
 from bench_service.cli.arguments import fraction, named_numbers, natural, number, port, positive
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
 
+if TYPE_CHECKING:
+    from simulators.can_bus import CanBusSettings
+    from simulators.module import ModuleLayout
+
 
 def _arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("--protocol", choices=["modbus-tcp"], default="modbus-tcp")
-    parser.add_argument("--map", default="generic", metavar="NAME", help="device map: a name or a .toml file")
+    parser.add_argument("--protocol", choices=["modbus-tcp", "modbus-rtu", "can"], default="modbus-tcp")
+    parser.add_argument(
+        "--map", metavar="NAME", help="device map: a name or a .toml file (default: generic, or generic_can)"
+    )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
     parser.add_argument("--port", type=port, default=0, metavar="N", help="0, the default, takes a free one")
+    parser.add_argument(
+        "--device", metavar="PATH", help="Modbus RTU: a serial port, or where to link the pseudo-terminal"
+    )
+    parser.add_argument("--baud", type=natural, default=115200, metavar="N", help="Modbus RTU: pace of the line")
+    parser.add_argument(
+        "--channel",
+        metavar="C",
+        help="CAN: INTERFACE/CHANNEL, such as socketcan/vcan0 (default: udp_multicast/239.74.163.2:0, a free port)",
+    )
+    parser.add_argument("--node", type=natural, default=0, metavar="N", help="CAN: number of the node on the bus")
     parser.add_argument("--cell", choices=["nmc", "lfp", "nimh"], default="nmc")
     parser.add_argument(
         "--effects",
@@ -24,6 +41,16 @@ def _arguments(parser: ArgumentParser) -> None:
         metavar="NAME=X,...",
         help="physical effects and their size, such as hysteresis=0.02,relaxation=0.008",
     )
+    parser.add_argument(
+        "--faults",
+        default="",
+        metavar="SCRIPT",
+        help="what goes wrong when, such as 'silence@sample:30; nan.voltage@t:12.5+3'",
+    )
+    parser.add_argument(
+        "--devices", type=natural, default=1, metavar="N", help="so many at one address: Modbus units or CAN nodes"
+    )
+    parser.add_argument("--module", metavar="SxP", help="a module of S cells in series, P in parallel, such as 4x2")
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of all noise")
     parser.add_argument("--capacity-Ah", type=positive, metavar="Q", help="instead of the cell's own")
     parser.add_argument("--initial-soc", type=fraction, default=0.5, metavar="S", help="where the cell starts, 0..1")
@@ -33,8 +60,33 @@ def _arguments(parser: ArgumentParser) -> None:
     clock.add_argument("--speed", type=positive, default=1.0, metavar="X", help="simulated seconds per second")
 
 
+def can_bus(channel: str | None, node: int) -> CanBusSettings:
+    """Understand `--channel` and `--node`."""
+    from simulators.can_bus import CanBusSettings
+
+    if channel is None:
+        return CanBusSettings(node=node)
+    interface, _, rest = channel.partition("/")
+    group, _, number = rest.rpartition(":") if interface == "udp_multicast" else (rest, "", "0")
+    if not group or not number.isdecimal():
+        raise UsageError(f"--channel {channel}: write socketcan/vcan0 or udp_multicast/239.74.163.2:43113")
+    return CanBusSettings(interface=interface, channel=group, port=int(number), node=node)
+
+
+def _module(text: str | None) -> ModuleLayout | None:
+    from simulators.module import ModuleLayout
+
+    if text is None:
+        return None
+    series, _, parallel = text.partition("x")
+    if not (series.isdecimal() and parallel.isdecimal()):
+        raise UsageError(f"--module {text}: write SxP, such as 4x2 for 4 in series and 2 in parallel")
+    return ModuleLayout(cells_in_series=int(series), cells_in_parallel=int(parallel))
+
+
 def _run(options: Namespace, output: Output) -> int:
     from simulators.bench import SimulatorError, SimulatorSettings, serve
+    from simulators.serial_line import SerialSettings
 
     def ready(address: str) -> None:
         answer = {"address": address, "state": "listening"}
@@ -43,11 +95,16 @@ def _run(options: Namespace, output: Output) -> int:
     try:
         settings = SimulatorSettings(
             protocol=options.protocol,
-            map_name=options.map,
+            map_name=options.map or ("generic_can" if options.protocol == "can" else "generic"),
             host=options.host,
             port=options.port,
+            serial=SerialSettings(device=options.device, baud=options.baud),
+            can=can_bus(options.channel, options.node),
             cell=options.cell,
             effects=options.effects,
+            faults=options.faults,
+            devices=options.devices,
+            module=_module(options.module),
             seed=options.seed,
             lock_step=options.lock_step,
             speed=options.speed,

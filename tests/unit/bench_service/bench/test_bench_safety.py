@@ -122,6 +122,54 @@ def test_mismatched_current_is_counted_after_settling(samples: list[tuple[float,
         assert track.mismatched == expected
 
 
+def follow_all(*readings: Reading, dt_s: float = 0.1) -> list[Track]:
+    """Tracks after each of some readings, each with a sequence number of its own."""
+    tracks = [Track()]
+    for k, reading in enumerate(readings):
+        fresh = replace(reading, sequence=k)
+        tracks.append(follow(tracks[-1], RULES, fresh, k * dt_s, fresh.setpoint_in_force_A, False))
+    return tracks[1:]
+
+
+def test_a_voltage_that_does_not_answer_to_the_current_is_stuck() -> None:
+    swings = [replace(GOOD, current_A=current_A) for current_A in (3.0, -3.0, 3.0, 3.0, -3.0)]
+    tracks = follow_all(*swings)
+    assert [track.unresponsive for track in tracks] == [0, 1, 2, 2, 3]
+    assert code(check(GOOD, replace(CONTEXT, track=replace(TRACK, unresponsive=2)))) is None
+    assert code(check(GOOD, replace(CONTEXT, track=replace(TRACK, unresponsive=3)))) == "voltage_stuck"
+    swings[2] = replace(swings[2], voltage_V=3.7001)
+    assert [track.unresponsive for track in follow_all(*swings)] == [0, 1, 0, 0, 1]
+
+
+def test_a_noisy_voltage_that_falls_silent_is_stuck() -> None:
+    noisy = [replace(GOOD, voltage_V=3.7 + 1e-4 * (k % 3)) for k in range(25)]
+    tracks = follow_all(*noisy, *([noisy[-1]] * 10))
+    assert [track.doubtful for track in tracks[-11:]] == [False] * 3 + [True] * 8
+    trips = [code(check(GOOD, replace(CONTEXT, track=replace(track, fresh_s=1.0)))) for track in tracks[-2:]]
+    assert trips == [None, "voltage_stuck"]
+
+
+def test_a_voltage_that_was_never_noisy_may_stay_the_same() -> None:
+    quiet = follow_all(*([replace(GOOD, current_A=0.0)] * 60))
+    assert not any(track.doubtful for track in quiet)
+    assert code(check(GOOD, replace(CONTEXT, track=replace(quiet[-1], fresh_s=1.0)))) is None
+
+
+def test_small_changes_of_the_current_prove_nothing() -> None:
+    assert follow_all(*(replace(GOOD, current_A=1.0 + 0.5 * (k % 2)) for k in range(9)))[-1].unresponsive == 0
+
+
+@pytest.mark.parametrize(
+    ("dt_s", "change_K", "expected"),
+    [(0.1, 5.4, None), (0.1, 5.6, "temperature_jump"), (10.0, 19.0, None), (0.1, -5.6, "temperature_jump")],
+)
+def test_a_temperature_cannot_jump(dt_s: float, change_K: float, expected: str | None) -> None:
+    after = replace(GOOD, temperature_degC=GOOD.temperature_degC + change_K, sequence=1)
+    track = follow_all(GOOD, after, dt_s=dt_s)[-1]
+    context = replace(CONTEXT, track=track, now_s=track.time_s)
+    assert code(check(replace(after, temperature_degC=25.0 + change_K), context)) == expected
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -1,0 +1,171 @@
+"""The JSON schema of device maps, for editors; made of the same lists that the readers use.
+
+A schema says what a map may hold; whether its parts fit together only the readers know (`bench-service maps check`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from drivers.can_map import ARGUMENTS, ROLES
+from drivers.can_map import SEQUENCES as CAN_SEQUENCES
+from drivers.device_map import COIL_ROLES, REGISTER_ROLES, TYPE_WORDS
+from drivers.map_reader import KNOWN_FUNCTIONS, SCHEMA, SEQUENCES
+
+_TEXT: dict[str, Any] = {"type": "string"}
+_NUMBER: dict[str, Any] = {"type": "number"}
+_TIME: dict[str, Any] = {"type": "number", "minimum": 0}
+_FLAG: dict[str, Any] = {"type": "boolean"}
+_HEX: dict[str, Any] = {"type": "string", "pattern": "^[0-9A-Fa-f ]*$"}
+_EXPRESSION: dict[str, Any] = {
+    "description": "a number, or arithmetic of numbers, names from [const] and + - * / ( )",
+    "type": ["string", "number"],
+    "maxLength": 200,
+}
+_INTERVAL: dict[str, Any] = {"type": "array", "items": _EXPRESSION, "minItems": 2, "maxItems": 2}
+_SIGNAL: dict[str, Any] = {"type": "string", "pattern": r"^\w+\.\w+$", "description": "Message.Signal of the DBC file"}
+_ACCESS = {"enum": ["r", "w", "rw"]}
+_SPACE = {"enum": ["holding", "input"]}
+
+
+def map_schema() -> dict[str, Any]:
+    """Return the schema of both kinds of maps, as JSON Schema 2020-12."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Device map of a battery cycler",
+        "oneOf": [_modbus(), _can()],
+    }
+
+
+def _object(required: tuple[str, ...] = (), **properties: Any) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": list(required),
+        "additionalProperties": False,
+    }
+
+
+def _table_of(entry: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "additionalProperties": entry}
+
+
+def _whole(low: int, high: int) -> dict[str, Any]:
+    return {"type": "integer", "minimum": low, "maximum": high}
+
+
+def _list(items: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": items}
+
+
+_HEAD: dict[str, Any] = {
+    "schema": {"const": SCHEMA},
+    "name": _TEXT,
+    "title": _TEXT,
+    "source": {**_TEXT, "description": "manual, edition, page; and whether it has run on hardware"},
+    "verified_on_hardware": _FLAG,
+    "min_gap_s": _TIME,
+    "worst_reply_s": _TIME,
+    "positive_current": {"enum": ["charge", "discharge"]},
+}
+_NEEDED = ("schema", "name", "title", "source", "verified_on_hardware", "transport", "positive_current", "identity")
+
+
+def _modbus() -> dict[str, Any]:
+    address = _whole(0, 0xFFFF)
+    register = _object(
+        ("address", "type", "access"),
+        address=address,
+        type={"enum": [*TYPE_WORDS, "string"]},
+        length=_whole(1, 125),
+        space=_SPACE,
+        access=_ACCESS,
+        word_order={"enum": ["big", "little"]},
+        unit=_TEXT,
+        role={"enum": sorted(REGISTER_ROLES)},
+        scale=_EXPRESSION,
+        range=_INTERVAL,
+        raw_max=_whole(0, 0xFFFFFFFF),
+        invalid=_list({"type": "integer", "minimum": 0}),
+        unlimited=_NUMBER,
+        verify={"type": "string", "pattern": r"^(none|echo|readback(:\w+)?)$"},
+        negative=_TEXT,
+    )
+    step = _object(("write", "value"), write=_TEXT, value={"type": ["number", "boolean", "string"]})
+    scalar = {"type": ["number", "string"]}
+    return _object(
+        (*_NEEDED, "unit_id", "word_order", "functions", "reg", "sequence"),
+        **_HEAD,
+        transport={"const": "modbus"},
+        unit_id=_whole(0, 255),
+        word_order={"enum": ["big", "little"]},
+        functions=_list({"enum": sorted(KNOWN_FUNCTIONS)}),
+        max_read_registers=_whole(1, 125),
+        single_writes=_FLAG,
+        alarm_bits=_list(_TEXT),
+        identity=_object(("register", "equals"), register=_TEXT, equals={"anyOf": [scalar, _list(scalar)]}),
+        const=_table_of(_TEXT),
+        capabilities=_object(current=_INTERVAL, voltage=_INTERVAL),
+        block=_list(_object(("first", "last"), space=_SPACE, first=address, last=address, one_type=_FLAG)),
+        reg=_table_of(register),
+        coil=_table_of(
+            _object(("address", "access"), address=address, access=_ACCESS, role={"enum": sorted(COIL_ROLES)})
+        ),
+        bits=_table_of(_table_of(_whole(0, 31))),
+        sequence=_object(("safe",), **{name: _list(step) for name in SEQUENCES}),
+        frame=_list(
+            _object(
+                ("meaning", "request", "reply"),
+                meaning=_TEXT,
+                request=_HEX,
+                reply=_HEX,
+                values=_table_of({"type": ["number", "boolean", "string"]}),
+                missing=_list(_TEXT),
+            )
+        ),
+    )
+
+
+def _can() -> dict[str, Any]:
+    length = _whole(1, 64)
+    send = {"send": _TEXT, "values": _table_of(_EXPRESSION), "length": length}
+    view = _object(("message", "where"), message=_TEXT, where=_table_of({"type": "integer"}), length=length)
+    flag = {"anyOf": [_SIGNAL, _object(("signal", "is"), **{"signal": _SIGNAL, "is": _list({"type": "integer"})})]}
+    role = _object(("signal",), signal=_SIGNAL, scale=_EXPRESSION, invalid=_list(_NUMBER), negative=flag)
+    arguments = dict.fromkeys(sorted(ARGUMENTS), {"type": ["number", "boolean"]})
+    return _object(
+        (*_NEEDED, "dbc", "command", "role", "status", "sequence"),
+        **_HEAD,
+        transport={"const": "can"},
+        dbc=_TEXT,
+        fd=_FLAG,
+        node_step=_whole(0, 0x1FFFFFFF),
+        max_age_s=_TIME,
+        unlimited_ramp=_NUMBER,
+        shared=_list(_TEXT),
+        view=_table_of(view),
+        identity=_object(("signal", "equals"), signal=_SIGNAL, equals={"anyOf": [_NUMBER, {"const": "node"}]}),
+        const=_table_of(_SIGNAL),
+        capabilities=_object(current=_INTERVAL, voltage=_INTERVAL, watchdog=_INTERVAL),
+        token=_table_of(_TEXT),
+        ask=_table_of(_object(("send", "replies"), **send, replies=_list(_TEXT))),
+        command=_table_of(_object(("send",), **send, echo=_TEXT, ask=_TEXT, same=_list(_TEXT))),
+        refusal=_object(("code",), code=_SIGNAL, reasons=_table_of(_TEXT)),
+        role=_object(("actual_voltage", "actual_current"), **dict.fromkeys(sorted(ROLES), role)),
+        status=_table_of(flag),
+        alarms=_table_of(flag),
+        sequence=_object(
+            ("tick", "output", "safe"),
+            **{name: _list(_object(("command",), command=_TEXT, **arguments)) for name in CAN_SEQUENCES},
+        ),
+        frame=_list(
+            _object(
+                ("meaning", "message", "id", "data"),
+                meaning=_TEXT,
+                message=_TEXT,
+                id=_whole(0, 0x1FFFFFFF),
+                data=_HEX,
+                values=_table_of(_NUMBER),
+            )
+        ),
+    )

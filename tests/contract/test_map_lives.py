@@ -1,0 +1,44 @@
+"""Every map that comes with the program, over every transport it can have, against the simulator it gets."""
+
+import asyncio
+
+import pytest
+
+from drivers.cycler import DeviceLimits
+from drivers.register_map import list_maps, map_transport
+from tests.protocol.rigs import rig
+
+LIMITS = DeviceLimits((2.5, 4.2), (-4.0, 4.0), (0.0, 60.0), None)
+CASES = [
+    (name, transport)
+    for name in list_maps()
+    for transport in (("can-virtual", "can-udp") if map_transport(name) == "can" else ("modbus-tcp", "modbus-rtu"))
+]
+
+
+@pytest.mark.parametrize(("name", "transport"), CASES)
+async def test_a_whole_life(name, transport):
+    async with rig(transport, lock_step=False, map_name=name) as made:
+        driver, cycler = made.driver, made.device.cycler
+        able = await driver.connect()
+        low_A, high_A = able.current_A
+        limits = DeviceLimits(LIMITS.voltage_V, (max(low_A, -4.0), min(high_A, 4.0)), LIMITS.temperature_degC, None)
+        await driver.acquire(limits, 1.0, None)
+        assert made.at_rest
+        await driver.output(True)
+        for current_A in (1.0, max(low_A, -2.0), 0.0, 2.0):
+            await driver.apply(current_A)
+            await asyncio.sleep(0.02)  # the device takes a set-point over in its next measuring period
+            reading = await driver.sample()
+            assert reading.output_on and not reading.alarms
+            assert reading.current_A == pytest.approx(current_A, abs=0.02)
+            assert 3.0 < reading.voltage_V < 4.2
+            assert cycler.set_point_A == pytest.approx(current_A, abs=1e-3)
+        await driver.output(False)
+        assert made.at_rest and not (await driver.sample()).output_on
+        await driver.safe()
+        await driver.clear_fault()
+        await driver.release()
+        await driver.close()
+        await driver.safe()  # from a closed link too
+        assert made.at_rest

@@ -1,0 +1,89 @@
+"""A simulated cycler and the driver for it, over each transport; everything on this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import uuid
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.cycler import Cycler, DeviceLimits
+from drivers.factory import open_cycler
+from simulators.bench import SimulatorSettings, build_can_device, build_device
+from simulators.can_bus import CanBusSettings
+from simulators.can_node import CanNode
+from simulators.modbus_server import ModbusServer
+from simulators.rtu_server import RtuServer
+from simulators.serial_line import SerialSettings
+
+LIMITS = DeviceLimits((2.5, 4.25), (-10.0, 10.0), (-10.0, 60.0), None)
+TIMEOUT_S = 0.25
+PERIOD_S = 0.1
+TRANSPORTS = ("modbus-tcp", "modbus-rtu", "can-virtual", "can-udp")
+
+
+@dataclass
+class Rig:
+    """Device, what serves it, and a driver."""
+
+    transport: str
+    device: Any
+    server: Any
+    driver: Cycler
+    address: str
+    map_name: str
+    lock_step: bool
+
+    async def acquired(self, limits: DeviceLimits = LIMITS, watchdog_s: float = 1.0) -> None:
+        """Take control."""
+        await self.driver.connect()
+        await self.driver.acquire(limits, watchdog_s, PERIOD_S if self.lock_step else None)
+
+    async def running(self, current_A: float = 2.0, limits: DeviceLimits = LIMITS, watchdog_s: float = 1.0) -> Any:
+        """In the middle of a pulse."""
+        await self.acquired(limits, watchdog_s)
+        await self.driver.output(True)
+        await self.driver.sample()
+        await self.driver.apply(current_A)
+        return await self.driver.sample()
+
+    def another(self, options: str = "") -> Cycler:
+        """One more driver for the same device."""
+        return open_cycler(self.address + options, self.map_name, TIMEOUT_S)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether output and set-point are off in the device itself."""
+        return not self.device.cycler.output_on and self.device.cycler.set_point_A == 0.0
+
+
+@contextlib.asynccontextmanager
+async def rig(transport: str, *, lock_step: bool = True, map_name: str = "", **settings: Any) -> AsyncIterator[Rig]:
+    """Serve a simulated cycler and make a driver for it."""
+    is_can = transport.startswith("can")
+    name = map_name or ("generic_can" if is_can else "generic")
+    made = SimulatorSettings(map_name=name, lock_step=lock_step, **settings)
+    device: Any
+    server: Any
+    if is_can:
+        bus = CanBusSettings()
+        if transport == "can-virtual":
+            bus = CanBusSettings(interface="virtual", channel=uuid.uuid4().hex)
+        device = build_can_device(made)
+        server = CanNode(device, bus)
+        address = await server.start()
+    elif transport == "modbus-rtu":
+        device = build_device(made)
+        server = RtuServer(device, SerialSettings(baud=921_600))
+        address = f"modbus-rtu://{await server.start()}?baud=921600"
+    else:
+        device = build_device(made)
+        server = ModbusServer(device)
+        address = f"modbus-tcp://127.0.0.1:{await server.start('127.0.0.1', 0)}"
+    driver = open_cycler(address, name, TIMEOUT_S)
+    try:
+        yield Rig(transport, device, server, driver, address, name, lock_step)
+    finally:
+        await driver.close()
+        await server.close()

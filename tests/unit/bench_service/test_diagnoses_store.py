@@ -1,0 +1,81 @@
+"""Diagnoses in the store, and the family of a model."""
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+from sqlalchemy import create_engine, inspect
+
+from bench_service.errors import NotFoundError
+from bench_service.store.metadata import MetadataStore
+
+RESULT = {"verdict": "missing", "findings": [{"effect": "hysteresis", "rank": 1}]}
+
+
+@pytest.fixture
+def store(tmp_path):
+    with closing(MetadataStore.open(tmp_path)) as opened:
+        yield opened
+
+
+def add_model(store, name, parent_id=None):
+    record = store.add_model(
+        {"n": name}, name=name, structure="minimal", capacity_Ah=2.5, code_version="1", parent_id=parent_id
+    )
+    return record.id
+
+
+def add_run(store):
+    profile = store.add_profile("p", np.array([0.0, 1.0]), np.array([1.0, 0.0]))
+    run = store.add_run(
+        bench="b", profile_id=profile.id, dt_s=1.0, initial_soc=0.5, capacity_Ah=2.5, limits={}, code_version="1"
+    )
+    return store.end_run(run.id, "completed", None, n_samples=2, sha256="ab").id
+
+
+def test_a_diagnosis_comes_back_as_it_was_and_outlives_the_store(tmp_path):
+    with closing(MetadataStore.open(tmp_path)) as store:
+        model_id, other = add_model(store, "m"), add_model(store, "other")
+        runs, train = store.references([add_run(store)]), store.references([add_run(store)])
+        kept = store.diagnoses.add(
+            model_id, runs, RESULT, mode="change", train=train, initial_soc=0.4, code_version="1"
+        )
+        newer = store.diagnoses.add(other, runs, RESULT, mode="structure", code_version="1")
+    with closing(MetadataStore.open(tmp_path)) as store:
+        assert store.diagnoses.get(kept.id) == kept
+        assert kept.run_ids == (runs[0].run_id,) and kept.train == train and kept.runs[0].sha256 == "ab"
+        assert store.diagnoses.page() == [newer, kept]
+        assert store.diagnoses.page(model_id) == [kept] and store.diagnoses.page(limit=1, offset=1) == [kept]
+
+
+def test_an_unknown_diagnosis_is_named(store):
+    with pytest.raises(NotFoundError, match="unknown diagnosis 'nope'"):
+        store.diagnoses.get("nope")
+    with pytest.raises(NotFoundError, match="unknown model 'nope'"):
+        store.family("nope")
+
+
+def test_a_family_is_everything_from_the_first_version_on(store):
+    first = add_model(store, "first")
+    add_model(store, "stranger")
+    left, right = add_model(store, "left", first), add_model(store, "right", first)
+    grandchild = add_model(store, "grandchild", left)
+    for member in (first, left, right, grandchild):
+        assert [each.id for each in store.family(member)] == [first, left, right, grandchild]
+
+
+def test_a_file_of_the_earlier_schema_gets_the_table(tmp_path):
+    with closing(MetadataStore.open(tmp_path)) as store:
+        model_id = add_model(store, "old")
+    engine = create_engine(f"sqlite:///{tmp_path / 'meta.sqlite'}")
+    with engine.begin() as link:  # as the first revision left it
+        link.exec_driver_sql("DROP TABLE diagnosis")
+        link.exec_driver_sql("DROP INDEX ix_model_parent_id")
+        link.exec_driver_sql("UPDATE alembic_version SET version_num = 'meta_0001'")
+    engine.dispose()
+    with closing(MetadataStore.open(tmp_path)) as store:
+        assert [each.id for each in store.models()] == [model_id]
+        assert store.diagnoses.page() == []
+    engine = create_engine(f"sqlite:///{tmp_path / 'meta.sqlite'}")
+    assert "ix_model_parent_id" in {each["name"] for each in inspect(engine).get_indexes("model")}
+    engine.dispose()
