@@ -1,0 +1,1 @@
+"""One family of test signals in each module, as `FAMILY`; a new module appears everywhere by itself."""
