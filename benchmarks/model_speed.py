@@ -233,7 +233,7 @@ def _built(structure: Structure, data: Dataset) -> LocalFit:
 
 def _networks(n: int) -> list[tuple[str, LocalModelNetwork]]:
     """A network with one past output, and one of many low-passes without any."""
-    choice = AutoCandidate(_cell().capacity_Ah, exchange_c_rate=0.6, surface=(0.05, 100.0), n_models=N_MODELS)
+    choice = AutoCandidate(_cell().capacity_Ah, exchange_c_rate=0.6, surface=(0.05, 100.0, 0.0), n_models=N_MODELS)
     fitted = _search(n).fitted(choice)
     auto = LocalModelNetwork(fitted.structure, fitted.partition, fitted.theta, fitted.scaling, _cell())
     return [("1 past output", _network(n)), ("auto", auto)]

@@ -68,8 +68,12 @@ KINDS = (
 
 def main() -> int:
     arguments = _arguments()
+    rows: list[dict[str, Any]] = []
     with threadpool_limits(1, user_api="blas"):
-        rows = [judge(kind, arguments.cases, arguments.samples, arguments.first_seed) for kind in KINDS]
+        for kind in KINDS:
+            rows.append(judge(kind, arguments.cases, arguments.samples, arguments.first_seed))
+            if not arguments.json:
+                print(f"{kind.name}: {100 * rows[-1]['coverage_95']:.1f} % within 95 %", file=sys.stderr)
     if arguments.json:
         print(json.dumps({"cases": arguments.cases, "samples": arguments.samples, "kinds": rows}))
     else:

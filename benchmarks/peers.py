@@ -40,7 +40,6 @@ from models.baselines import (
 )
 from models.errors import ModelError
 from models.identification import STRUCTURES, fit_network, start_soc
-from models.local_model_network import LocalModelNetwork
 from models.metrics import metrics
 from models.resampling import GridRun, to_grid, typical_interval_s
 from models.signals import soc_by_counting
@@ -52,8 +51,6 @@ WORKER = Path(__file__).with_name("peer_worker.py")
 _WARM_UP_SAMPLES = 3000
 # Beyond any battery: such a run has no error worth a figure.
 _DIVERGED_V = 1e4
-
-Model = CellModel | LocalModelNetwork
 
 
 @dataclass(frozen=True)
@@ -100,7 +97,9 @@ def main() -> int:
     return 0
 
 
-def judge_own(name: str, fit: Callable[[list[TimeSeries]], Model], data: Data) -> tuple[dict[str, Any], Model | None]:
+def judge_own(
+    name: str, fit: Callable[[list[TimeSeries]], CellModel], data: Data
+) -> tuple[dict[str, Any], CellModel | None]:
     """Fit one of this project's models and simulate the held-out runs; a refusal is a row with its reason."""
     _warm_up(fit, data)
     try:
@@ -151,7 +150,7 @@ def judge_peer(
     return row | {"tried": answer["tried"], "final_fit_seconds": answer["final_fit_seconds"]}
 
 
-def _own(data: Data, structure: str) -> dict[str, Callable[[list[TimeSeries]], Model]]:
+def _own(data: Data, structure: str) -> dict[str, Callable[[list[TimeSeries]], CellModel]]:
     capacity_Ah, dt_s = data.capacity_Ah, data.dt_s
     return {
         f"network ({structure})": lambda train: (
@@ -163,7 +162,7 @@ def _own(data: Data, structure: str) -> dict[str, Callable[[list[TimeSeries]], M
     }
 
 
-def _warm_up(fit: Callable[[list[TimeSeries]], Model], data: Data) -> None:
+def _warm_up(fit: Callable[[list[TimeSeries]], CellModel], data: Data) -> None:
     """Compile what is compiled at the first call; whether the short piece can be fitted does not matter."""
     run = data.train[0]
     piece = slice(0, min(_WARM_UP_SAMPLES, len(run)))

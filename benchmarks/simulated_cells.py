@@ -3,7 +3,8 @@
 ``python benchmarks/simulated_cells.py [--cells nmc lfp nimh] [--seeds 10] [--structure full] [--json]``
 
 Each seed makes a training and a held-out run of its own: multi-level steps over SoC 0.1..0.9, -2C..+1C, from SoC 0.5 at
-rest, sampled at 1 s with the simulated sensors' noise. The model sees the training run only.
+rest, sampled at 1 s with the simulated sensors' noise. The model sees the training run only. Of a network also its
+open-circuit and resistance tables are held against the cell's own curves, and its 95 % bands against the held-out run.
 """
 
 import argparse
@@ -20,21 +21,28 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from models.baselines import CellModel, fit_enhanced_self_correcting, fit_equivalent_circuit
+from models.comparison import compare
 from models.design import Profile, StepProfileRequest, step_profile
 from models.identification import STRUCTURES, fit_network
 from models.local_model_network import LocalModelNetwork
 from models.metrics import metrics
+from models.ocv import DIRECTIONS
+from models.readouts import tables_of
 from models.resampling import to_grid
 from models.timeseries import FloatArray, TimeSeries
 from simulators.catalogue import CELLS, cell_type
-from simulators.cell import Cell
+from simulators.cell import Cell, CellParameters
 from simulators.sensors import SensorParameters, Sensors
+from simulators.settled import open_circuit_V, settled_resistance_Ohm
 
 DT_S = 1.0
 INITIAL_SOC = 0.5
 SOC = (0.1, 0.9)
 C_RATES = (-2.0, 1.0)
 
+# Where the open-circuit curve rises by less than this over the whole charge it is a plateau.
+PLATEAU_V = 0.12
+READ_OUTS = ("ocv_rms_mV", "ocv_max_mV", "plateau_max_mV", "resistance_rms", "resistance_max")
 Fit = Callable[[list[TimeSeries], float], CellModel | LocalModelNetwork]
 BASELINES: dict[str, Fit] = {
     "1rc": lambda train, capacity_Ah: fit_equivalent_circuit(train, capacity_Ah=capacity_Ah, n_branches=1, dt_s=DT_S),
@@ -93,6 +101,18 @@ def judge(cell: str, seed: int, structure: str, duration_s: float, ambient_degC:
         "over_noise": figures["rmse_mV"] / noise_mV,
         "held_out_against_truth_mV": metrics(held_out.truth_V, simulated_V)["rmse_mV"],
         "seconds": seconds,
+        **(_what_it_says(model, cell, held_out) if isinstance(model, LocalModelNetwork) else {}),
+    }
+
+
+def _what_it_says(network: LocalModelNetwork, cell: str, held_out: SimulatedRun) -> dict[str, Any]:
+    """Errors of the read-outs against the truth, and how well the bands hold on the held-out run."""
+    compared = compare(network, [held_out.series], [INITIAL_SOC])
+    temperature = compared["temperature"] or {}
+    return {
+        "band_holds": compared["band"]["coverage_95"],
+        "temperature_rmse_K": temperature.get("rmse_K"),
+        **table_errors(network, cell_type(cell).parameters),
     }
 
 
@@ -165,7 +185,48 @@ def _summary(cell: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
         "held_out_against_truth_mV": float(column("held_out_against_truth_mV").mean()),
         "held_out_max_mV": float(column("held_out_max_mV").max()),
         "seconds": float(column("seconds").mean()),
+        **({name: _worst(column(name)) for name in READ_OUTS} if "ocv_rms_mV" in own[0] else {}),
+        **(
+            {"band_holds": [float(f(column("band_holds"))) for f in (np.min, np.max)]} if "band_holds" in own[0] else {}
+        ),
     }
+
+
+def table_errors(network: LocalModelNetwork, parameters: CellParameters) -> dict[str, Any]:
+    """Errors of a network's tables over the trained domain, which is where they are read out.
+
+    Returns
+    -------
+    dict
+        `ocv_rms_mV`, `ocv_max_mV` of the voltages after charge and after discharge; `plateau_max_mV` of their mean
+        where the curve is flat (None: nowhere); `resistance_rms`, `resistance_max` relative; `ocv_band_holds`,
+        `resistance_band_holds`: share of points of each table whose 95 % band holds the truth.
+    """
+    ocv, resistance = tables_of(network)
+    degC, side = ocv.temperature_degC[:, None], np.array(DIRECTIONS)[:, None, None]
+    off_V = ocv.voltage_V - open_circuit_V(parameters, ocv.soc, degC, side)
+    current, degC = resistance.current_A[:, None, None], resistance.temperature_degC[:, None]
+    true_Ohm = settled_resistance_Ohm(parameters, resistance.soc, current, degC)
+    off_Ohm = resistance.resistance_Ohm - true_Ohm
+    flat = np.array([parameters.open_circuit.slope_at_V(float(soc)) < PLATEAU_V for soc in ocv.soc])
+    return {
+        "ocv_rms_mV": 1e3 * float(np.sqrt(np.mean(off_V**2))),
+        "ocv_max_mV": 1e3 * float(np.abs(off_V).max()),
+        "plateau_max_mV": 1e3 * float(np.abs(off_V.mean(axis=0)[:, flat]).max()) if flat.any() else None,
+        "resistance_rms": float(np.sqrt(np.mean((off_Ohm / true_Ohm) ** 2))),
+        "resistance_max": float(np.abs(off_Ohm / true_Ohm).max()),
+        "ocv_band_holds": _held(off_V, ocv.std_V),
+        "resistance_band_holds": _held(off_Ohm, resistance.std_Ohm),
+    }
+
+
+def _held(off: FloatArray, std: FloatArray | None) -> float | None:
+    return None if std is None else float((np.abs(off) <= 1.96 * std).mean())
+
+
+def _worst(values: FloatArray) -> float | None:
+    known = [value for value in values if value is not None]
+    return max(known) if known else None
 
 
 def _print(result: dict[str, Any]) -> None:
@@ -182,6 +243,34 @@ def _print(result: dict[str, Any]) -> None:
             f"{row['held_out_against_truth_mV']:.2f}",
             f"{row['held_out_max_mV']:.1f}",
             f"{row['seconds']:.1f}",
+        )
+    Console().print(table)
+    if "band_holds" in result["cells"][0]:
+        _print_read_outs(result)
+
+
+def _print_read_outs(result: dict[str, Any]) -> None:
+    table = Table(title="Read-outs against the truth inside the trained domain, worst of all seeds")
+    for heading in (
+        "cell",
+        "OCV rms / mV",
+        "largest / mV",
+        "plateau / mV",
+        "R rms / %",
+        "largest / %",
+        "95 % band holds",
+    ):
+        table.add_column(heading, justify="right")
+    for row in result["cells"]:
+        plateau = row["plateau_max_mV"]
+        table.add_row(
+            row["cell"],
+            f"{row['ocv_rms_mV']:.2f}",
+            f"{row['ocv_max_mV']:.1f}",
+            "" if plateau is None else f"{plateau:.2f}",
+            f"{100 * row['resistance_rms']:.1f}",
+            f"{100 * row['resistance_max']:.1f}",
+            " to ".join(f"{100 * share:.1f} %" for share in row["band_holds"]),
         )
     Console().print(table)
 

@@ -19,11 +19,11 @@ _TIMES_S = (2.0, 30.0, 1000.0)
 _RATE = 25.0
 # Hysteresis and slow diffusion stand in for each other: their constants are moved together, on an even grid of factors
 # first and then in ever smaller steps around the best.
-_RATES = tuple(_RATE * 2.5**k for k in (-2, -1, 0, 1, 2))
-_SLOWEST_S = tuple(_TIMES_S[-1] * 2.5**k for k in (-1, 0, 1))
-_STEPS = (2.5**0.5, 2.5**0.25, 2.5**0.125)
+_RATES = tuple(_RATE * 1.6**k for k in range(-4, 5))
+_SLOWEST_S = tuple(_TIMES_S[-1] * 2.0**k for k in (-1, 0, 1))
+_STEPS = (1.26, 1.12, 1.06)
 _LARGEST_SHARE = 0.5
-_SIZES = (8, 12, 16, 24)
+_SIZES = (12, 16, 24)
 _EXCHANGE_C_RATE = (None, 0.3, 1.0, 6.0)
 _ACTIVATION_K = (1700.0, 3500.0)
 
@@ -60,12 +60,8 @@ def circuit_alternatives(best: AutoCandidate, warm: bool, stage: int) -> list[Au
     """What is tried next to `best` in one stage; None ends the search."""
 
     def grid() -> list[AutoCandidate]:
-        fast, middle, _ = best.time_constants_s
-        return [
-            replace(best, hysteresis_rates=(rate,), time_constants_s=(fast, middle, slow))
-            for rate in _RATES
-            for slow in _SLOWEST_S
-        ]
+        pairs = [(rate, slowest_s) for rate in _RATES for slowest_s in _SLOWEST_S]
+        return [replace(best, hysteresis_rates=(r,), time_constants_s=(*_TIMES_S[:-1], s)) for r, s in pairs]
 
     stages: list[Callable[[], list[AutoCandidate]]] = [
         grid,
@@ -73,8 +69,6 @@ def circuit_alternatives(best: AutoCandidate, warm: bool, stage: int) -> list[Au
         lambda: [replace(best, exchange_c_rate=rate) for rate in _EXCHANGE_C_RATE],
         lambda: [replace(best, activation_K=k) for k in _ACTIVATION_K] if warm else [],
         lambda: [replace(best, hysteresis_rates=())],
-        # Once more, with the other terms in place.
-        grid,
     ]
     for step in _STEPS:
         around = (1.0 / step, 1.0, step)

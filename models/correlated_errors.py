@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import oaconvolve
 
 from models.timeseries import FloatArray
 
@@ -38,10 +39,11 @@ def least_squares_covariance(jacobian: FloatArray, residual: FloatArray, starts:
     meat = np.zeros((p, p))
     for part in parts:
         rows = scores[part]
-        meat += rows.T @ rows
-        for lag in range(1, min(window, len(rows) - 1) + 1):
-            product = rows[lag:].T @ rows[:-lag]
-            meat += (1.0 - lag / (window + 1.0)) * (product + product.T)
+        lags = min(window, len(rows) - 1)
+        weight = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (window + 1.0)
+        # All lags at once: as many as the records of slow sensors ask for would cost their number of products.
+        product = rows.T @ oaconvolve(rows, weight[:, None], mode="full", axes=0)[lags : lags + len(rows)]
+        meat += 0.5 * (product + product.T)
     correlated = bread @ meat @ bread * n / max(n - p, 1)
     scale = np.sqrt(np.maximum(np.diag(white) / np.maximum(np.diag(correlated), 1e-300), 1.0))
     return correlated * np.outer(scale, scale)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from models.errors import NotIdentifiableError
+from models.errors import ModelError, NotIdentifiableError
 from models.regression import CellContext
 from models.resampling import GridRun
 from models.signals import soc_by_counting
@@ -33,6 +33,8 @@ _PAUSE_FACTOR = 600.0
 _GAP_FACTOR = 30.0
 _LARGEST_GAP_CHARGE = 0.5
 _MOST_MISSING_CURRENT = 0.2
+# Charge before the reference SoC is known, over the range of the run's counted charge.
+_UNSEEN_SHARE = 0.005
 # Standard errors beyond which a sign is certain.
 _CERTAIN = 4.0
 
@@ -76,6 +78,28 @@ def check_series(runs: list[TimeSeries], dt_s: float, capacity_Ah: float) -> lis
             )
         found += _pauses(run, capacity_Ah)
     return found
+
+
+def check_known_from_start(run: TimeSeries, first: int) -> None:
+    """Refuse a reference SoC that begins only after charge has flowed: it is not that of the run's start.
+
+    Parameters
+    ----------
+    run : as measured
+    first : sample of the first known reference
+
+    Raises
+    ------
+    ModelError
+        The message says from when on the SoC is known, and what flowed before.
+    """
+    flowed_Ah = np.cumsum(np.nan_to_num(run.current_A[1:]) * np.diff(run.time_s)) / 3600.0
+    before_Ah = float(flowed_Ah[first - 1]) if first > 0 else 0.0
+    if abs(before_Ah) > _UNSEEN_SHARE * max(float(np.ptp(flowed_Ah)), 1e-12):
+        raise ModelError(
+            f"{run.name}: its SoC is known only from {run.time_s[first] - run.time_s[0]:g} s on, when {before_Ah:.3g} "
+            "Ah had flowed already; cut the run there, or give the SoC of its first sample with --initial-soc"
+        )
 
 
 def check_excitation(grid: list[GridRun], soc: list[float], cell: CellContext) -> list[str]:

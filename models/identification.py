@@ -11,7 +11,7 @@ import numpy as np
 from models.cell_temperature import thermal_record
 from models.comparison import RunComparison, simulate_runs
 from models.errors import ModelError
-from models.excitation import check_excitation, check_series, fit_reservations
+from models.excitation import check_excitation, check_known_from_start, check_series, fit_reservations
 from models.held_out_uncertainty import fit_uncertainty
 from models.local_model_network import LocalModelNetwork
 from models.metrics import Metrics, metrics, noise_floor_V
@@ -159,12 +159,13 @@ def start_soc(run: TimeSeries) -> float:
     Raises
     ------
     ModelError
-        The run has none; the message says how to give one.
+        The run has none, or only after charge has flowed; the message says how to give one.
     """
     if run.soc_ref is not None:
-        known = run.soc_ref[~np.isnan(run.soc_ref)]
+        known = np.flatnonzero(~np.isnan(run.soc_ref))
         if len(known):
-            return float(known[0])
+            check_known_from_start(run, int(known[0]))
+            return float(run.soc_ref[known[0]])
     raise ModelError(f"{run.name}: its initial SoC is not known (no soc_ref column); give it with --initial-soc")
 
 

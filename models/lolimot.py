@@ -21,7 +21,7 @@ from models.timeseries import FloatArray
 # Samples (weighted by validity) per parameter below which a local model may not be split further.
 _MIN_SAMPLES_PER_PARAMETER = 8.0
 # Samples that decide on splits; a record of twice as many or more is thinned to no fewer.
-_DECIDING = 25_000
+_DECIDING = 12_000
 # Samples that are worked on at once, so that their validity functions stay in the cache.
 _BLOCK = 2048
 # Sums of kernels below this have lost digits.
@@ -142,18 +142,32 @@ def construct(
     """
     every = _prepare(structure, data, use)
     thinned = every.thinned()
+    if thinned is every:
+        yield from _grown(structure, every, max_models)
+        return
+    *earlier, last = _grown(structure, thinned, max_models)
+    yield from earlier
+    yield _fit(last.partition, _Kernels.of(last.partition, every.z), every)
+
+
+def build_partition(structure: Structure, data: Dataset, max_models: int, use: np.ndarray | None = None) -> Partition:
+    """Boxes of the last network that `construct` grows, without its parameters."""
+    *_, last = _grown(structure, _prepare(structure, data, use).thinned(), max_models)
+    return last.partition
+
+
+def _grown(structure: Structure, products: _Products, max_models: int) -> Iterator[LocalFit]:
+    """The prepartition, then each larger network."""
     partition = initial_partition(structure.axes, structure.kernel)
-    kernels = _Kernels.of(partition, thinned.z)
-    current = _fit(partition, kernels, thinned)
-    while True:
-        full = current.partition.n_models >= max_models
-        grown = None if full else _grow(structure, current, kernels, thinned)
+    kernels = _Kernels.of(partition, products.z)
+    current = _fit(partition, kernels, products)
+    yield current
+    while current.partition.n_models < max_models:
+        grown = _grow(structure, current, kernels, products)
         if grown is None:
-            last = current.partition
-            yield current if thinned is every else _fit(last, _Kernels.of(last, every.z), every)
             return
-        yield current
         current, kernels = grown
+        yield current
 
 
 def _prepare(structure: Structure, data: Dataset, use: np.ndarray | None) -> _Products:

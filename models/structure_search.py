@@ -18,7 +18,7 @@ from models.auto_structure import AutoCandidate, alternatives, find_offer, first
 from models.circuit_start import circuit_alternatives, circuit_candidate, stands_apart
 from models.given_structure import GivenCandidate, pole_alternatives, poles_for, size_alternatives
 from models.holdout import groups
-from models.lolimot import construct
+from models.lolimot import build_partition
 from models.partition import Partition
 from models.regression import VOLTAGE, CellContext, Dataset, Scaling, SignalBank, build_dataset, find_scaling
 from models.resampling import GridRun
@@ -39,6 +39,8 @@ _FINER = (0.5, 0.7, 1.4, 2.0)
 _FASTEST_SAMPLES = 2.0
 # A change must lower the held-out error by this share to be made.
 _WORTH = 0.005
+# Held-out errors that differ by less than this share are alike: errors hang together over hundreds of samples.
+_ALIKE = 0.02
 # Samples in the sums while candidates are compared; all samples pass through the filters.
 _SEARCH_SAMPLES = 12_000
 # Samples in the sums of the final fit where there are no past outputs; more of them tell nothing new.
@@ -124,6 +126,7 @@ class Search:
     progress: Progress
     table: list[dict[str, Any]] = field(default_factory=list)
     _known: dict[Choice, float] = field(default_factory=dict)
+    _boxes: dict[Any, Partition] = field(default_factory=dict)
     _strengths: dict[Choice, tuple[float, ...]] = field(default_factory=dict)
 
     @cached_property
@@ -168,15 +171,18 @@ class Search:
     def _from_circuit(self, best: AutoCandidate, warm: bool) -> AutoCandidate:
         """Search once more from an equivalent circuit's terms; the better of both ends."""
         circuit, stage = circuit_candidate(self.cell.capacity_Ah, warm), 0
+        if not stands_apart(circuit, self.bank):
+            return best
         while (tried := circuit_alternatives(circuit, warm, stage)) is not None:
             self.progress(0.9, f"trying {circuit}")
             # No change is too small: constants are moved, not terms added.
-            errors = {each: self._held_out_error(each, circuit) for each in dict.fromkeys([circuit, *tried])}
+            apart = [each for each in tried if stands_apart(each, self.bank)]
+            errors = {each: self._held_out_error(each, circuit) for each in dict.fromkeys([circuit, *apart])}
             circuit, stage = min(errors, key=errors.__getitem__), stage + 1
-        if not stands_apart(circuit, self.bank):
-            return best
-        # Both with their own penalties: those of a neighbour, which do among neighbours, blur the difference.
-        return min((best, circuit), key=lambda candidate: self.fitted(candidate).held_out_rmse_V)
+        # Both with their own penalties: those of a neighbour, which do among neighbours, blur the difference. Of two
+        # that simulate alike the circuit, whose few constants were moved until they fit.
+        better = self.fitted(circuit).held_out_rmse_V < (1.0 + _ALIKE) * self.fitted(best).held_out_rmse_V
+        return circuit if better else best
 
     def _pass(self, best: Candidate, done: float) -> Candidate:
         full = best.family == "full"
@@ -200,6 +206,7 @@ class Search:
     def fitted(self, candidate: Choice) -> Fitted:
         """Construct and fit a candidate with its poles shared."""
         n_samples = sum(len(run) for run in self.runs)
+        self._boxes.clear()
         return self._fitted(candidate, 1 if candidate.poles_s else max(1, n_samples // _STATIC_SAMPLES), None)
 
     def _fitted(self, candidate: Choice, keep_every: int, start: tuple[float, ...] | None) -> Fitted:
@@ -211,12 +218,20 @@ class Search:
         data = build_dataset(structure, scaling, self.runs, self.initial_soc, self.cell, self.bank, thinned)
         left = keep_every // thinned
         use = None if left == 1 else np.arange(len(data)) % left == 0
-        *_, local = construct(structure, data, candidate.n_models, use)
+        partition = self._partition(structure, data, candidate.n_models, use)
         a = output_coefficients(candidate.poles_s, self.dt_s)
         with threadpool_limits(1, user_api="blas"):
-            sums = moments(local.partition, data, a, groups(data), left)
-            chosen = fit(sums, penalties(structure, local.partition, data, a), start)
-        return Fitted(structure, scaling, data, local.partition, a, sums, chosen)
+            sums = moments(partition, data, a, groups(data), left)
+            chosen = fit(sums, penalties(structure, partition, data, a), start)
+        return Fitted(structure, scaling, data, partition, a, sums, chosen)
+
+    def _partition(self, structure: Structure, data: Dataset, n_models: int, use: np.ndarray | None) -> Partition:
+        """Boxes; candidates that differ in their inputs alone are compared on the same ones."""
+        axes = tuple((a.signal.partition(":")[0], a.initial, a.splittable, a.k_sigma) for a in structure.axes)
+        key = (axes, structure.kernel, n_models)
+        if key not in self._boxes:
+            self._boxes[key] = build_partition(structure, data, n_models, use)
+        return self._boxes[key]
 
     def _choose(self, current: ChoiceT, candidates: list[ChoiceT], share_done: float) -> ChoiceT:
         """Return the best; the present choice stays unless another is worth the change."""

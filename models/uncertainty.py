@@ -26,11 +26,11 @@ class Uncertainty:
     ----------
     parameters : covariance of the parameters, normalised units
     level_V : (M,) standard deviation of the held-out error near each local model
-    samples, effective_samples : (M,) training samples at which a local model weighs most, and how many independent
-        ones they are worth
+    samples, effective_samples : (M,) samples, of those that the fit used, at which a local model weighs most, and how
+        many independent ones they are worth
     thin : (M,) whether a local model has too little data of its own
     band_factor : by how much bands are widened so that 95 % of the held-out training samples lie within
-    correlation : of the held-out errors
+    correlation : of the held-out errors, from one sample that the fit used to the next
     """
 
     parameters: ParameterCovariance

@@ -1,61 +1,39 @@
-"""The fuzzy observer: steady-state Kalman filters of all local models, blended by the validity functions."""
+"""The fuzzy observer: the local models' Kalman filters, blended by the validity functions."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from models.electrothermal import flat_network
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
 from models.observer import compiled
-from models.observer.gains import state_matrices, steady_state_gains
-from models.regression import VOLTAGE, axis_lag
-from models.signals import diffusion_rates, parse_signal, relaxation_poles
+from models.observer.gains import observer_matrices, output_rows, state_matrices, steady_state_gains
+from models.observer.settings import ObserverSettings, default_settings, error_levels
 from models.timeseries import FloatArray
 
-
-@dataclass(frozen=True)
-class ObserverSettings:
-    """Noise that the filters are designed for.
-
-    Attributes
-    ----------
-    voltage_std_V : measurement noise with the model's own error, R
-    output_std_V : process noise of the output per sample
-    soc_std_per_sqrt_s : process noise of the SoC as a random walk, fraction per sqrt(s)
-    initial_soc_std : uncertainty of the initial SoC where none is given
-    """
-
-    voltage_std_V: float = 0.01
-    output_std_V: float = 0.003
-    soc_std_per_sqrt_s: float = 5e-5
-    initial_soc_std: float = 0.1
-
-    def to_json(self) -> dict[str, float]:
-        """Return a document of plain types."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, document: dict[str, Any]) -> ObserverSettings:
-        """Read what `to_json` wrote; a value that is not a positive finite number is a ModelError."""
-        try:
-            settings = cls(**{key: float(value) for key, value in document.items()})
-        except (TypeError, ValueError) as error:
-            raise ModelError(f"observer settings: {error}") from None
-        for key, value in asdict(settings).items():
-            if not (np.isfinite(value) and value > 0.0):
-                raise ModelError(f"observer settings: {key} is {value:g}; it must be positive")
-        return settings
+# Hypotheses for an initial state of charge that is not known well: this many, evenly over 0..1.
+_HYPOTHESES = 32
+# Each is as wide as this share of the distance to the next.
+_OVERLAP = 0.6
+# Below this the open-circuit curve is as good as straight.
+_NARROW_STD = 0.03
+# Even a given state of charge can be plain wrong: this share of belief is spread evenly.
+_DOUBT = 1e-2
+# Current in multiples of 1C by which the effect of a sensor's offset is looked at.
+_MORE_C = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class ObserverState:
-    """Memory of the observer after a sample: filter state, covariance and the derived signals' memory."""
+    """Memory of the observer after a sample: hypotheses with their weights, and the derived signals' memory."""
 
     x: FloatArray
     covariance: FloatArray
+    weight: FloatArray
     filters: FloatArray
     history: FloatArray
     held: FloatArray
@@ -63,21 +41,42 @@ class ObserverState:
     def copy(self) -> ObserverState:
         """Return an independent copy."""
         return ObserverState(
-            self.x.copy(), self.covariance.copy(), self.filters.copy(), self.history.copy(), self.held.copy()
+            self.x.copy(),
+            self.covariance.copy(),
+            self.weight.copy(),
+            self.filters.copy(),
+            self.history.copy(),
+            self.held.copy(),
         )
 
 
 @dataclass(frozen=True, slots=True)
 class ObserverOutput:
-    """What the observer says after a sample; the innovation is NaN where no voltage was measured."""
+    """What the observer says after a sample; the innovation is NaN where no voltage was measured.
+
+    Attributes
+    ----------
+    soc, soc_std : fraction
+    model_voltage_V : expected before the measurement
+    innovation_V, innovation_std_V : measured minus expected, and how large that should be
+    current_offset_A, current_offset_std_A : what the current sensor reads too much
+    capacity_Ah, capacity_std_Ah : estimated capacity
+    hypotheses : how many different states of charge are still held possible
+    """
 
     soc: float
     soc_std: float
     model_voltage_V: float
     innovation_V: float
     innovation_std_V: float
+    current_offset_A: float
+    current_offset_std_A: float
+    capacity_Ah: float
+    capacity_std_Ah: float
+    hypotheses: float
 
 
+COLUMNS = tuple(ObserverOutput.__dataclass_fields__)
 # Seen through Any: the type checker takes the compiled functions' tuples of arguments for single ones.
 _step: Any = compiled.step
 _replay: Any = compiled.replay
@@ -86,13 +85,14 @@ _replay: Any = compiled.replay
 class FuzzyObserver:
     """Estimates the state of charge with a local model network.
 
-    The state is [y(k) ... y(k-n+1), SoC(k)] (see `gains` for how this settles the printed method's contradictions),
-    the integrator is scaled with the network's normalisation (remark after eq. 2.38).
+    The state is [y(k) ... y(k-n+1), SoC(k), model error, sensor and capacity error] (see `gains` for how this settles
+    the printed method's contradictions, `settings` for the errors). An initial state of charge that is not known well
+    is several hypotheses at once (see `compiled`).
 
     Parameters
     ----------
     network : a model with SoC(k-1) among its inputs
-    settings : noise the filters are designed for
+    settings : noise and errors the filter is designed for; by default those in the model's record
 
     Raises
     ------
@@ -106,9 +106,12 @@ class FuzzyObserver:
         self.network = network
         self.settings = settings or default_settings(network)
         self.dt_s = network.structure.dt_s
-        self._volts_low, volts_high = network.scaling[VOLTAGE]
-        self._volts_span = volts_high - self._volts_low
+        self._volts_low, self._volts_span = network.scaling["voltage"][0], network.voltage_span_V
+        self._n = max(network.structure.output_order, 1)
+        self._size = self._n + compiled.N_EXTRA
         self._arguments = self._compile_arguments()
+        rows = 7 + self._size
+        self._scratch_shape = (rows, max(network.n_models, _HYPOTHESES, self._size + 1))
 
     def initial(self, soc: float, soc_std: float | None = None, temperature_degC: float = 25.0) -> ObserverState:
         """State before the first sample.
@@ -119,17 +122,26 @@ class FuzzyObserver:
         soc_std : its standard deviation; the settings' where None
         temperature_degC : used until a temperature is measured
         """
-        structure = self.network.structure
-        size = max(structure.output_order, 1) + 1
-        x = np.zeros(size)
-        x[-1] = soc
-        covariance = np.zeros((size, size))
         std = self.settings.initial_soc_std if soc_std is None else soc_std
-        covariance[-1, -1] = std**2
-        lags = max([1, *(c.delay + c.order for c in structure.inputs)])
+        starts, weights, spread = _hypotheses(soc, std)
+        x = np.zeros((_HYPOTHESES, self._size))
+        covariance = np.zeros((_HYPOTHESES, self._size, self._size))
+        weight = np.zeros(_HYPOTHESES)
+        count, n, s = len(starts), self._n, self.settings
+        x[:count, n], weight[:count] = starts, weights
+        one_C = self.network.cell.capacity_Ah
+        variances = (spread**2, 1.0, 1.0, (s.current_offset_std_C * one_C) ** 2, s.capacity_std**2)
+        variances = (*variances, (s.voltage_offset_std_V / self._volts_span) ** 2)
+        for place, variance in zip(range(n, self._size), variances, strict=True):
+            covariance[:count, place, place] = variance
+        structure = self.network.structure
+        depth = 1 + max(1, *(lag for _, lag in structure.taps()))
         n_signals = len(structure.signals)
-        held = np.array([0.0, -1.0, temperature_degC, 0.0])
-        return ObserverState(x, covariance, np.zeros((n_signals, 3)), np.zeros((lags, n_signals)), held)
+        held = np.zeros(compiled.N_HELD)
+        held[compiled.HELD_DIRECTION], held[compiled.HELD_TEMPERATURE] = -1.0, temperature_degC
+        return ObserverState(
+            x, covariance, weight, np.zeros((2, n_signals, 3)), np.zeros((2, depth, n_signals)), held
+        )
 
     def step(
         self, state: ObserverState, current_A: float, voltage_V: float, temperature_degC: float
@@ -144,18 +156,14 @@ class FuzzyObserver:
         row = np.empty(compiled.N_OUT)
         _step(
             *self._arguments,
-            new.x,
-            new.covariance,
-            new.filters,
-            new.history,
-            new.held,
+            *_memory(new),
+            np.empty(self._scratch_shape),
             float(current_A),
             (float(voltage_V) - self._volts_low) / self._volts_span,
             float(temperature_degC),
             row,
         )
-        values = self._to_physical(row[None])[0]
-        return new, ObserverOutput(*(float(v) for v in values))
+        return new, ObserverOutput(*self._to_physical(row[None])[0].tolist())
 
     def replay(
         self, state: ObserverState, current_A: FloatArray, voltage_V: FloatArray, temperature_degC: FloatArray
@@ -164,17 +172,14 @@ class FuzzyObserver:
 
         Returns
         -------
-        The last state and (N, 5): SoC, its std, model voltage in V, innovation in V, innovation std in V.
+        The last state and (N, columns), columns as in `ObserverOutput`.
         """
         new = state.copy()
         out = np.empty((len(current_A), compiled.N_OUT))
         _replay(
             *self._arguments,
-            new.x,
-            new.covariance,
-            new.filters,
-            new.history,
-            new.held,
+            *_memory(new),
+            np.empty(self._scratch_shape),
             np.ascontiguousarray(current_A, dtype=np.float64),
             (np.ascontiguousarray(voltage_V, dtype=np.float64) - self._volts_low) / self._volts_span,
             np.ascontiguousarray(temperature_degC, dtype=np.float64),
@@ -183,72 +188,62 @@ class FuzzyObserver:
         return new, self._to_physical(out)
 
     def _to_physical(self, rows: FloatArray) -> FloatArray:
-        out = np.empty_like(rows)
-        out[:, 0] = rows[:, 0]
-        out[:, 1] = np.sqrt(np.maximum(rows[:, 1], 0.0))
-        out[:, 2] = self._volts_low + self._volts_span * rows[:, 2]
-        out[:, 3] = self._volts_span * rows[:, 3]
-        out[:, 4] = self._volts_span * np.sqrt(np.maximum(rows[:, 4], 0.0))
+        out = rows.copy()
+        for column in (
+            compiled.SOC_VAR_OUT,
+            compiled.INNOVATION_VAR_OUT,
+            compiled.OFFSET_VAR_OUT,
+            compiled.CAPACITY_VAR_OUT,
+        ):
+            out[:, column] = np.sqrt(np.maximum(rows[:, column], 0.0))
+        out[:, compiled.SOC_VAR_OUT] *= self.settings.band_factor
+        span, capacity_Ah = self._volts_span, self.network.cell.capacity_Ah
+        out[:, compiled.VOLTAGE_OUT] = self._volts_low + span * rows[:, compiled.VOLTAGE_OUT]
+        out[:, compiled.INNOVATION_OUT] *= span
+        out[:, compiled.INNOVATION_VAR_OUT] *= span
+        # SoC moves by (1 + e) times what the nominal capacity says.
+        out[:, compiled.CAPACITY_OUT] = capacity_Ah / (1.0 + rows[:, compiled.CAPACITY_OUT])
+        out[:, compiled.CAPACITY_VAR_OUT] *= capacity_Ah
         return out
 
     def _compile_arguments(self) -> tuple[Any, ...]:
-        network, structure = self.network, self.network.structure
-        names = structure.signals
-        taps = [(names.index(signal), lag) for signal, lag in structure.taps()]
-        axes = [(names.index(a.signal), axis_lag(a.signal)) for a in structure.axes]
-        soc_per_ampere = self.dt_s / (3600.0 * network.cell.capacity_Ah)
-        variances = self._variances()
-        constants = np.array([soc_per_ampere, *variances, network.cell.rest_A])
-        gains = steady_state_gains(state_matrices(network), *variances)
-        return (
-            np.ascontiguousarray(network.theta, dtype=np.float64),
-            np.ascontiguousarray(network.partition.centres),
-            np.ascontiguousarray(1.0 / network.partition.widths),
-            gains,
-            structure.output_order,
-            np.array([compiled.CODES[parse_signal(name).kind] for name in names]),
-            np.array([self._signal_constants(name) for name in names]),
-            np.array([signal for signal, _ in taps]),
-            np.array([lag for _, lag in taps]),
-            np.array([signal for signal, _ in axes]),
-            np.array([lag for _, lag in axes]),
-            constants,
-        )
-
-    def _signal_constants(self, name: str) -> FloatArray:
-        """One signal's row of constants for the compiled step."""
-        signal, cell = parse_signal(name), self.network.cell
-        row = np.zeros(compiled.N_CONSTANTS)
-        row[compiled.GAIN] = 1.0
-        time_constant_s = signal.get("time_constant_s")
-        if signal.kind == "relaxation":
-            row[compiled.POLE : compiled.POLE + 3] = relaxation_poles(time_constant_s, self.dt_s)
-            row[compiled.GAIN] = 1.0 / (1.0 - row[compiled.POLE])
-        elif signal.kind == "surface_soc":
-            row[compiled.POLE : compiled.POLE + 3] = diffusion_rates(time_constant_s, self.dt_s)
-        elif time_constant_s:
-            row[compiled.POLE] = np.exp(-self.dt_s / time_constant_s)
-        if signal.kind in ("soc", "surface_soc"):
-            row[compiled.GAIN] = signal.get("depth") / cell.capacity_Ah
-        row[compiled.ACTIVATION] = signal.get("activation_K")
-        row[compiled.EXCHANGE] = signal.get("exchange_current_A")
-        row[compiled.RATE] = signal.get("rate") * self.dt_s / (3600.0 * cell.capacity_Ah)
-        low, high = self.network.scaling[name]
-        row[compiled.LOW], row[compiled.SPAN] = low, high - low
-        return row
-
-    def _variances(self) -> tuple[float, float, float]:
-        """Process noise of output and SoC per sample and measurement noise; the output's in normalised units."""
-        s = self.settings
-        return (
-            (s.output_std_V / self._volts_span) ** 2,
-            s.soc_std_per_sqrt_s**2 * self.dt_s,
-            (s.voltage_std_V / self._volts_span) ** 2,
-        )
+        network, s = self.network, self.settings
+        state_matrices(network)  # refuses a network without SoC
+        level = error_levels(network)
+        per_volt = 1.0 / self._volts_span
+        constants = np.zeros(compiled.N_CONSTANTS)
+        constants[compiled.Q_OUTPUT] = (s.output_std_V * per_volt) ** 2
+        constants[compiled.Q_SOC] = s.soc_std_per_sqrt_s**2 * self.dt_s
+        constants[compiled.R_VOLTAGE] = (s.voltage_std_V * per_volt) ** 2
+        constants[compiled.QUICK_KEEP] = np.exp(-self.dt_s / s.quick_error_time_s)
+        constants[compiled.SLOW_RATE] = self.dt_s / s.slow_error_time_s
+        constants[compiled.SLOW_CHARGE] = 1.0 / s.slow_error_soc
+        constants[compiled.QUICK_STD] = s.quick_error_std_V * per_volt
+        constants[compiled.SLOW_STD] = s.slow_error_std_V * per_volt
+        constants[compiled.NET_SHARE] = min(self.dt_s / compiled.NET_S, 1.0)
+        constants[compiled.MORE_A] = _MORE_C * network.cell.capacity_Ah if s.current_offset_std_C > 0.0 else 0.0
+        gains = np.zeros((network.n_models, self._size + 1))
+        if s.gain == "steady":
+            constants[compiled.STEADY] = 1.0
+            matrices, process = observer_matrices(network, s)
+            steady = steady_state_gains(
+                matrices, output_rows(network, s, level), process, constants[compiled.R_VOLTAGE]
+            )
+            gains[:, : self._n + 3], gains[:, -1] = steady[:, :-1], steady[:, -1]
+        return flat_network(network), level, gains, constants
 
 
-def default_settings(network: LocalModelNetwork) -> ObserverSettings:
-    """Settings from what the model knows of itself: its free-run error on the training data, at least 1 mV."""
-    rmse_mV = float((network.record.get("train") or {}).get("rmse_mV", 10.0))
-    voltage_std_V = max(rmse_mV, 1.0) * 1e-3
-    return ObserverSettings(voltage_std_V=voltage_std_V, output_std_V=0.3 * voltage_std_V)
+def _memory(state: ObserverState) -> tuple[FloatArray, ...]:
+    return state.x, state.covariance, state.weight, state.filters, state.history, state.held
+
+
+def _hypotheses(soc: float, std: float) -> tuple[FloatArray, FloatArray, float]:
+    """Means, weights and common standard deviation of the hypotheses that stand for an initial state of charge."""
+    if std <= _NARROW_STD:
+        return np.array([soc]), np.ones(1), std
+    distance = 1.0 / _HYPOTHESES
+    starts = (np.arange(_HYPOTHESES) + 0.5) * distance
+    width = max(std, distance)
+    weights = np.exp(-0.5 * ((starts - soc) / width) ** 2)
+    weights = (1.0 - _DOUBT) * weights / weights.sum() + _DOUBT / _HYPOTHESES
+    return starts, weights, _OVERLAP * distance

@@ -7,7 +7,7 @@ import pytest
 
 from models.errors import ModelError, NotIdentifiableError, TimeSeriesError
 from models.excitation import check_excitation, check_series, fit_reservations
-from models.identification import fit_network
+from models.identification import fit_network, start_soc
 from models.regression import CellContext
 from models.resampling import to_grid
 from models.structure import minimal_structure
@@ -74,12 +74,11 @@ def test_a_capacity_far_too_small_is_refused(factor: float) -> None:
 
 
 def test_a_capacity_that_disagrees_with_the_reference_is_said_with_the_one_that_agrees() -> None:
-    run = synthetic.run(3000, seed=1, drift_A=-0.5)
+    run = synthetic.run(2000, seed=1, drift_A=-0.5)
     fitted = fit_network([run], capacity_Ah=1.3 * CAPACITY_AH, structure="minimal")
     assert "reference SoC moves 1.30 times" in " ".join(fitted.network.record["reservations"])
     assert "capacity would be 2 Ah" in " ".join(fitted.network.record["reservations"])
-    right = fit_network([run], capacity_Ah=CAPACITY_AH, structure="minimal")
-    assert "reference SoC" not in " ".join(right.network.record["reservations"])
+    assert "reference SoC" not in " ".join(check_excitation([to_grid(run, 1.0)], [0.6], CELL))
 
 
 def test_a_wrong_sign_of_the_current_is_refused() -> None:
@@ -171,3 +170,13 @@ def test_a_fit_that_misses_its_own_runs_says_so() -> None:
 def test_a_capacity_that_is_none_is_refused(capacity_Ah: float) -> None:
     with pytest.raises(ModelError, match="capacity"):
         fit_network([synthetic.run(1000, seed=1)], capacity_Ah=capacity_Ah, structure="minimal")
+
+
+def test_a_reference_that_begins_after_charge_has_flowed_is_not_taken_for_the_start() -> None:
+    run = synthetic.run(2000, seed=1)
+    assert start_soc(run) == 0.6
+    late = np.where(run.time_s < 900.0, np.nan, run.soc_ref)
+    with pytest.raises(ModelError, match="known only from 900 s on"):
+        start_soc(replace(run, soc_ref=late))
+    rested = replace(run, current_A=np.where(run.time_s <= 900.0, 0.0, run.current_A), soc_ref=late)
+    assert start_soc(rested) == run.soc_ref[900]

@@ -89,8 +89,6 @@ def test_shared_poles_vary_together(problem) -> None:
 
 def test_a_pull_that_the_estimate_went_far_against_is_not_taken_for_knowledge(problem) -> None:
     order, partition, data, theta, penalty = problem
-    if order != 1:
-        pytest.skip("refinement of one pole is the case in question")
     m, p = theta.shape
     index = np.concatenate([np.arange(order, p) + i * p for i in range(m)])
     spread = np.zeros((m * p, m * p))
@@ -115,9 +113,11 @@ def test_a_pull_that_the_estimate_went_far_against_is_not_taken_for_knowledge(pr
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.shared], ids=lambda kind: kind.name)
 def test_stated_deviations_hold_where_the_truth_is_itself_a_network(kind) -> None:
-    row = judge(kind, cases=12, n_samples=3000)
-    # 12 cases of 25 parameters, which hang together within each: the spread of the share is about 3 %.
-    assert 0.86 <= row["coverage_95"] <= 0.995
+    row = judge(kind, cases=8, n_samples=2500)
+    # 8 cases of 25 parameters, which hang together within each: the spread of the share is about 3 %.
+    assert row["coverage_95"] >= 0.86
+    # Nor are they far too wide.
+    assert 0.3 <= row["median_distance"] <= 1.6
 
 
 def test_too_small_a_level_would_be_seen(problem) -> None:

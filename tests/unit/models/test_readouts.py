@@ -41,10 +41,12 @@ def test_bands_of_the_tables_hold_the_truth(fitted: LocalModelNetwork) -> None:
     # One fit, and neighbouring points hang together: not 95 % within two deviations, but nearly all within three.
     off = np.abs(ocv.voltage_V - synthetic.ocv_V(ocv.soc)) / ocv.std_V
     assert (off < 3.0).mean() > 0.9
-    true_Ohm = synthetic.R0_OHM + synthetic.R1_OHM
+    # The network sees the state of charge of the sample before: what the curve rises in one counts as resistance.
+    slope_V = np.gradient(synthetic.ocv_V(resistance.soc), resistance.soc)
+    true_Ohm = synthetic.R0_OHM + synthetic.R1_OHM + slope_V / (3600.0 * synthetic.CAPACITY_AH)
     wrong = np.abs(resistance.resistance_Ohm - true_Ohm) / resistance.std_Ohm
     assert (wrong < 3.0).mean() > 0.9
-    assert np.median(resistance.std_Ohm) < 0.01 * true_Ohm
+    assert np.median(resistance.std_Ohm) < 0.01 * true_Ohm.min()
 
 
 def test_the_summary_names_resistance_in_both_directions(fitted: LocalModelNetwork) -> None:

@@ -10,6 +10,7 @@ from models.local_model_network import LocalModelNetwork
 from models.ocv import ocv_table
 from models.prediction_band import prediction_band
 from models.resampling import GridRun, to_grid
+from models.structure import InputChannel, PartitionAxis, Structure
 from models.uncertainty import Uncertainty, uncertainty_of
 from tests.unit.models import synthetic
 
@@ -83,10 +84,12 @@ def test_local_models_say_how_much_data_they_have(fitted: FitResult, known: Unce
 def test_a_corner_that_hardly_any_sample_reaches_is_thin() -> None:
     short = synthetic.run(3000, seed=4, noise_V=NOISE_V)
     lonely = replace(short, temperature_degC=np.where(np.arange(3000) > 2990, 55.0, 20.0 + 0.001 * np.arange(3000)))
-    network = fit_network([lonely], capacity_Ah=synthetic.CAPACITY_AH, structure="full").network
+    axes = (PartitionAxis("soc", k_sigma=0.7), PartitionAxis("temperature", 3, splittable=False, k_sigma=0.6))
+    structure = Structure(0, (InputChannel("soc", delay=1), InputChannel("current")), axes, 1.0)
+    network = fit_network([lonely], capacity_Ah=synthetic.CAPACITY_AH, structure=structure).network
     found = uncertainty_of(network)
     assert found is not None
-    hot = network.partition.lower[:, 2] > 0.6
+    hot = network.partition.lower[:, 1] > 0.6
     assert found.thin[hot].all()
     assert found.samples[hot].sum() < 0.05 * found.samples.sum()
     assert any("too little data" in text for text in network.record["tables"]["reservations"])

@@ -1,0 +1,156 @@
+"""Change mode: the model was right, and what is asked is what has changed in the cell or the rig since."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.diagnosis.candidates import Candidate, Comparison, compare_samples, try_effect
+from models.diagnosis.memory import SAMPLES, Memory
+from models.diagnosis.ranking import Ranking, rank
+from models.diagnosis.reference import Reference
+from models.diagnosis.samples import choose_samples, visible
+from models.diagnosis.thermal_channel import ThermalComparison, WarmthTrial, compare_temperature
+from models.effects import Effect
+from models.effects.view import View
+from models.resampling import GridRun
+from models.timeseries import FloatArray
+
+# An effect on the SoC that explains this share of the best decides which samples are looked at.
+_MOVER_SHARE, _LEAST_BEYOND_SHARE = 0.3, 0.002
+# Least share of the squared error of the temperature that an effect on it must explain: ageing alone reaches 0.90.
+_WARMTH_SHARE = 0.95
+_LEAST_WARMTH_K = 0.3
+_LEAST_WARMTH_RATIO = 2.0
+
+
+@dataclass(frozen=True)
+class ChangeAnalysis:
+    """Everything that change mode found.
+
+    Attributes
+    ----------
+    reference : model that the runs were held against
+    comparison, ranking : of the voltage; None where no sample lies in the trained domain
+    thermal : of the temperature; None where it cannot be judged
+    warmth : the effect on the temperature that is named, if any
+    """
+
+    reference: Reference
+    comparison: Comparison | None
+    ranking: Ranking | None
+    thermal: ThermalComparison | None
+    warmth: WarmthTrial | None
+
+
+def analyse_change(memory: Memory, runs: list[GridRun], soc: list[float], effects: list[Effect]) -> ChangeAnalysis:
+    """Hold runs against what is remembered of the cell as it was.
+
+    Parameters
+    ----------
+    memory : of the training runs
+    runs, soc : to be diagnosed, with their SoC at the start
+    effects : to be tried
+    """
+    reference = memory.reference
+    comparison, ranking = _voltage(memory, runs, soc, effects)
+    heatless = [_heatless_V(reference, ranking, run, s) for run, s in zip(runs, soc, strict=True)]
+    thermal = compare_temperature(reference, memory.balance, runs, soc, effects, heatless)
+    warmth = _named_warmth(thermal)
+    if warmth is not None and any(part.any() for part in heatless):
+        # Whether a changed voltage warms the cell is an assumption: the finding must not hang on it.
+        cold = [0.0 * part for part in heatless]
+        again = _named_warmth(compare_temperature(reference, memory.balance, runs, soc, effects, cold))
+        warmth = warmth if again is not None and again.effect is warmth.effect else None
+    if warmth is not None and warmth.effect.name == "temperature_sensor":
+        comparison, ranking = _voltage(memory, [_true_temperature(run, warmth) for run in runs], soc, effects)
+    if warmth is not None and ranking is not None and _entropic(ranking) and warmth.effect.name == "reversible_heat":
+        # A voltage that moves with temperature makes reversible heat: one effect, not two.
+        warmth = None
+    return ChangeAnalysis(reference, comparison, ranking, thermal, warmth)
+
+
+def _voltage(
+    memory: Memory, runs: list[GridRun], soc: list[float], effects: list[Effect]
+) -> tuple[Comparison | None, Ranking | None]:
+    reference = memory.reference
+    samples = choose_samples(reference, runs, soc, SAMPLES)
+    if len(samples.blocks) < _least_samples(reference):
+        return None, None
+    usable = [effect for effect in effects if effect.name in memory.names and visible(effect, runs)]
+    usable.sort(key=lambda effect: memory.names.index(effect.name))
+    comparison = compare_samples(memory, samples, usable)
+    candidates = [try_effect(comparison, effect) for effect in usable]
+    ranking = rank(comparison, candidates)
+    mover, known = _inside_known_soc(comparison, candidates)
+    if mover is None or np.count_nonzero(known) < _least_samples(reference):
+        return comparison, ranking
+    narrower = compare_samples(memory, samples.kept(known), usable)
+    again = rank(narrower, [try_effect(narrower, effect) for effect in usable])
+    return (narrower, again) if again.candidates[0].effect is mover.effect else (comparison, ranking)
+
+
+def _inside_known_soc(comparison: Comparison, candidates: list[Candidate]) -> tuple[Candidate | None, np.ndarray]:
+    """Return the best effect on the SoC, and (n,) samples that stay where the curve is known if it is true.
+
+    Beyond its range the curve is a guess, and a curve over counted SoC would win for bending there as it likes.
+    No effect is returned where none explains much, or hardly any sample leaves the range.
+    """
+    everything = np.ones(len(comparison.evidence.error_V), dtype=bool)
+    cost = comparison.evidence.cost
+    movers = [each for each in candidates if each.effect.shift is not None and each.effect.shift.soc is not None]
+    if not movers:
+        return None, everything
+    mover = min(movers, key=lambda each: each.solution.cost)
+    most = cost - min(each.solution.cost for each in candidates)
+    if cost - mover.solution.cost < _MOVER_SHARE * most or mover.value is None:
+        return None, everything
+    beyond = comparison.runs.beyond(mover.effect, mover.value)
+    inside = np.asarray(~(beyond > 0.0).any(axis=1))
+    return (mover, inside) if np.mean(inside) < 1.0 - _LEAST_BEYOND_SHARE else (None, everything)
+
+
+def _heatless_V(reference: Reference, ranking: Ranking | None, run: GridRun, initial_soc: float) -> FloatArray:
+    """(n,) part of the voltage that the named effect stands for without warming the cell."""
+    if ranking is None or not (ranking.significant and ranking.explained):
+        return np.zeros(len(run))
+    named = ranking.candidates[0]
+    if named.effect.overpotential:
+        return np.zeros(len(run))
+    return contribution_V(reference, named, run, initial_soc)
+
+
+def _entropic(ranking: Ranking) -> bool:
+    return ranking.significant and ranking.candidates[0].effect.name == "entropic_voltage"
+
+
+def _least_samples(reference: Reference) -> int:
+    return 2 * len(reference.coefficients)
+
+
+def _named_warmth(thermal: ThermalComparison | None) -> WarmthTrial | None:
+    if thermal is None or not thermal.trials:
+        return None
+    large = thermal.mse_K2 >= max(_LEAST_WARMTH_K**2, _LEAST_WARMTH_RATIO**2 * thermal.own_mse_K2)
+    best = thermal.trials[0]
+    return best if large and thermal.share(best) >= _WARMTH_SHARE else None
+
+
+def _true_temperature(run: GridRun, trial: WarmthTrial) -> GridRun:
+    """What the sensor should have read."""
+    gain, offset_K = trial.values
+    if run.ambient_degC is None:
+        return run
+    rise = (run.temperature_degC - offset_K - run.ambient_degC) / gain
+    return replace(run, temperature_degC=run.ambient_degC + rise)
+
+
+def contribution_V(reference: Reference, candidate: Candidate, run: GridRun, initial_soc: float) -> FloatArray:
+    """(n,) part of the voltage of a whole run that an effect stands for."""
+    view = View(reference, run, initial_soc, np.arange(len(run)))
+    effect = candidate.effect
+    if effect.shift is not None and candidate.value is not None:
+        return effect.shift.voltage(view, candidate.value)
+    assert effect.regressors is not None
+    return effect.regressors(view) @ candidate.solution.coefficients

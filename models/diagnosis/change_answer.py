@@ -1,0 +1,155 @@
+"""From the analysis of a change to the answer of the public contract."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from models.diagnosis.change import ChangeAnalysis, contribution_V
+from models.diagnosis.confidence import confidence
+from models.diagnosis.explanation import explain, explain_warmth
+from models.diagnosis.findings import Diagnosis, Finding
+from models.diagnosis.next_experiment import discriminating_request
+from models.diagnosis.parameters import Value, parameters
+from models.diagnosis.ranking import Ranking
+from models.diagnosis.record import Record
+from models.diagnosis.unknown import depends_on
+
+_SHOWN_RIVALS = 3
+_LARGE_RATIO = 3.0
+
+
+def change_answer(analysis: ChangeAnalysis, record: Record, started: float, has_train: bool) -> Diagnosis:
+    """Verdict and findings.
+
+    Parameters
+    ----------
+    analysis : of the record's runs
+    record : with the network's error, which the findings' figures are about
+    started : reading of `time.perf_counter` when the diagnosis began
+    has_train : whether the training runs were at hand
+    """
+    ranking = analysis.ranking
+    named = ranking is not None and ranking.significant and ranking.explained
+    warm = [] if analysis.warmth is None else [_warmth_finding(analysis, record)]
+    electric, left = _voltage_findings(analysis, ranking, record) if ranking is not None and named else ([], record)
+    # A large change of the voltage is the first thing to say; a small one may be the temperature's doing.
+    first = electric + warm if ranking is not None and ranking.ratio >= _LARGE_RATIO else warm + electric
+    findings = [replace(each, rank=number + 1) for number, each in enumerate(first)]
+    rivals = ranking.rivals if ranking is not None and named and first[0] is electric[0] else ()
+    unknown = ranking is not None and ranking.unknown and not findings
+    request = None
+    if rivals and ranking is not None:
+        pair = (ranking.candidates[0].effect.name, rivals[0])
+        voltage_V = np.concatenate([run.voltage_V[run.measured] for run in record.runs])
+        last = record.soc[-1] + float(record.runs[-1].charge_Ah[-1]) / analysis.reference.capacity_Ah
+        request = discriminating_request(analysis.reference, pair, voltage_V, last)
+    verdict = "unknown_effect" if unknown else "nothing_missing" if not findings else "missing"
+    depends: tuple[tuple[str, float], ...] = ()
+    if unknown and analysis.comparison is not None:
+        evidence = analysis.comparison.evidence
+        depends = depends_on(analysis.comparison.runs.views, evidence.error_V - evidence.absorbed(evidence.error_V))
+    return Diagnosis(
+        verdict="ambiguous" if rivals else verdict,
+        mode="change",
+        findings=tuple(findings),
+        noise_floor_mV=record.noise_floor_mV,
+        unexplained_mV=left.rms_mV,
+        depends_on=depends,
+        next_experiment=request,
+        seconds=time.perf_counter() - started,
+        remarks=tuple(_remarks(analysis, has_train)),
+    )
+
+
+def _voltage_findings(analysis: ChangeAnalysis, ranking: Ranking, record: Record) -> tuple[list[Finding], Record]:
+    """The named effect and its rivals, with what each leaves of the network's error."""
+    comparison = analysis.comparison
+    assert comparison is not None
+    findings, first = [], record
+    shown = ranking.candidates[: 1 + min(len(ranking.rivals), _SHOWN_RIVALS)]
+    names = [candidate.effect.name for candidate in shown]
+    for number, candidate in enumerate(shown):
+        parts = [
+            contribution_V(analysis.reference, candidate, run, soc)
+            for run, soc in zip(record.runs, record.soc, strict=True)
+        ]
+        after = record.less(parts)
+        values = parameters(comparison, candidate)
+        cost, n = comparison.evidence.cost, len(comparison.evidence.error_V)
+        gained = cost - candidate.solution.cost
+        share = gained / max(cost - n * comparison.own_mse, gained, 1e-300)
+        remaining_mV = 1e3 * float(np.sqrt(candidate.solution.cost / n))
+        others = tuple(name for name in names if name != candidate.effect.name)
+        findings.append(
+            Finding(
+                candidate.effect.name,
+                number + 1,
+                record.rms_mV,
+                after.rms_mV,
+                voltage_confidence(ranking),
+                values,
+                others,
+                explain(candidate.effect, share, remaining_mV, values, others, "change"),
+                {
+                    "reference_before_mV": 1e3 * float(np.sqrt(cost / n)),
+                    "reference_after_mV": remaining_mV,
+                    "reference_own_mV": 1e3 * ranking.own_V,
+                    "explained_share_of_new": share,
+                    "margin": ranking.margin,
+                },
+            )
+        )
+        first = after if number == 0 else first
+    return findings, first
+
+
+def voltage_confidence(ranking: Ranking) -> float:
+    """Probability that the effect named from the voltage is right."""
+    return confidence(ranking.margin, len(ranking.rivals))
+
+
+def _warmth_finding(analysis: ChangeAnalysis, record: Record) -> Finding:
+    thermal, trial = analysis.thermal, analysis.warmth
+    assert thermal is not None and trial is not None
+    values = {
+        each.name: Value(value, std, each.unit)
+        for each, value, std in zip(trial.effect.parameters, trial.values, trial.std, strict=True)
+    }
+    before_K, after_K = float(np.sqrt(thermal.mse_K2)), float(np.sqrt(trial.mse_K2))
+    others = [each for each in thermal.trials if each is not trial]
+    margin = min(((each.mse_K2 - trial.mse_K2) / trial.mse_K2 for each in others), default=10.0)
+    share = thermal.share(trial)
+    return Finding(
+        trial.effect.name,
+        1,
+        record.rms_mV,
+        record.rms_mV,
+        confidence(margin, 0),
+        values,
+        (),
+        explain_warmth(trial.effect, share, before_K, after_K, values),
+        {"error_before_K": before_K, "error_after_K": after_K, "explained_share_of_temperature": share},
+    )
+
+
+def _remarks(analysis: ChangeAnalysis, has_train: bool) -> list[str]:
+    remarks = []
+    if analysis.comparison is None:
+        remarks.append(
+            "too few samples lie inside the trained domain to judge the voltage; fit the model on runs that cover it"
+        )
+    else:
+        inside = analysis.comparison.runs.share_inside
+        if inside < 1.0:
+            remarks.append(
+                f"{100 * (1 - inside):.0f} % of the samples lie outside the trained domain and were left out"
+            )
+    if analysis.ranking is not None:
+        least_mV = 1e3 * analysis.ranking.least_V
+        remarks.append(f"a change of less than about {least_mV:.1f} mV would not have been seen")
+    if not has_train:
+        remarks.append("without the training runs a change is held against the network's own voltage, errors included")
+    return remarks

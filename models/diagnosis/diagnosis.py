@@ -1,0 +1,114 @@
+"""One call: which effect is missing in a model, or new in its cell, with evidence."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from models.diagnosis.change import analyse_change
+from models.diagnosis.change_answer import change_answer
+from models.diagnosis.findings import Diagnosis, Mode
+from models.diagnosis.layout import Shape
+from models.diagnosis.memory import Memory, remember
+from models.diagnosis.record import Record, make_record
+from models.diagnosis.reference import fit_reference
+from models.diagnosis.structure import analyse_structure
+from models.diagnosis.structure_answer import structure_answer
+from models.effects import effects
+from models.errors import ModelError
+from models.local_model_network import LocalModelNetwork
+from models.resampling import GridRun, to_grid
+from models.signals import parse_signal
+from models.structure import Structure
+from models.timeseries import TimeSeries
+
+# Key of a model's record under which the memory of its training runs is kept.
+MEMORY = "diagnosis"
+# How much better than one more run like the diagnosed ones a network is taken to know its parameters.
+_TRUST = 100.0
+
+
+def diagnose(
+    network: LocalModelNetwork,
+    runs: list[TimeSeries],
+    initial_soc: list[float],
+    *,
+    train: list[TimeSeries] | None = None,
+    train_soc: list[float] | None = None,
+    mode: Mode = "change",
+    memory: Memory | None = None,
+) -> Diagnosis:
+    """Diagnose runs.
+
+    Parameters
+    ----------
+    network : the model
+    runs, initial_soc : measurements to be explained, with their SoC at the start
+    train, train_soc : the runs that the network was made from, which make a diagnosis of a change far sharper
+    memory : of the training runs, where it is at hand already
+    mode : "change": the model was right, what is new? "structure": what does the model's structure lack?
+
+    Raises
+    ------
+    ModelError
+        No run, unknown mode, or runs that the model cannot be held against.
+    """
+    started = time.perf_counter()
+    if not runs:
+        raise ModelError("nothing to diagnose: no run was given")
+    record = make_record(network, runs, initial_soc)
+    if train and (train_soc is None or len(train_soc) != len(train)):
+        raise ModelError("each training run needs its SoC at the start")
+    grid = [to_grid(run, network.structure.dt_s) for run in train or []]
+    catalogue = list(effects().values())
+    if mode == "structure":
+        every, soc = [*grid, *record.runs], [*(train_soc or []), *record.soc]
+        reference = fit_reference(every, soc, network.cell.capacity_Ah, Shape(own_activation_K(network.structure)))
+        found = analyse_structure(network, reference, grid, train_soc or [], record.runs, record.soc, catalogue)
+        return structure_answer(found, reference, record, started)
+    if mode != "change":
+        raise ModelError(f"mode {mode!r} is unknown; use change or structure")
+    known = memory if memory is not None else _memory(network, record, grid, train_soc or [])
+    analysis = analyse_change(known, record.runs, record.soc, catalogue)
+    return change_answer(analysis, record, started, bool(grid) or memory is not None or MEMORY in network.record)
+
+
+def _memory(network: LocalModelNetwork, record: Record, train: list[GridRun], train_soc: list[float]) -> Memory:
+    """Of the training runs; else as the model's document has it; else of the network's own voltage."""
+    if not train and MEMORY in network.record:
+        return Memory.from_json(network.record[MEMORY])
+    if train:
+        return memory_of(train, train_soc, network.cell.capacity_Ah)
+    return network_memory(network, record)
+
+
+def network_memory(network: LocalModelNetwork, record: Record) -> Memory:
+    """What the network itself says of the diagnosed runs, where nothing is known of its training runs.
+
+    Its voltage is taken as right to its own training error, and its parameters as well known: nothing tells how well.
+    """
+    simulated, soc = as_simulated(record)
+    memory = memory_of(simulated, soc, network.cell.capacity_Ah)
+    floor_mV = record.noise_floor_mV or 0.0
+    trained_mV = float(network.record.get("train", {}).get("rmse_mV", 0.0))
+    own_mse = max(memory.own_mse, (1e-3 * floor_mV) ** 2, (1e-3 * trained_mV) ** 2)
+    noise_mse = min((1e-3 * floor_mV) ** 2, own_mse)
+    return replace(memory, information=_TRUST * memory.information, own_mse=own_mse, noise_mse=noise_mse)
+
+
+def memory_of(runs: list[GridRun], soc: list[float], capacity_Ah: float) -> Memory:
+    """What a diagnosis needs to know of training runs; `to_json` of it goes into a model's record as `MEMORY`."""
+    return remember(fit_reference(runs, soc, capacity_Ah), runs, soc, list(effects().values()))
+
+
+def own_activation_K(structure: Structure) -> float:
+    """Scaling of the current by temperature that a structure has; 0: none."""
+    return max((parse_signal(name).get("activation_K") for name in structure.signals), default=0.0)
+
+
+def as_simulated(record: Record) -> tuple[list[GridRun], list[float]]:
+    """The runs as the network would have them: without the training runs they stand for the cell as it was."""
+    simulated = [
+        replace(run, voltage_V=run.voltage_V - error) for run, error in zip(record.runs, record.error_V, strict=True)
+    ]
+    return simulated, list(record.soc)

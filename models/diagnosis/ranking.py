@@ -1,0 +1,167 @@
+"""From what each effect explains to what is named: parsimony, rivals, significance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.diagnosis.candidates import Candidate, Comparison, lean_columns, noise_V2, try_lean
+
+# What an effect must explain for each of its regressors, or it is not worth them: so many times what chance explains,
+# and this share of the squared error as far as the model's own error is systematic.
+_CHANCE, _SHARE_EACH = 2.0, 0.005
+# Two effects cannot be told apart where their remaining errors differ by less than this share of the model's own
+# systematic error and by less than this logarithm of the likelihood ratio.
+_OF_SYSTEMATIC, _LOG_LIKELIHOOD = 0.25, 10.0
+# A special case is told beside its general form where it explains at least this share of it.
+_SPECIAL_CASE = 0.3
+# Least size of an effect: absolute, and relative to the model's own error and to the systematic part of that.
+_LEAST_V, _LEAST_OF_OWN, _LEAST_OF_BIAS = 3e-4, 0.2, 0.4
+# Before anything counts as new, the squared error must go beyond the model's own by this share of the latter, and by
+# this multiple of what the latter has beyond the measurement's noise: a model that is wrong in one record is about as
+# wrong in another.
+_LEAST_BEYOND, _LEAST_OF_SYSTEMATIC = 0.08, 1.2
+# Least ratio of the squared error to the model's own for saying that something unknown is there.
+_UNKNOWN_RATIO = 1.5
+# Where the model is as good as the measurement's noise, chance alone decides, and an effect this many times above it is
+# none; elsewhere an effect has to show in held-out blocks.
+_GOOD_MODEL, _ABOVE_CHANCE = 0.25, 10.0
+# Least share of what is new that a named effect must explain.
+_LEAST_SHARE_OF_NEW = 0.5
+_LEAST_HELD_OUT_SHARE = 0.03
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Effects in order, with what decides about them.
+
+    Attributes
+    ----------
+    candidates : the named one first, then by what they explain
+    rivals : of the named one, those that these data cannot tell from it
+    ratio : squared error over the model's own on the training runs
+    size_V : size of the named effect
+    share : of the squared error that the named effect explains
+    share_of_new : of what goes beyond the model's own error
+    held_out_share : share that it explains in held-out blocks
+    margin : by how much the best rival's remaining error is larger; below 1 the two cannot be told apart
+    own_V, bias_V : the model's own error on the training runs, and the part of it beyond the measurement's noise
+    something_new : whether the error goes beyond the model's own
+    beyond_chance : whether the named effect explains more than chance does
+    """
+
+    candidates: tuple[Candidate, ...]
+    rivals: tuple[str, ...]
+    ratio: float
+    size_V: float
+    share: float
+    share_of_new: float
+    held_out_share: float
+    margin: float
+    own_V: float
+    bias_V: float
+    something_new: bool
+    beyond_chance: bool
+
+    @property
+    def least_V(self) -> float:
+        """Size below which an effect would not be named."""
+        return max(_LEAST_V, _LEAST_OF_OWN * self.own_V + _LEAST_OF_BIAS * self.bias_V)
+
+    @property
+    def significant(self) -> bool:
+        """Whether the named effect is more than chance and more than the model's own error."""
+        large = self.size_V >= self.least_V
+        return self.something_new and large and self.beyond_chance
+
+    @property
+    def explained(self) -> bool:
+        """Whether the named effect explains most of what is new."""
+        return self.share_of_new >= _LEAST_SHARE_OF_NEW
+
+    @property
+    def unknown(self) -> bool:
+        """Whether there is something new that no effect explains."""
+        return self.something_new and self.ratio >= _UNKNOWN_RATIO and not (self.significant and self.explained)
+
+
+def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
+    """Order candidates and judge the best."""
+    evidence = comparison.evidence
+    n, cost = len(evidence.error_V), evidence.cost
+    noise = noise_V2(comparison, min(candidates, key=lambda each: each.solution.cost))
+    systematic = comparison.own_mse - comparison.noise_mse
+    price = max(_CHANCE * noise, _SHARE_EACH * cost * systematic / comparison.own_mse)
+    spent = _with_price(comparison, candidates, price)
+    named = min(candidates, key=lambda each: spent[each.effect.name])
+    unit = _OF_SYSTEMATIC * n * systematic + 2.0 * _LOG_LIKELIHOOD * noise
+    margins = {name: (price - spent[named.effect.name]) / unit for name, price in spent.items()}
+    others = sorted((each for each in candidates if each is not named), key=lambda each: margins[each.effect.name])
+    foreign = [each for each in others if not _nested(each, named)]
+    rivals = [each for each in foreign if margins[each.effect.name] < 1.0 or each.effect.name == named.effect.twin]
+    rivals += [each for each in _special_cases(named, others, cost) if each not in rivals]
+    rest = [each for each in others if each not in rivals]
+    gained, own = cost - named.solution.cost, n * comparison.own_mse
+    held_out = _held_out_share(comparison, named, price)
+    beyond = _LEAST_BEYOND * comparison.own_mse + _LEAST_OF_SYSTEMATIC * systematic
+    good = systematic <= _GOOD_MODEL * comparison.noise_mse
+    return Ranking(
+        (named, *rivals, *rest),
+        tuple(each.effect.name for each in rivals),
+        ratio=cost / own,
+        size_V=float(np.sqrt(max(gained, 0.0) / n)),
+        share=gained / cost,
+        share_of_new=gained / max(cost - own, gained, 1e-300),
+        held_out_share=held_out,
+        margin=min(
+            (margins[each.effect.name] for each in foreign if each.effect.name != named.effect.twin), default=10.0
+        ),
+        own_V=float(np.sqrt(comparison.own_mse)),
+        bias_V=float(np.sqrt(max(systematic, 0.0))),
+        something_new=cost / n - comparison.own_mse >= beyond,
+        beyond_chance=held_out >= _LEAST_HELD_OUT_SHARE or (good and gained >= _ABOVE_CHANCE * named.size * noise),
+    )
+
+
+def _with_price(comparison: Comparison, candidates: list[Candidate], price: float) -> dict[str, float]:
+    """Remaining error of each effect with the price of its regressors, in its full or its smallest form, V^2."""
+    spent = {each.effect.name: each.solution.cost + price * each.size for each in candidates}
+    for each in sorted(candidates, key=lambda each: each.solution.cost):
+        lean = each.effect.lean
+        if lean is None or each.solution.cost + 2.0 * price >= min(spent.values()):
+            continue
+        small = try_lean(comparison, each.effect, price)
+        spent[each.effect.name] = min(spent[each.effect.name], small.cost + price * small.size)
+    return spent
+
+
+def _held_out_share(comparison: Comparison, named: Candidate, price: float) -> float:
+    """Share of the squared error in held-out blocks that an effect explains, in its full or its smallest form."""
+    evidence = comparison.evidence
+    gained = float(evidence.gains(named.columns, named.target_V).sum())
+    if named.effect.lean is not None:
+        small = try_lean(comparison, named.effect, price)
+        columns = lean_columns(comparison, named.effect.lean, small.shape)[:, : small.columns]
+        gained = max(gained, float(evidence.gains(columns).sum()))
+    return gained / float((evidence.null_errors_V**2).sum())
+
+
+def _nested(one: Candidate, other: Candidate) -> bool:
+    return one.effect.name in other.effect.contains or other.effect.name in one.effect.contains
+
+
+def imitation(comparison: Comparison, named: Candidate, other: Candidate) -> float:
+    """Squared canonical correlation of an effect's signal with what another can express."""
+    signal = named.contribution_V
+    whole = comparison.evidence.cost_of(signal)
+    return 1.0 - comparison.evidence.solve(other.columns, signal).cost / max(whole, 1e-300)
+
+
+def _special_cases(named: Candidate, others: list[Candidate], cost: float) -> list[Candidate]:
+    """The best special case of a general effect, where it explains a good part of it."""
+    inner = [each for each in others if each.effect.name in named.effect.contains]
+    gained = cost - named.solution.cost
+    worth = [each for each in inner if cost - each.solution.cost >= _SPECIAL_CASE * gained]
+    # A constant resistance inside a resistance over SoC is a part of the finding, not another explanation.
+    return worth[:1] if named.effect.local is not None and named.effect.absorbed else []

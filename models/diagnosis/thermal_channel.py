@@ -1,0 +1,139 @@
+"""Which effect changed the cell's temperature, against the heat balance of the training runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.diagnosis.heat_balance import HeatBalance, has_temperature, thermal_view
+from models.diagnosis.reference import Reference
+from models.effects import Effect
+from models.effects.effect import Warmth
+from models.effects.thermal_view import ThermalView
+from models.resampling import GridRun
+from models.timeseries import FloatArray
+
+_ITERATIONS = 12
+_HALVINGS = 8
+
+
+@dataclass(frozen=True)
+class WarmthTrial:
+    """One effect on the temperature.
+
+    Attributes
+    ----------
+    effect : tried
+    values, std : of its parameters, physical
+    mse_K2 : mean squared error that remains
+    """
+
+    effect: Effect
+    values: tuple[float, ...]
+    std: tuple[float, ...]
+    mse_K2: float
+
+
+@dataclass(frozen=True)
+class ThermalComparison:
+    """Temperature of the diagnosed runs against the heat balance of the training runs.
+
+    Attributes
+    ----------
+    views : of the diagnosed runs
+    own_mse_K2 : mean squared error on the training runs
+    mse_K2 : on the diagnosed runs
+    trials : every effect on the temperature, the best first
+    """
+
+    views: tuple[ThermalView, ...]
+    own_mse_K2: float
+    mse_K2: float
+    trials: tuple[WarmthTrial, ...]
+
+    def share(self, trial: WarmthTrial) -> float:
+        """Share of the squared error that a trial explains."""
+        return 1.0 - trial.mse_K2 / self.mse_K2 if self.mse_K2 > 0.0 else 0.0
+
+
+def compare_temperature(
+    reference: Reference,
+    balance: HeatBalance | None,
+    runs: list[GridRun],
+    soc: list[float],
+    effects: list[Effect],
+    heatless_V: list[FloatArray],
+) -> ThermalComparison | None:
+    """Try every effect on the temperature.
+
+    Parameters
+    ----------
+    reference : model whose open-circuit voltage the heat is counted from
+    balance : of the training runs
+    runs, soc : to be diagnosed, with their SoC at the start
+    effects : to be tried
+    heatless_V : (n,) for each run, part of its voltage that warms nothing: a shifted curve, an offset
+
+    Returns
+    -------
+    None where ambient temperature is missing or there is no heat balance.
+    """
+    if balance is None or not all(has_temperature(run) for run in runs):
+        return None
+    views = tuple(
+        replace(
+            thermal_view(reference, run, s, part),
+            resistance_K_per_W=balance.resistance_K_per_W,
+            time_constant_s=balance.time_constant_s,
+            dU_dT_V_per_K=balance.dU_dT_V_per_K,
+        )
+        for run, s, part in zip(runs, soc, heatless_V, strict=True)
+    )
+    mse = float(np.mean(np.concatenate([view.temperature_degC - view.simulated() for view in views]) ** 2))
+    trials = [_try(views, effect, effect.warmth) for effect in effects if effect.warmth is not None]
+    return ThermalComparison(views, balance.mse_K2, mse, tuple(sorted(trials, key=lambda trial: trial.mse_K2)))
+
+
+def _try(views: tuple[ThermalView, ...], effect: Effect, warmth: Warmth) -> WarmthTrial:
+    """Gauss-Newton with halved steps."""
+
+    def error(values: tuple[float, ...]) -> FloatArray:
+        return np.concatenate([view.temperature_degC - warmth.temperature(view, values) for view in views])
+
+    values = warmth.start
+    remaining = error(values)
+    jacobian = np.zeros((len(remaining), len(values)))
+    for _ in range(_ITERATIONS):
+        for i, step in enumerate(warmth.step):
+            moved = (*values[:i], values[i] + step, *values[i + 1 :])
+            jacobian[:, i] = (remaining - error(moved)) / step
+        move = np.linalg.lstsq(jacobian, remaining, rcond=None)[0]
+        better, factor = None, 1.0
+        for _ in range(_HALVINGS):
+            trial = tuple(float(v + factor * m) for v, m in zip(values, move, strict=True))
+            left = error(trial)
+            if left @ left < remaining @ remaining:
+                better = (trial, left)
+                break
+            factor *= 0.5
+        if better is None:
+            break
+        small = bool(np.all(np.abs(factor * move) < 0.01 * np.array(warmth.step)))
+        values, remaining = better
+        if small:
+            break
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * _variance(remaining)
+    physical = warmth.physical(views[0], values)
+    std = []
+    for i, step in enumerate(warmth.step):
+        moved = warmth.physical(views[0], (*values[:i], values[i] + step, *values[i + 1 :]))
+        std.append(abs(moved[i] - physical[i]) / step * float(np.sqrt(covariance[i, i])))
+    return WarmthTrial(effect, physical, tuple(std), float(np.mean(remaining**2)))
+
+
+def _variance(error: FloatArray) -> float:
+    """Variance of an error that hangs together in time, as its sum over long blocks shows it."""
+    blocks = np.array_split(error, max(10, len(error) // 2000))
+    together = float(np.mean([block.sum() ** 2 / len(block) for block in blocks]))
+    return max(together, float(np.mean(error**2)))

@@ -1,0 +1,37 @@
+"""Physical effects that a model may lack or a cell may show anew: one module each, found by listing this package."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import cache
+
+from models.effects.effect import Effect, Parameter
+from models.errors import ModelError
+
+__all__ = ["Effect", "Parameter", "effect", "effects"]
+
+
+@cache
+def effects() -> dict[str, Effect]:
+    """All effects by name, in alphabetical order."""
+    found: list[Effect] = []
+    for module in pkgutil.iter_modules(__path__):
+        candidate = getattr(importlib.import_module(f"{__name__}.{module.name}"), "EFFECT", None)
+        if isinstance(candidate, Effect):
+            found.append(candidate)
+    return {each.name: each for each in sorted(found, key=lambda each: each.name)}
+
+
+def effect(name: str) -> Effect:
+    """Return an effect by name.
+
+    Raises
+    ------
+    ModelError
+        There is none of this name; the message lists the names.
+    """
+    try:
+        return effects()[name]
+    except KeyError:
+        raise ModelError(f"effect {name!r} is unknown; known are {', '.join(effects())}") from None

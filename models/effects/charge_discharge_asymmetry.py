@@ -1,0 +1,42 @@
+"""Resistance that differs between charge and discharge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.effects.effect import Effect, Lean, Parameter, Values
+from models.effects.view import View
+from models.structure import PartitionAxis, Structure
+from models.timeseries import FloatArray
+
+
+def _regressors(view: View) -> FloatArray:
+    charging_A = np.maximum(view.drive_A, 0.0)
+    return np.column_stack([view.overvoltage(charging_A), charging_A[view.index]])
+
+
+def _columns(view: View, _shape: float) -> FloatArray:
+    return view.overvoltage(np.maximum(view.drive_A, 0.0))[:, None]
+
+
+def _extend(structure: Structure, _values: Values, _capacity_Ah: float) -> Structure:
+    if any(axis.signal == "hysteresis" for axis in structure.axes):
+        return structure
+    direction = PartitionAxis("hysteresis", initial=2, splittable=False, k_sigma=0.25)
+    return replace(structure, axes=(*structure.axes, direction))
+
+
+EFFECT = Effect(
+    name="charge_discharge_asymmetry",
+    title="Different resistance on charge and discharge",
+    recognise="a charge pulse moves the voltage more, or less, than a discharge pulse of equal current at the same "
+    "state of charge",
+    source="Plett, Battery Management Systems I, 2015, ch. 2.9",
+    parameters=(Parameter("ratio", "1", "change of the resistance on charge relative to the model's"),),
+    regressors=_regressors,
+    overpotential=True,
+    lean=Lean(_columns, lambda _view: (0.0,)),
+    extend=_extend,
+)

@@ -1,0 +1,138 @@
+"""What an effect is: how it shows in a voltage or a temperature, and how its parameters are read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from models.effects.thermal_view import ThermalView
+from models.effects.view import View
+from models.structure import Structure
+from models.timeseries import FloatArray
+
+Regressors = Callable[[View], FloatArray]
+Values = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One physical parameter: its name with the unit as a suffix, the unit as printed, and what it means."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Shift:
+    """An effect with one parameter whose change of voltage is simulated again, because first order is not enough.
+
+    Attributes
+    ----------
+    voltage : (view, value) -> (m,) change of the model's voltage in V
+    step : view -> size of a small value, for derivatives
+    limits : view -> (low, high) values that are tried
+    physical : (view, value) -> what a person is told, in the unit of the effect's first parameter
+    soc : (view, value) -> (n,) state of charge that the effect makes of the counted one; None: it leaves it alone
+    """
+
+    voltage: Callable[[View, float], FloatArray]
+    step: Callable[[View], float]
+    limits: Callable[[View], tuple[float, float]]
+    physical: Callable[[View, float], float] = lambda _view, value: value
+    soc: Callable[[View, float], FloatArray] | None = None
+
+
+@dataclass(frozen=True)
+class Lean:
+    """The smallest form of an effect with many regressors: one shape parameter on a grid, the rest linear.
+
+    Attributes
+    ----------
+    columns : (view, shape) -> (m, j); the first belongs to the effect's first parameter
+    shapes : view -> values of the shape parameter that are tried
+    scale : what one unit of the first coefficient is in the unit of the first parameter
+    """
+
+    columns: Callable[[View, float], FloatArray]
+    shapes: Callable[[View], tuple[float, ...]]
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class Local:
+    """An effect whose parameters are values of a curve over SoC that is linear in the regressors' coefficients.
+
+    Attributes
+    ----------
+    size : number of spline coefficients along the SoC
+    scale : what one unit of the curve is in the unit of the parameter
+    """
+
+    size: int
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class Warmth:
+    """How an effect shows in the cell's temperature.
+
+    Attributes
+    ----------
+    temperature : (view, values) -> (n,) temperature in degC for values of the parameters
+    start : values that change nothing
+    step : small values, for derivatives
+    physical : (view, values) -> what a person is told
+    """
+
+    temperature: Callable[[ThermalView, tuple[float, ...]], FloatArray]
+    start: tuple[float, ...]
+    step: tuple[float, ...]
+    physical: Callable[[ThermalView, tuple[float, ...]], tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One physical effect.
+
+    Attributes
+    ----------
+    name : as in the public contract
+    title : what a person calls it
+    recognise : how a person recognises it in a record
+    source : where the equation comes from
+    parameters : the first one is the primary one
+    regressors : how it shows in the voltage to first order, (m, k); None: it does not
+    shift, lean, local : how the parameters are read from a record; at most one of them
+    warmth : how it shows in the temperature; None: it does not
+    absorbed : a network that is refitted takes it in unseen, so that only a comparison with an earlier model shows it
+    overpotential : it is a loss inside the cell, which warms it
+    needs_temperature : it cannot be seen where the temperature is missing or does not move
+    twin : an effect that one log can hardly tell from it
+    contains : effects that are special cases of this one
+    extend : (structure, values of the parameters, capacity in Ah) -> structure that has the effect; None: it is put in
+        by correcting an input
+    """
+
+    name: str
+    title: str
+    recognise: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    regressors: Regressors | None = None
+    shift: Shift | None = None
+    lean: Lean | None = None
+    local: Local | None = None
+    warmth: Warmth | None = None
+    absorbed: bool = False
+    overpotential: bool = False
+    needs_temperature: bool = False
+    twin: str | None = None
+    contains: tuple[str, ...] = ()
+    extend: Callable[[Structure, Values, float], Structure] | None = None
+
+    @property
+    def channel(self) -> Literal["voltage", "temperature"]:
+        """Where it is looked for first."""
+        return "voltage" if self.regressors is not None else "temperature"

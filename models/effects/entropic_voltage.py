@@ -1,0 +1,38 @@
+"""Open-circuit voltage that moves with temperature."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from models.effects.effect import Effect, Lean, Parameter, Values
+from models.effects.view import View
+from models.structure import InputChannel, Structure
+from models.timeseries import FloatArray
+
+_REFERENCE_DEGC = 25.0
+_BUMPS = 6
+
+
+def _regressors(view: View) -> FloatArray:
+    return view.bumps(_BUMPS) * _columns(view, 0.0)
+
+
+def _columns(view: View, _shape: float) -> FloatArray:
+    return (view.run.temperature_degC[view.index] - _REFERENCE_DEGC)[:, None]
+
+
+def _extend(structure: Structure, _values: Values, _capacity_Ah: float) -> Structure:
+    return replace(structure, inputs=(*structure.inputs, InputChannel("temperature")))
+
+
+EFFECT = Effect(
+    name="entropic_voltage",
+    title="Open-circuit voltage over temperature (entropy)",
+    recognise="at rest the voltage follows the chamber's temperature, up or down depending on the state of charge",
+    source="Bernardi, Pawlikowski and Newman, J. Electrochem. Soc. 132, 1985",
+    parameters=(Parameter("dU_dT_V_per_K", "V/K", "mean slope of the open-circuit voltage over temperature"),),
+    regressors=_regressors,
+    lean=Lean(_columns, lambda _view: (0.0,)),
+    needs_temperature=True,
+    extend=_extend,
+)

@@ -1,0 +1,35 @@
+"""A cell that is cooled differently."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.effects.effect import Effect, Parameter, Warmth
+from models.effects.thermal_view import ThermalView
+from models.timeseries import FloatArray
+
+_LARGEST = float(np.log(50.0))
+
+
+def _temperature(view: ThermalView, values: tuple[float, ...]) -> FloatArray:
+    """Thermal resistance and time constant move together: the heat capacity stays."""
+    return view.simulated(resistance_ratio=_ratio(values))
+
+
+def _ratio(values: tuple[float, ...]) -> float:
+    """Thermal resistance over the model's; no search may run away beyond a factor of fifty."""
+    return float(np.exp(np.clip(values[0], -_LARGEST, _LARGEST)))
+
+
+def _physical(view: ThermalView, values: tuple[float, ...]) -> tuple[float, ...]:
+    return (1.0 / (_ratio(values) * view.resistance_K_per_W),)
+
+
+EFFECT = Effect(
+    name="heat_transfer",
+    title="Cooling of the cell",
+    recognise="the cell gets warmer, or less warm, and takes longer, or less long, to do so",
+    source="eq. 2.24 of the method; lumped heat balance",
+    parameters=(Parameter("heat_transfer_W_per_K", "W/K", "heat transfer to the ambient"),),
+    warmth=Warmth(_temperature, (0.0,), (0.02,), _physical),
+)

@@ -1,0 +1,48 @@
+"""Voltage hysteresis: the rest voltage depends on the direction of the last current."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.effects.effect import Effect, Lean, Parameter, Values
+from models.effects.view import View
+from models.structure import InputChannel, Structure
+from models.timeseries import FloatArray
+
+_RATES = (5.0, 15.0, 50.0, 150.0)
+_SHAPES = (4.0, 6.0, 9.0, 14.0, 20.0, 30.0, 45.0, 70.0, 110.0, 170.0, 400.0)
+_BUMPS = 5
+
+
+def _regressors(view: View) -> FloatArray:
+    """The sign-held form alone is taken for relaxation where the true one is gradual."""
+    bumps = view.bumps(_BUMPS)
+    return np.column_stack([bumps * view.hysteresis(rate)[:, None] for rate in _RATES])
+
+
+def _columns(view: View, rate: float) -> FloatArray:
+    return view.hysteresis(rate)[:, None]
+
+
+def _extend(structure: Structure, values: Values, _capacity_Ah: float) -> Structure:
+    rate = values.get("rate", 40.0)
+    return replace(structure, inputs=(*structure.inputs, InputChannel(f"hysteresis_state:{rate:.4g}")))
+
+
+EFFECT = Effect(
+    name="hysteresis",
+    title="Voltage hysteresis",
+    recognise="after the same rest at the same state of charge the voltage is higher when the cell was charged last "
+    "than when it was discharged last, and it stays so",
+    source="Plett, Battery Management Systems I, 2015, ch. 2.8 (one-state model)",
+    parameters=(
+        Parameter("amplitude_V", "V", "half the width of the loop"),
+        Parameter("rate", "1", "the loop closes to 37 % after capacity / rate of charge"),
+    ),
+    regressors=_regressors,
+    overpotential=True,
+    lean=Lean(_columns, lambda _view: _SHAPES),
+    extend=_extend,
+)

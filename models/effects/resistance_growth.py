@@ -1,0 +1,34 @@
+"""Resistance that grows with charge throughput."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.effects.effect import Effect, Lean, Parameter
+from models.effects.view import View
+from models.timeseries import FloatArray
+
+
+def _grown_A(view: View) -> FloatArray:
+    return view.drive_A * view.throughput_Ah
+
+
+def _regressors(view: View) -> FloatArray:
+    grown_A = _grown_A(view)
+    return np.column_stack([view.overvoltage(grown_A), grown_A[view.index]])
+
+
+def _columns(view: View, _shape: float) -> FloatArray:
+    return view.overvoltage(_grown_A(view))[:, None]
+
+
+EFFECT = Effect(
+    name="resistance_growth",
+    title="Growing resistance (ageing within the record)",
+    recognise="overvoltages of equal pulses grow from the beginning of a record to its end",
+    source="Bloom et al., J. Power Sources 101, 2001",
+    parameters=(Parameter("growth_per_Ah", "1/Ah", "relative growth of the resistance for each Ah, either way"),),
+    regressors=_regressors,
+    overpotential=True,
+    lean=Lean(_columns, lambda _view: (0.0,)),
+)

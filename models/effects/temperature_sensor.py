@@ -1,0 +1,30 @@
+"""A temperature reading that is wrong by an offset or a gain against ambient."""
+
+from __future__ import annotations
+
+from models.effects.effect import Effect, Parameter, Warmth
+from models.effects.thermal_view import ThermalView
+from models.timeseries import FloatArray
+
+_LEAST_GAIN = 0.02
+
+
+def _temperature(view: ThermalView, values: tuple[float, ...]) -> FloatArray:
+    gain, offset_K = max(values[0], _LEAST_GAIN), values[1]
+    rise_K = view.simulated(initial_rise_K=(view.initial_rise_K - offset_K) / gain) - view.ambient_degC
+    return view.ambient_degC + gain * rise_K + offset_K
+
+
+EFFECT = Effect(
+    name="temperature_sensor",
+    title="Wrong temperature reading",
+    recognise="the reading rises above the chamber by too much or too little, just as fast as before, while the "
+    "voltage stays as it was",
+    source="sensor model, constant error and gain against ambient",
+    parameters=(
+        Parameter("gain", "1", "reading over true rise above ambient"),
+        Parameter("offset_K", "K", "what the sensor reads too much"),
+    ),
+    warmth=Warmth(_temperature, (1.0, 0.0), (0.02, 0.1), lambda _view, values: values),
+    absorbed=True,
+)

@@ -1,0 +1,151 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.diagnosis import MEMORY, diagnose, memory_of
+from models.diagnosis.findings import Diagnosis
+from models.diagnosis.memory import Memory
+from models.diagnosis.reference import Reference
+from models.diagnosis.samples import choose_samples
+from models.errors import ModelError
+from models.resampling import to_grid
+from models.timeseries import TimeSeries
+from simulators.catalogue import CELLS
+from simulators.cell import CellParameters
+from tests.unit.models.diagnosis.cells import SOC, measured, simple_network
+
+CELL = CELLS["nmc"].parameters
+
+
+@pytest.fixture(scope="module")
+def before() -> TimeSeries:
+    return measured(CELL, 1)
+
+
+@pytest.fixture(scope="module")
+def memory(before: TimeSeries) -> Memory:
+    return memory_of([to_grid(before, 1.0)], [SOC], CELL.capacity_Ah)
+
+
+@pytest.fixture(scope="module")
+def reference(memory: Memory) -> Reference:
+    return memory.reference
+
+
+def diagnosed(memory: Memory, after: TimeSeries, soc: float = SOC) -> Diagnosis:
+    return diagnose(simple_network(CELL.capacity_Ah), [after], [soc], mode="change", memory=memory)
+
+
+def test_reference_model_comes_down_to_the_noise(reference: Reference) -> None:
+    assert reference.own_rms_V < 1.15e-3
+    samples = choose_samples(reference, [to_grid(measured(CELL, 2), 1.0)], [SOC], 10_000)
+    assert samples.share_inside > 0.3
+    assert np.sqrt(np.mean(samples.error_V**2)) < 2.5e-3
+
+
+def test_a_run_on_another_grid_is_refused(reference: Reference, before: TimeSeries) -> None:
+    run = to_grid(before, 2.0)
+    with pytest.raises(ModelError, match="grid of 2 s"):
+        reference.inputs(run, np.arange(4), run.current_A, run.temperature_degC)
+
+
+def test_overvoltage_is_linear_in_the_current(reference: Reference, before: TimeSeries) -> None:
+    run = to_grid(before, 1.0)
+    soc, index = SOC + run.charge_Ah / CELL.capacity_Ah, np.arange(0, len(run), 7)
+    one = reference.overvoltage_V(run, soc, index, run.current_A)
+    two = reference.overvoltage_V(run, soc, index, 2.0 * run.current_A)
+    np.testing.assert_allclose(two, 2.0 * one, atol=1e-12)
+    assert np.corrcoef(one, run.current_A[index])[0, 1] > 0.95
+
+
+def test_nothing_is_found_where_nothing_changed(memory: Memory) -> None:
+    answer = diagnosed(memory, measured(CELL, 2))
+    assert answer.verdict == "nothing_missing"
+    assert answer.findings == ()
+    assert answer.next_experiment is None
+
+
+@pytest.mark.parametrize(
+    ("cell", "effect", "parameter", "value"),
+    [
+        (replace(CELL, series_resistance_Ohm=0.006), "series_resistance", "resistance_Ohm", 0.006),
+        (replace(CELL, hysteresis_amplitude_V=0.02), "hysteresis", "amplitude_V", 0.016),
+        (replace(CELL, capacity_Ah=2.3), "capacity", "capacity_Ah", 2.3),
+    ],
+)
+def test_a_change_is_named_and_sized(
+    memory: Memory, cell: CellParameters, effect: str, parameter: str, value: float
+) -> None:
+    answer = diagnosed(memory, measured(cell, 2))
+    first = answer.findings[0]
+    assert (first.effect, first.rank) == (effect, 1)
+    assert first.parameters[parameter].value == pytest.approx(value, rel=0.1)
+    assert first.parameters[parameter].std is not None
+    assert first.confidence > 0.5
+    assert first.explanation.startswith(first.explanation[0].upper())
+
+
+def test_an_offset_of_the_current_and_a_leak_name_each_other(memory: Memory) -> None:
+    answer = diagnosed(memory, measured(CELL, 2, current_error_A=0.02))
+    assert answer.verdict == "ambiguous"
+    assert {each.effect for each in answer.findings[:2]} == {"current_offset", "self_discharge"}
+    assert set(answer.findings[0].confounded_with) >= {"current_offset", "self_discharge"} - {answer.findings[0].effect}
+    assert answer.next_experiment is not None
+    assert answer.next_experiment["criterion"] == "discriminate"
+    assert set(answer.next_experiment["rivals"]) == {"current_offset", "self_discharge"}
+    drift = next(each for each in answer.findings if each.effect == "current_offset")
+    assert drift.parameters["offset_A"].value == pytest.approx(0.02, rel=0.1)
+
+
+def test_a_wrong_temperature_reading_is_seen_in_the_temperature(memory: Memory) -> None:
+    after = measured(CELL, 2)
+    assert after.ambient_degC is not None
+    wrong = after.ambient_degC + 0.5 * (after.temperature_degC - after.ambient_degC)
+    answer = diagnosed(memory, replace(after, temperature_degC=wrong))
+    first = answer.findings[0]
+    assert first.effect == "temperature_sensor"
+    assert first.parameters["gain"].value == pytest.approx(0.5, rel=0.1)
+    assert first.evidence["error_after_K"] < 0.3 * first.evidence["error_before_K"]
+
+
+def test_the_answer_has_every_field_of_the_contract(memory: Memory) -> None:
+    answer = diagnosed(memory, measured(replace(CELL, series_resistance_Ohm=0.006), 2)).to_json()
+    assert set(answer) >= {
+        "verdict", "mode", "findings", "noise_floor_mV", "unexplained_mV", "depends_on", "next_experiment", "seconds",
+    }  # fmt: skip
+    finding = answer["findings"][0]
+    assert set(finding) >= {
+        "effect", "rank", "error_before_mV", "error_after_mV", "explained_share", "confidence", "parameters",
+        "confounded_with", "explanation",
+    }  # fmt: skip
+    assert set(finding["parameters"]["resistance_Ohm"]) == {"value", "std", "unit"}
+    share = 1.0 - (finding["error_after_mV"] / finding["error_before_mV"]) ** 2
+    assert finding["explained_share"] == pytest.approx(share)
+
+
+def test_the_memory_of_the_training_runs_survives_as_json(memory: Memory) -> None:
+    document = json.loads(json.dumps(memory.to_json(), allow_nan=False))
+    after = measured(replace(CELL, series_resistance_Ohm=0.006), 2)
+    network = simple_network(CELL.capacity_Ah)
+    again = diagnose(replace(network, record={MEMORY: document}), [after], [SOC], mode="change").findings[0]
+    first = diagnosed(memory, after).findings[0]
+    assert again.effect == first.effect
+    value = first.parameters["resistance_Ohm"].value
+    assert again.parameters["resistance_Ohm"].value == pytest.approx(value, rel=1e-3)
+
+
+@pytest.mark.parametrize("broken", [{"kind": "other"}, {"coefficients": [1.0]}, {"layout": None}, {"sizes": [3]}])
+def test_a_damaged_memory_is_refused(memory: Memory, broken: dict) -> None:
+    with pytest.raises(ModelError, match="fit the model again"):
+        Memory.from_json(memory.to_json() | broken)
+
+
+def test_bad_calls_are_refused() -> None:
+    network = simple_network(2.5)
+    with pytest.raises(ModelError, match="no run"):
+        diagnose(network, [], [])
+    short = TimeSeries(np.arange(300.0), np.zeros(300), np.full(300, 3.6), np.full(300, 22.0))
+    with pytest.raises(ModelError, match="SoC at the start"):
+        diagnose(network, [short], [0.5], train=[short], mode="change")

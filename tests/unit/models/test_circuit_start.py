@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+
+from models.circuit_start import circuit_alternatives, circuit_candidate, stands_apart
+from models.regression import CellContext, SignalBank
+from models.resampling import to_grid
+from models.timeseries import TimeSeries
+from tests.unit.models import synthetic
+
+
+@pytest.mark.parametrize("warm", [True, False])
+def test_constants_are_moved_until_the_search_ends(warm: bool) -> None:
+    best, stage, tried = circuit_candidate(2.0, warm), 0, []
+    while (found := circuit_alternatives(best, warm, stage)) is not None:
+        tried += found
+        stage += 1
+    assert stage < 20
+    rates = {candidate.hysteresis_rates for candidate in tried}
+    assert () in rates and len(rates) > 9
+    assert len({candidate.time_constants_s[-1] for candidate in tried}) >= 9
+    assert all(candidate.time_constants_s[0] == 2.0 and candidate.surface is None for candidate in tried)
+    assert {candidate.activation_K > 0.0 for candidate in tried} == {warm}
+    for candidate in tried:
+        candidate.structure(1.0)
+
+
+def bank(current_A: np.ndarray) -> SignalBank:
+    n = len(current_A)
+    run = TimeSeries(np.arange(n) * 1.0, current_A, np.full(n, 3.7), np.full(n, 25.0))
+    return SignalBank([to_grid(run, 1.0)], [0.9], CellContext(synthetic.CAPACITY_AH))
+
+
+def test_a_slow_term_that_a_steady_discharge_cannot_show_is_not_taken() -> None:
+    rng = np.random.default_rng(0)
+    steady = np.full(5000, -1.0) + 0.2 * rng.standard_normal(5000)
+    assert not stands_apart(circuit_candidate(synthetic.CAPACITY_AH, False), bank(steady))
+
+
+def test_terms_that_pulses_both_ways_show_are_taken() -> None:
+    rng = np.random.default_rng(0)
+    both_ways = np.repeat(np.tile([-1.5, 1.5], 4), 2500) + np.repeat(rng.uniform(-4.0, 4.0, 400), 50)
+    assert stands_apart(circuit_candidate(synthetic.CAPACITY_AH, False), bank(both_ways))

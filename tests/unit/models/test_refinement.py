@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+
+from models.holdout import groups
+from models.lolimot import construct
+from models.refinement import refined_theta
+from models.regression import CellContext, build_dataset, find_scaling
+from models.resampling import to_grid
+from models.shared_poles import fit, moments, output_coefficients, penalties
+from models.structure import minimal_structure
+from models.structure_search import Fitted
+from tests.unit.models import synthetic
+
+
+def fitted(poles_s: tuple[float, ...]) -> Fitted:
+    """A shared-pole fit to two runs, with poles that need not be those of the cell."""
+    structure = minimal_structure(1.0, len(poles_s), 1)
+    runs = [to_grid(synthetic.run(2000, seed=s, noise_V=1e-3), 1.0) for s in (1, 2)]
+    cell = CellContext(synthetic.CAPACITY_AH)
+    scaling = find_scaling(structure, runs, [0.6, 0.6], cell)
+    data = build_dataset(structure, scaling, runs, [0.6, 0.6], cell)
+    *_, local = construct(structure, data, 4)
+    a = output_coefficients(poles_s, 1.0)
+    sums = moments(local.partition, data, a, groups(data))
+    return Fitted(
+        structure, scaling, data, local.partition, a, sums, fit(sums, penalties(structure, local.partition, data, a))
+    )
+
+
+def quiet(share: float, text: str) -> None:
+    assert 0.0 <= share <= 1.0 and text
+
+
+def test_without_past_outputs_nothing_is_refined() -> None:
+    start = fitted(())
+    found = refined_theta(start, quiet)
+    assert found.pull is None and found.held_out is None
+    np.testing.assert_array_equal(found.theta, start.theta)
+
+
+def test_a_wrong_pole_is_freed_with_weaker_pulls_as_long_as_held_out_samples_agree() -> None:
+    found = refined_theta(fitted((6.0,)), quiet)
+    tried = found.record["held_out_rmse_mV"]
+    assert found.pull is not None and tried[f"{found.pull:g}"] == min(tried.values())
+    assert tried[f"{found.pull:g}"] < 0.8 * tried["none"]
+    # All trials count over the same samples: those of two folds, and no others.
+    assert found.held_out is not None
+    assert 0.3 < np.isfinite(found.held_out).mean() < 0.5
+    poles_s = -1.0 / np.log(found.theta[:, 0])
+    assert np.median(poles_s) == pytest.approx(synthetic.TAU_S, rel=0.4)
+
+
+def test_right_poles_stay() -> None:
+    start = fitted((synthetic.TAU_S,))
+    found = refined_theta(start, quiet)
+    assert found.pull is None
+    np.testing.assert_array_equal(found.theta, start.theta)
