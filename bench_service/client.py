@@ -253,6 +253,10 @@ class BenchClient:
         """The model itself, as MODEL.json."""
         return self._get(f"{_API}/models/{_part(model_id)}/document")
 
+    def model_tables(self, model_id: str) -> Record:
+        """Open-circuit voltage, resistance and step responses with bands, heat, and what the model does not know."""
+        return self._get(f"{_API}/models/{_part(model_id)}/tables")
+
     def import_model(self, document: Record) -> Record:
         """Store a MODEL.json; give its record."""
         return self._post(f"{_API}/models/import", document)

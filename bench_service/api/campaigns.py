@@ -26,7 +26,9 @@ class CampaignBody(Body):
     current_A: Window | None = None
     soc: Annotated[tuple[Soc, Soc], Field(strict=False)] | None = None
     initial_soc: Soc | None = None
-    structure: Literal["full", "minimal"] | None = None
+    structure: Literal["full", "minimal", "auto"] | None = None
+    diagnose: Literal["structure", "change"] | None = None
+    changed_bench: Id | None = None
 
 
 @router.post("", status_code=201)

@@ -23,7 +23,7 @@ class FitBody(Body):
     train: Annotated[list[Id], Field(min_length=1, max_length=100)]
     validation: Annotated[list[Id], Field(alias="validate", max_length=100)] = []
     capacity_Ah: Positive
-    structure: Literal["full", "minimal"] = "full"
+    structure: Literal["full", "minimal", "auto"] = "full"
     seed: Seed | None = None
 
 
@@ -67,3 +67,9 @@ def get_model(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
 def get_document(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Give the model itself, MODEL.json."""
     return services.store.model_document(model_id)
+
+
+@router.get("/{model_id}/tables")
+async def get_tables(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Give what is read out of a model: open-circuit voltage, resistance and step responses with bands, heat."""
+    return await services.modelling.tables(model_id)

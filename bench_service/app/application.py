@@ -12,6 +12,9 @@ from bench_service.api import (
     benches,
     campaigns,
     comparisons,
+    designs,
+    diagnoses,
+    effects,
     events,
     health,
     jobs,
@@ -29,7 +32,21 @@ from bench_service.config import ServiceConfig
 from bench_service.store.metadata import MetadataStore
 from bench_service.web import routes as web
 
-_RESOURCES = (benches, profiles, runs, samples, events, models, jobs, comparisons, campaigns, live)
+_RESOURCES = (
+    benches,
+    profiles,
+    runs,
+    samples,
+    events,
+    models,
+    jobs,
+    comparisons,
+    diagnoses,
+    effects,
+    designs,
+    campaigns,
+    live,
+)
 
 
 def create_app(config: ServiceConfig, *, host: str = "127.0.0.1", services: Services | None = None) -> FastAPI:

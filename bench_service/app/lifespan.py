@@ -14,6 +14,7 @@ from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import ACKNOWLEDGED, Bench, Benches
 from bench_service.campaign.campaigns import CampaignRunner, close_left_open
+from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
@@ -68,7 +69,8 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
         benches.add([await _bench(stack, n, c, store, recorder, benches) for n, c in config.bench.items()])
         stack.push_async_callback(_close_all, benches)
         modelling = Modelling(store, jobs, config.data_dir, code_version)
-        workshop = Workshop(store, samples, benches, runs, modelling, jobs)
+        diagnosing = Diagnosing(store, jobs, modelling, config.data_dir, code_version)
+        workshop = Workshop(store, samples, benches, runs, modelling, diagnosing, jobs)
         campaigns = CampaignRunner(workshop, journal, live, code_version)
         stack.push_async_callback(campaigns.close)
         for bench in benches:
@@ -83,6 +85,7 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
             runs=runs,
             jobs=jobs,
             modelling=modelling,
+            diagnosing=diagnosing,
             campaigns=campaigns,
             live=live,
             recorder_state=lambda: recorder.state,
@@ -127,6 +130,10 @@ def simulator_arguments(simulate: SimulateConfig, device_map: str) -> list[str]:
     arguments = ["--protocol", simulate.protocol, "--map", device_map, "--cell", simulate.cell]
     arguments += ["--seed", str(simulate.seed), "--initial-soc", repr(simulate.initial_soc)]
     arguments += [f"--ambient-degC={simulate.ambient_degC!r}"]
+    if simulate.protocol == "modbus-rtu":
+        arguments += ["--baud", str(simulate.baud)]
+    if simulate.faults:
+        arguments += ["--faults", simulate.faults]
     if simulate.effects:
         arguments += ["--effects", ",".join(f"{name}={size!r}" for name, size in simulate.effects.items())]
     if simulate.capacity_Ah is not None:

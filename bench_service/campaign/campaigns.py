@@ -14,9 +14,9 @@ from bench_service.campaign.benches import Bench
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.plan import check_plan
-from bench_service.campaign.request import CampaignRequest, complete
-from bench_service.campaign.standing import last_standing
-from bench_service.campaign.story import STAGES, Story, Workshop, overall_progress
+from bench_service.campaign.request import CampaignRequest, complete, standing_of
+from bench_service.campaign.standing import Standing, last_standing
+from bench_service.campaign.story import Story, Workshop, overall_progress, stages_of
 from bench_service.errors import BenchBusyError, ServiceError
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import CampaignRecord, CampaignState, Json, Severity
@@ -81,7 +81,7 @@ class CampaignRunner:
             record,
             "info",
             "campaign_started",
-            f"two runs of {request.duration_s:g} s between SoC {request.soc[0]:.0%} and {request.soc[1]:.0%}, "
+            f"runs of {request.duration_s:g} s between SoC {request.soc[0]:.0%} and {request.soc[1]:.0%}, "
             f"from {request.initial_soc:.1%} as {request.initial_soc_from} has it",
         )
         return record
@@ -117,16 +117,25 @@ class CampaignRunner:
         workshop = self._workshop
         stated = given.get("initial_soc") is not None
         last = None if stated else last_standing(bench, workshop.store, workshop.samples)
-        request = complete(bench, given, last)
+        request = complete(bench, given, last, self._changed_standing(bench, given.get("changed_bench")))
         check_plan(request, bench.limits, bench.config.capacity_Ah)
         return request
 
+    def _changed_standing(self, bench: Bench, name: str | None) -> Standing | None:
+        """Where the cell on the other bench stands, on which something may have changed."""
+        if name is None or name == bench.name:
+            return None
+        other = self._workshop.benches.get(name)
+        known = last_standing(other, self._workshop.store, self._workshop.samples)
+        return known or standing_of(other)
+
     def _add(self, request: CampaignRequest) -> CampaignRecord:
+        stages = stages_of(request)
         return self._workshop.store.add_campaign(
             name=request.name,
             bench=request.bench,
-            stage=STAGES[0],
-            stages=[{"name": stage, "state": "waiting", "detail": "", "seconds": None} for stage in STAGES],
+            stage=stages[0],
+            stages=[{"name": stage, "state": "waiting", "detail": "", "seconds": None} for stage in stages],
             request=request.to_json(),
             code_version=self._code_version,
         )
@@ -186,7 +195,7 @@ class _Telling:
             {"name": s["name"], "state": state, "detail": message, "seconds": seconds} if s["name"] == stage else s
             for s in self.record.stages
         )
-        progress = overall_progress(stage, share)
+        progress = overall_progress([s["name"] for s in stages], stage, share)
         return replace(self.record, stage=stage, stages=stages, progress=progress, message=message)
 
     async def end(self, reason: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bench_service.errors import BadRequestError, ConflictError
-from bench_service.jobs.modelling import RunInput, compare_runs, compare_series, fit, observer_figures
+from bench_service.jobs.modelling import RunInput, compare_runs, compare_series, fit, observer_figures, read_tables
 from bench_service.jobs.runner import Job, JobFunction, JobRunner
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import OPEN_RUN_STATES, ComparisonRecord, Json, ModelRecord, RunRecord
@@ -96,6 +96,24 @@ class Modelling:
             code_version=self._code_version,
         )
 
+    async def tables(self, model_id: str) -> Json:
+        """Give what is read out of a model: open-circuit voltage, resistance, step responses, heat, local models.
+
+        Raises
+        ------
+        NotFoundError
+            No such model.
+        """
+        document = await asyncio.to_thread(self._store.model_document, model_id)
+        record = document.get("record") or {}
+        tables = record.get("tables") or await self._result("tables", read_tables, document)
+        return {
+            **tables,
+            "thermal": record.get("thermal"),
+            "residuals": record.get("residuals"),
+            "local_models": (record.get("uncertainty") or {}).get("local_models"),
+        }
+
     async def compare(
         self,
         model_id: str,
@@ -111,7 +129,7 @@ class Modelling:
             Model or run are not there, a run has not ended, the samples cannot be compared.
         """
         document = await asyncio.to_thread(self._store.model_document, model_id)
-        runs = await asyncio.to_thread(self._inputs, run_ids, "run_ids", initial_soc)
+        runs = await asyncio.to_thread(self.inputs, run_ids, "run_ids", initial_soc)
         result = await self._result("comparison", compare_runs, document, runs)
         return await asyncio.to_thread(self._keep_comparison, model_id, run_ids, result, initial_soc, campaign_id)
 
@@ -190,10 +208,17 @@ class Modelling:
         )
 
     def _fit_inputs(self, order: FitOrder) -> tuple[list[RunInput], list[RunInput]]:
-        validate = self._inputs(order.validate, "validate", None) if order.validate else []
-        return self._inputs(order.train, "train", None), validate
+        validate = self.inputs(order.validate, "validate", None) if order.validate else []
+        return self.inputs(order.train, "train", None), validate
 
-    def _inputs(self, run_ids: Sequence[str], field: str, initial_soc: float | None) -> list[RunInput]:
+    def inputs(self, run_ids: Sequence[str], field: str, initial_soc: float | None) -> list[RunInput]:
+        """Look runs up for a worker; `initial_soc` replaces theirs, `field` is what a refusal names.
+
+        Raises
+        ------
+        NotFoundError, ConflictError, BadRequestError
+            A run is not there, has not ended, is named twice, or none is given.
+        """
         if not run_ids:
             raise BadRequestError("name at least one run", (field,))
         if len(set(run_ids)) != len(run_ids):

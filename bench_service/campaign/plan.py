@@ -16,6 +16,7 @@ _FINAL_REST_S = 1800.0
 _FINAL_REST_SHARE = 0.12
 
 TRAIN, VALIDATE = "train", "validate"
+CHANGED, CHANGED_VALIDATE = "changed", "changed_validate"
 # With fewer samples the dozens of coefficients of a network are not determined.
 _FEWEST_SAMPLES = 1000
 # Counting noisy currents ends a little beside the plan; the next plan starts at the window's edge then.
@@ -25,7 +26,8 @@ _SOC_SLACK = 0.01
 def plan_profiles(request: CampaignRequest) -> dict[str, Profile]:
     """Design one profile for identification and another, from other random numbers, for judgement.
 
-    The same request gives the same profiles, to the bit.
+    Where it is to be found out what has changed, two more of the same kind follow. The same request gives the same
+    profiles, to the bit.
 
     Raises
     ------
@@ -34,7 +36,10 @@ def plan_profiles(request: CampaignRequest) -> dict[str, Profile]:
     """
     profiles: dict[str, Profile] = {}
     soc = request.initial_soc
-    for number, role in enumerate((TRAIN, VALIDATE)):
+    roles = (TRAIN, VALIDATE, CHANGED, CHANGED_VALIDATE) if request.diagnose == "change" else (TRAIN, VALIDATE)
+    for number, role in enumerate(roles):
+        if role == CHANGED and request.changed_bench not in (None, request.bench):
+            soc = request.changed_initial_soc
         profiles[role] = _profile(request, soc, number)
         soc = float(profiles[role].soc(soc, request.capacity_Ah)[-1])
     return profiles
@@ -89,7 +94,9 @@ def check_plan(request: CampaignRequest, limits: Limits, capacity_Ah: float) -> 
             remedy="change dt_s or duration_s",
         )
     soc = request.initial_soc
-    for profile in plan_profiles(request).values():
+    for role, profile in plan_profiles(request).items():
+        if role == CHANGED and request.changed_bench not in (None, request.bench):
+            soc = request.changed_initial_soc
         admit(profile.time_s, profile.current_A, limits, dt_s=request.dt_s, initial_soc=soc, capacity_Ah=capacity_Ah)
         soc = float(profile.soc(soc, capacity_Ah)[-1])
 

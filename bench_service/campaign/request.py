@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 from bench_service.campaign.benches import Bench
 from bench_service.campaign.standing import Standing
@@ -35,7 +35,11 @@ class CampaignRequest:
     soc : (low, high) window that the profiles stay in
     initial_soc : where the cell stands at the start
     initial_soc_from : where that is known from, for people
-    structure : "full" or "minimal"
+    structure : "full", "minimal" or "auto"
+    diagnose : "change": after the comparison two more runs are played, and it is found out what has changed in the cell
+        or the rig since the first; "structure": what the model's structure lacks; None: neither
+    changed_bench : the bench of those two runs; None: the same one
+    changed_initial_soc : where the cell on that bench stands
     """
 
     bench: str
@@ -49,13 +53,18 @@ class CampaignRequest:
     initial_soc: float
     initial_soc_from: str
     structure: str
+    diagnose: Literal["structure", "change"] | None = None
+    changed_bench: str | None = None
+    changed_initial_soc: float = 0.5
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON object."""
         return asdict(self)
 
 
-def complete(bench: Bench, given: dict[str, Any], last: Standing | None) -> CampaignRequest:
+def complete(
+    bench: Bench, given: dict[str, Any], last: Standing | None, changed: Standing | None = None
+) -> CampaignRequest:
     """Fill in what the client left out from the bench.
 
     Parameters
@@ -65,6 +74,8 @@ def complete(bench: Bench, given: dict[str, Any], last: Standing | None) -> Camp
         Fields of `CampaignRequest`; None or absent where the client says nothing.
     last : Standing or None
         Where the bench's last run has left the cell, see `standing.last_standing`.
+    changed : Standing or None
+        The same of the bench on which something may have changed, where that is another one.
 
     Raises
     ------
@@ -85,6 +96,8 @@ def complete(bench: Bench, given: dict[str, Any], last: Standing | None) -> Camp
         "structure": "full",
     }
     stated = defaults | wanted | {"initial_soc": standing.soc, "initial_soc_from": standing.source}
+    if changed is not None:
+        stated["changed_initial_soc"] = changed.soc
     stated.setdefault("duration_s", _duration_s(stated))
     return CampaignRequest(**stated)
 
@@ -101,8 +114,17 @@ def _duration_s(stated: dict[str, Any]) -> float:
 def _standing(bench: Bench, wanted: dict[str, Any], last: Standing | None) -> Standing:
     if "initial_soc" in wanted:
         return Standing(float(wanted["initial_soc"]), "the request")
-    if last is not None:
-        return last
+    return last or standing_of(bench)
+
+
+def standing_of(bench: Bench) -> Standing:
+    """Where the cell on a bench stands that has not run yet.
+
+    Raises
+    ------
+    BadRequestError
+        It is real, and nobody has said.
+    """
     if bench.config.simulate is not None:
         return Standing(bench.config.simulate.initial_soc, "the configuration")
     raise BadRequestError(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from bench_service.campaign.benches import Benches
 from bench_service.campaign.campaigns import CampaignRunner
+from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
@@ -33,6 +34,7 @@ class Services:
     runs: Runs
     jobs: JobRunner
     modelling: Modelling
+    diagnosing: Diagnosing
     campaigns: CampaignRunner
     live: Broadcaster
     recorder_state: Callable[[], str]

@@ -4,25 +4,34 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from bench_service.campaign.benches import Benches
+from bench_service.campaign.diagnosing import Diagnosing, DiagnosisOrder
 from bench_service.campaign.modelling import FitOrder, Modelling
-from bench_service.campaign.plan import TRAIN, VALIDATE, plan_profiles
+from bench_service.campaign.plan import CHANGED, CHANGED_VALIDATE, TRAIN, VALIDATE, plan_profiles
 from bench_service.campaign.request import OBSERVER_OFFSET_SOC, CampaignRequest
 from bench_service.campaign.runs import RunOrder, Runs
 from bench_service.errors import ServiceError
 from bench_service.jobs.counting import counted_soc
-from bench_service.jobs.runner import JobRunner
+from bench_service.jobs.runner import Job, JobRunner
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import RunRecord
 from bench_service.store.samples import SampleReader
 
-STAGES = ("design", "run", "fit", "observe", "compare", "report")
 # How much of the time each stage takes on a simulated bench; only the progress bar uses it.
-_SHARES = {"design": 0.01, "run": 0.33, "fit": 0.3, "observe": 0.33, "compare": 0.02, "report": 0.01}
+_SHARES = {
+    "design": 0.01,
+    "run": 0.33,
+    "fit": 0.3,
+    "observe": 0.33,
+    "compare": 0.02,
+    "change": 0.6,
+    "diagnose": 0.5,
+    "report": 0.01,
+}
 _LOOK_S = 0.25
 # Longest wait for a bench that is being connected, as all are in the first seconds of a service.
 _BENCH_TIMEOUT_S = 20.0
@@ -47,6 +56,7 @@ class Workshop:
     benches: Benches
     runs: Runs
     modelling: Modelling
+    diagnosing: Diagnosing
     jobs: JobRunner
 
 
@@ -60,6 +70,8 @@ class _Progress:
     fit: dict[str, Any] = field(default_factory=dict)
     comparison_id: str = ""
     comparison: dict[str, Any] = field(default_factory=dict)
+    diagnosis: dict[str, Any] | None = None
+    addition: dict[str, Any] | None = None
     result: dict[str, Any] = field(default_factory=dict)
 
 
@@ -96,9 +108,11 @@ class Story:
             "fit": self._fit,
             "observe": self._observe,
             "compare": self._compare,
+            "change": self._change,
+            "diagnose": self._diagnose,
             "report": self._write_report,
         }
-        for stage in STAGES:
+        for stage in stages_of(self._request):
             self._report(stage, 0.0, "")
             self._report(stage, 1.0, await stages[stage]())
         return self._done.result
@@ -123,7 +137,8 @@ class Story:
             )
             self._done.profiles[role] = record.id
         return (
-            f"2 profiles of {request.duration_s:g} s, SoC {request.soc[0]:.0%} to {request.soc[1]:.0%} and back, "
+            f"{len(self._done.profiles)} profiles of {request.duration_s:g} s, "
+            f"SoC {request.soc[0]:.0%} to {request.soc[1]:.0%} and back, "
             f"from {request.initial_soc:.1%}"
         )
 
@@ -141,14 +156,8 @@ class Story:
             seed=self._request.seed,
             campaign_id=self._id,
         )
-        job = await self._workshop.modelling.start_fit(order)
-        while not job.ended:
-            self._report("fit", min(job.progress, 0.99), job.message)
-            await asyncio.sleep(_LOOK_S)
-            job = self._workshop.jobs.get(job.id)
-        if job.result is None:
-            raise CampaignFailedError(f"the fit failed: {job.error}")
-        self._done.model_id, self._done.fit = job.result["model_id"], job.result["metrics"]
+        found = await self._watched("fit", await self._workshop.modelling.start_fit(order))
+        self._done.model_id, self._done.fit = found["model_id"], found["metrics"]
         metrics = self._done.fit
         return (
             f"{metrics['n_local_models']} local models in {metrics['seconds']:.1f} s, "
@@ -168,6 +177,49 @@ class Story:
         )
         self._done.comparison_id, self._done.comparison = record.id, record.result
         return f"{record.result['overall']['rmse_mV']:.2f} mV free run on the second run, which the fit never saw"
+
+    async def _change(self) -> str:
+        """Play two runs on the bench on which something may have changed: one to learn from, one to judge."""
+        bench = self._request.changed_bench or self._request.bench
+        same = bench == self._request.bench
+        start = await self._soc_after(self._done.runs[VALIDATE]) if same else self._request.changed_initial_soc
+        for role in (CHANGED, CHANGED_VALIDATE):
+            run = await self._play("change", role, start, None, None, bench)
+            start = await self._soc_after(run)
+        return f"two runs of {self._request.duration_s:g} s on bench {bench!r}"
+
+    async def _diagnose(self) -> str:
+        """Ask what is missing, and where the answer is one effect, add it and see what that is worth."""
+        mode, diagnosing = self._request.diagnose, self._workshop.diagnosing
+        assert mode is not None
+        runs = self._done.runs
+        learn, judge = (CHANGED, CHANGED_VALIDATE) if mode == "change" else (TRAIN, VALIDATE)
+        order = DiagnosisOrder(
+            model_id=self._done.model_id,
+            run_ids=[runs[CHANGED].id, runs[CHANGED_VALIDATE].id] if mode == "change" else [runs[VALIDATE].id],
+            train_run_ids=[runs[TRAIN].id],
+            mode=mode,
+        )
+        found = await self._watched("diagnose", await diagnosing.start_diagnosis(order))
+        record = await asyncio.to_thread(self._workshop.store.diagnoses.get, found["diagnosis_id"])
+        self._done.diagnosis = {"diagnosis_id": record.id} | record.result
+        if record.result["verdict"] != "missing":
+            return f"verdict: {record.result['verdict'].replace('_', ' ')}"
+        effect = record.result["findings"][0]["effect"]
+        addition = await diagnosing.start_addition(self._done.model_id, effect, [runs[learn].id], [runs[judge].id])
+        self._done.addition = await self._watched("diagnose", addition)
+        before, after = self._done.addition["error_before_mV"], self._done.addition["error_after_mV"]
+        return f"{effect} is missing; added, the held-out error falls from {before:.2f} to {after:.2f} mV"
+
+    async def _watched(self, stage: str, job: Job) -> dict[str, Any]:
+        """Wait for a job and report its progress; its result, or the end of the campaign."""
+        while not job.ended:
+            self._report(stage, min(job.progress, 0.99), job.message)
+            await asyncio.sleep(_LOOK_S)
+            job = self._workshop.jobs.get(job.id)
+        if job.result is None:
+            raise CampaignFailedError(f"the {job.kind} failed: {job.error}")
+        return job.result
 
     async def _write_report(self) -> str:
         runs = self._done.runs
@@ -191,24 +243,42 @@ class Story:
                 "coverage_95": soc["coverage_95"],
                 "started_off_by": OBSERVER_OFFSET_SOC,
             },
-            "model_chain": [
-                {
-                    "model": self._done.model_id,
-                    "effect": None,
-                    "validation_rmse_mV": self._done.comparison["overall"]["rmse_mV"],
-                }
-            ],
+            "model_chain": self._model_chain(),
             "comparison_id": self._done.comparison_id,
+            "diagnosis": self._done.diagnosis,
         }
         return "done"
 
+    def _model_chain(self) -> list[dict[str, Any]]:
+        """Every version with its error on runs that it never saw; an added effect with that before and after it."""
+        added, first = self._done.addition, self._done.comparison["overall"]["rmse_mV"]
+        chain = [{"model": self._done.model_id, "effect": None, "validation_rmse_mV": first}]
+        if added is not None:
+            chain[0]["validation_rmse_mV"] = added["error_before_mV"]
+            chain.append(
+                {
+                    "model": added["model"],
+                    "effect": added["effect"],
+                    "validation_rmse_mV": added["error_after_mV"],
+                    "parameters": added["parameters"],
+                }
+            )
+        return chain
+
     async def _play(
-        self, stage: str, role: str, soc: float, model_id: str | None, observer_soc: float | None
+        self,
+        stage: str,
+        role: str,
+        soc: float,
+        model_id: str | None,
+        observer_soc: float | None,
+        bench: str | None = None,
     ) -> RunRecord:
         """Play a designed profile to its end; anything else than completion fails the campaign."""
         request = self._request
+        bench = bench or request.bench
         order = RunOrder(
-            bench=request.bench,
+            bench=bench,
             profile_id=self._done.profiles[role],
             dt_s=request.dt_s,
             initial_soc=soc,
@@ -218,13 +288,13 @@ class Story:
             seed=request.seed,
             campaign_id=self._id,
         )
-        await self._await_bench(stage)
+        await self._await_bench(stage, bench)
         started = await self._start(order)
         waiting = asyncio.create_task(self._workshop.runs.wait(started.id))
         try:
             while not waiting.done():
                 await asyncio.wait({waiting}, timeout=_LOOK_S)
-                live = self._workshop.benches.get(request.bench).live
+                live = self._workshop.benches.get(bench).live
                 if live and live.get("run_id") == started.id:
                     self._report(stage, min(float(live["progress"] or 0.0), 0.99), f"{live['time_s']:.0f} s played")
         except asyncio.CancelledError:
@@ -236,9 +306,9 @@ class Story:
         self._done.runs[role] = run
         return run
 
-    async def _await_bench(self, stage: str) -> None:
+    async def _await_bench(self, stage: str, bench: str) -> None:
         """Wait for a bench that is not there yet; one that stays away is refused when its run starts."""
-        supervisor = self._workshop.benches.get(self._request.bench).supervisor
+        supervisor = self._workshop.benches.get(bench).supervisor
         if supervisor.status.state == "offline":
             self._report(stage, 0.0, f"waiting for the bench: {supervisor.status.reason}")
             with contextlib.suppress(TimeoutError):
@@ -261,7 +331,14 @@ class Story:
         return float(counted_soc(time_s, current_A, run.initial_soc, run.capacity_Ah)[-1])
 
 
-def overall_progress(stage: str, share: float) -> float:
-    """Share 0..1 of the whole campaign."""
-    before = sum(_SHARES[s] for s in STAGES[: STAGES.index(stage)])
-    return min(before + _SHARES[stage] * share, 1.0)
+def stages_of(request: CampaignRequest) -> tuple[str, ...]:
+    """Names of the stages of a campaign, in their order."""
+    asked = {"change": request.diagnose == "change", "diagnose": request.diagnose is not None}
+    return tuple(stage for stage in _SHARES if asked.get(stage, True))
+
+
+def overall_progress(stages: Sequence[str], stage: str, share: float) -> float:
+    """Share 0..1 of the whole campaign, which has these stages."""
+    whole = sum(_SHARES[s] for s in stages)
+    before = sum(_SHARES[s] for s in stages[: stages.index(stage)])
+    return min((before + _SHARES[stage] * share) / whole, 1.0)

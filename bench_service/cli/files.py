@@ -14,6 +14,7 @@ from bench_service.cli.output import Output
 
 if TYPE_CHECKING:
     from models.local_model_network import LocalModelNetwork
+    from models.module import ModuleModel
     from models.structure import Structure
     from models.timeseries import TimeSeries
 
@@ -58,6 +59,24 @@ def read_model(path: Path) -> LocalModelNetwork:
     try:
         return LocalModelNetwork.from_json(document)
     except ModelError as error:
+        raise UsageError(f"{path}: {error}") from error
+
+
+def read_module(path: Path) -> ModuleModel:
+    """Read a module model (S1 to S4).
+
+    Raises
+    ------
+    UsageError
+        The file is missing, is not JSON, or holds no module model.
+    """
+    from models.errors import ModelError
+    from models.module import ModuleModel
+
+    document = _read_json(path, "a module model")
+    try:
+        return ModuleModel.from_json(document)
+    except (ModelError, KeyError, TypeError, ValueError) as error:
         raise UsageError(f"{path}: {error}") from error
 
 

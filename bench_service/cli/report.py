@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_service.cli.readout_page import readout_parts
 from models.comparison import RunComparison, simulate_runs
+from models.comparison_reach import bands
 
 if TYPE_CHECKING:
     from models.local_model_network import LocalModelNetwork
+    from models.prediction_band import PredictionBand
     from models.timeseries import TimeSeries
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 900, 220, 60, 24
@@ -24,7 +27,10 @@ body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 960px
 table { border-collapse: collapse; margin: .5rem 0 1.5rem } td, th { padding: .2rem .8rem; text-align: right }
 th { border-bottom: 1px solid #888 } td:first-child, th:first-child { text-align: left }
 svg { width: 100%; height: auto } text { font-size: 12px; fill: #555 } .m { color: #0b62a8 } .s { color: #c2410c }
+.b { color: #999 }
 """
+
+_CSS = {"measured": "m", "simulated": "s", "band": "b"}
 
 Curve = tuple[str, NDArray[np.floating[Any]]]
 
@@ -48,19 +54,40 @@ def comparison_page(
     parts = [
         f"<h1>{escape(model)} against {len(runs)} measured run(s)</h1>",
         f"<p>Free run: the model sees current and temperature only. {_floor(result['noise_floor_mV'])}"
-        f" {100 * result['outside_training']:.1f} % of the samples lie outside the trained domain.</p>",
+        f" {100 * result['outside_training']:.1f} % of the samples lie outside the trained domain{_by(result)}."
+        f"{_band(result['band'])}{_temperature(result['temperature'])}</p>",
         _table(("run", *_METRICS), rows),
         "<h2>Where it fails</h2>",
         _table(_WHERE, result["where"]),
     ]
-    for each in simulate_runs(network, list(runs), list(initial_soc)):
-        parts += _curves(each)
+    compared = simulate_runs(network, list(runs), list(initial_soc))
+    found = bands(network, [each.run for each in compared], list(initial_soc))
+    for number, each in enumerate(compared):
+        parts += _curves(each, None if found is None else found[number])
+    parts += readout_parts(network)
     head = f'<meta charset="utf-8"><title>{escape(model)}: comparison</title><style>{_STYLE}</style>'
     return f'<!doctype html>\n<html lang="en">{head}<body>{"".join(parts)}</body></html>\n'.encode()
 
 
 def _floor(noise_floor_mV: float | None) -> str:
     return "" if noise_floor_mV is None else f"The measurement's noise floor is {noise_floor_mV:.2f} mV."
+
+
+def _by(result: Mapping[str, Any]) -> str:
+    found = [f"{escape(name)} {100 * share:.1f} %" for name, share in result["outside_by"].items() if share > 0.0]
+    return f" (by {', '.join(found)})" if found else ""
+
+
+def _band(band: Mapping[str, Any] | None) -> str:
+    if band is None or band["coverage_95"] is None:
+        return ""
+    return f" {100 * band['coverage_95']:.1f} % of the measured voltages lie within the model's 95 % band."
+
+
+def _temperature(temperature: Mapping[str, Any] | None) -> str:
+    if temperature is None or temperature["rmse_K"] is None:
+        return ""
+    return f" Temperature from current and ambient alone: RMSE {temperature['rmse_K']:.2f} K."
 
 
 def _table(keys: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> str:
@@ -73,15 +100,18 @@ def _cell(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else escape(str(value))
 
 
-def _curves(compared: RunComparison) -> list[str]:
-    run = compared.run
+def _curves(compared: RunComparison, band: PredictionBand | None) -> list[str]:
+    run, error = compared.run, [("simulated", 1e3 * compared.residual_V)]
+    if band is not None:
+        half = 1e3 * (band.upper_V - band.voltage_V)
+        error = [("band", half), ("band", -half), *error]
     voltages = [("measured", run.voltage_V), ("simulated", compared.simulated_V)]
     return [
         f"<h2>{escape(run.name)}</h2>",
         '<p><span class="m">measured</span>, <span class="s">simulated</span> voltage in V over time in h</p>',
         _plot(run.time_s / 3600.0, voltages),
-        "<p>simulated minus measured in mV</p>",
-        _plot(run.time_s / 3600.0, [("simulated", 1e3 * compared.residual_V)]),
+        f"<p>simulated minus measured in mV{', and the 95 % band (grey)' if band is not None else ''}</p>",
+        _plot(run.time_s / 3600.0, error),
     ]
 
 
@@ -97,7 +127,7 @@ def _plot(x: NDArray[np.floating[Any]], curves: Sequence[Curve]) -> str:
         px = _LEFT + (x[chosen] - x[0]) / span_x * (_WIDTH - _LEFT)
         py = (_HEIGHT - _BOTTOM) * (high - y[chosen]) / span_y + 4
         points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py, strict=True))
-        css = "m" if name == "measured" else "s"
+        css = _CSS[name]
         lines.append(f'<polyline class="{css}" fill="none" stroke="currentColor" points="{points}"/>')
     labels = (
         f'<text x="0" y="16">{high:.4g}</text><text x="0" y="{_HEIGHT - _BOTTOM}">{low:.4g}</text>'

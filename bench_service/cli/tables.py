@@ -34,6 +34,36 @@ def metrics_table(title: str, rows: Sequence[tuple[str, Mapping[str, Any]]]) -> 
     return table
 
 
+def readout_lines(readouts: Mapping[str, Any]) -> list[str]:
+    """Resistance, open-circuit voltage and heat of a model, a line each, and what to know before trusting them."""
+    lines = []
+    for row in readouts["resistance"]:
+        if row["resistance_Ohm"] is not None:
+            lines.append(
+                f"settled resistance at SoC {row['soc']:.2f}, {row['temperature_degC']:.0f} °C and "
+                f"{row['current_A']:+.3g} A: {1e3 * row['resistance_Ohm']:.2f}{_plus_minus(row['std_Ohm'], 1e3)} mΩ"
+            )
+    low, high = readouts["ocv_V"]
+    if low is not None:
+        lines.append(
+            f"open-circuit voltage {low:.3f} to {high:.3f} V{_plus_minus(readouts['ocv_std_V'], 1e3, ' mV')}, "
+            f"after charge {1e3 * readouts['hysteresis_V']:.1f} mV above that after discharge"
+        )
+    if readouts["thermal"] is not None:
+        heat = readouts["thermal"]
+        lines.append(
+            f"heat capacity {heat['heat_capacity_J_per_K']:.1f}{_plus_minus(heat['std'].get('heat_capacity_J_per_K'))} "
+            f"J/K, heat transfer {heat['heat_transfer_W_per_K']:.4f}"
+            f"{_plus_minus(heat['std'].get('heat_transfer_W_per_K'))} W/K"
+        )
+    return [*lines, *(f"note: {text}" for text in readouts["reservations"])]
+
+
+def _plus_minus(std: float | None, factor: float = 1.0, unit: str = "") -> str:
+    """Half width of a 95 % band."""
+    return "" if std is None else f" ± {1.96 * factor * std:.2g}{unit}"
+
+
 def where_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     """Where a model fails: one line for each range of a variable."""
     from rich import box

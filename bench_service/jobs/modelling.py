@@ -85,6 +85,14 @@ def compare_runs(
     return plain(compare(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs]))
 
 
+def read_tables(report: Reporter, data_dir: Path, document: dict[str, Any]) -> dict[str, Any]:
+    """Read tables out of a model whose document carries none, such as one made before they were kept."""
+    from models.local_model_network import LocalModelNetwork
+    from models.readouts import read_out
+
+    return plain(read_out(LocalModelNetwork.from_json(document)))
+
+
 def compare_series(
     report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput], max_points: int
 ) -> dict[str, Any]:

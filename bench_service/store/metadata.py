@@ -16,6 +16,7 @@ from bench_service.errors import ConflictError, NotFoundError
 from bench_service.store import engine as engines
 from bench_service.store import rows, schema
 from bench_service.store.access import LOCK_FILE, MetadataFile
+from bench_service.store.diagnoses import DiagnosisTable, family
 from bench_service.store.engine import LockHolder
 from bench_service.store.records import (
     OPEN_RUN_STATES,
@@ -45,6 +46,7 @@ class MetadataStore:
     def __init__(self, file: MetadataFile, clock: Callable[[], datetime]) -> None:
         self._file = file
         self._clock = clock
+        self.diagnoses = DiagnosisTable(file, self._now)
 
     @classmethod
     def open(
@@ -295,6 +297,10 @@ class MetadataStore:
     def models(self, limit: int = 100, offset: int = 0) -> list[ModelRecord]:
         """Return models without their documents."""
         return [rows.model(row) for row in self._file.page(schema.model, rows.MODEL, limit, offset)]
+
+    def family(self, model_id: str) -> list[ModelRecord]:
+        """Return every model that descends from the same first version, see `store.diagnoses.family`."""
+        return family(self._file, model_id)
 
     def add_comparison(
         self,

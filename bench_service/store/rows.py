@@ -84,7 +84,7 @@ def profile(row: Row[Any]) -> ProfileRecord:
 
 def run(row: Row[Any]) -> RunRecord:
     """Return a run."""
-    return RunRecord(**_fields(row))
+    return RunRecord(**fields(row))
 
 
 def run_state(text: str) -> RunState:
@@ -94,34 +94,36 @@ def run_state(text: str) -> RunState:
 
 def model(row: Row[Any]) -> ModelRecord:
     """Return a model."""
-    fields = _fields(row)
-    fields["train"] = _references(row.train)
-    fields["validate"] = _references(row.validate)
-    return ModelRecord(**fields)
+    values = fields(row)
+    values["train"] = references(row.train)
+    values["validate"] = references(row.validate)
+    return ModelRecord(**values)
 
 
 def comparison(row: Row[Any]) -> ComparisonRecord:
     """Return a comparison."""
-    fields = _fields(row)
-    fields["runs"] = _references(row.runs)
-    return ComparisonRecord(**fields)
+    values = fields(row)
+    values["runs"] = references(row.runs)
+    return ComparisonRecord(**values)
 
 
 def campaign(row: Row[Any]) -> CampaignRecord:
     """Return a campaign."""
-    fields = _fields(row)
-    fields["stages"] = tuple(row.stages)
-    return CampaignRecord(**fields)
+    values = fields(row)
+    values["stages"] = tuple(row.stages)
+    return CampaignRecord(**values)
 
 
 def event(row: Row[Any]) -> EventRecord:
     """Return an event."""
-    return EventRecord(**_fields(row))
+    return EventRecord(**fields(row))
 
 
-def _references(data: list[Json]) -> tuple[RunReference, ...]:
+def references(data: list[Json]) -> tuple[RunReference, ...]:
+    """Return runs with their hashes."""
     return tuple(RunReference(**item) for item in data)
 
 
-def _fields(row: Row[Any]) -> Json:
+def fields(row: Row[Any]) -> Json:
+    """Return a row's values by column."""
     return {str(name): value for name, value in row._mapping.items()}  # noqa: SLF001 (SQLAlchemy's public name)

@@ -280,6 +280,7 @@ def test_a_flood_without_an_end_is_refused_while_it_comes(rest: Rest) -> None:
         "/api/v1/runs/none/events",
         "/api/v1/models/none",
         "/api/v1/models/none/document",
+        "/api/v1/models/none/tables",
         "/api/v1/jobs/none",
         "/api/v1/comparisons/none",
         "/api/v1/runs/..%2f..%2f..%2fetc%2fpasswd",
@@ -381,6 +382,9 @@ def test_a_model_is_fitted_compared_and_given_out(rest: Rest) -> None:
     compared = rest.client.compare(model["id"], [run["id"]])
     assert compared["result"]["overall"]["rmse_mV"] == pytest.approx(model["metrics"]["train"]["rmse_mV"], rel=0.2)
     assert compared["run_ids"] == [run["id"]]
+    tables = rest.client.model_tables(model["id"])
+    assert tables["ocv"]["std_V"] is not None and len(tables["resistance"]["soc"]) == len(tables["ocv"]["soc"])
+    assert len(tables["local_models"]) == model["metrics"]["n_local_models"]
     document = rest.client.model_document(model["id"])
     assert rest.client.import_model(document)["sha256"] == model["sha256"]
     assert len(rest.client.models()) == 2

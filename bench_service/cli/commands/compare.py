@@ -56,10 +56,33 @@ def _show(console: Console, result: dict[str, Any]) -> None:
     if result["noise_floor_mV"] is not None:
         console.print(f"noise floor of the measurement: {result['noise_floor_mV']:.2f} mV")
     console.print(f"outside the trained domain: {100 * result['outside_training']:.1f} % of the samples")
-    if result["temperature"] is not None:
-        console.print(f"temperature: RMSE {result['temperature']['rmse_K']:.2f} K")
+    for name, share in result["outside_by"].items():
+        if share > 0.0:
+            console.print(f"  of them by {name}: {100 * share:.1f} %")
+    for each in result["gaps"]:
+        if each["gaps"]:
+            console.print(
+                f"{each['run']}: no voltage at {100 * each['missing_share']:.1f} % of the samples, "
+                f"{each['gaps']} gap(s), the longest {each['longest_gap_s']:.0f} s"
+            )
+    if result["band"] is not None and result["band"]["coverage_95"] is not None:
+        band = result["band"]
+        console.print(
+            f"95 % band: ± {band['mean_half_width_mV']:.2f} mV on average, {100 * band['coverage_95']:.1f} % of the "
+            "measured voltages lie within"
+        )
+    _show_temperature(console, result["temperature"])
     if "report" in result:
         console.print(f"report: {result['report']}")
+
+
+def _show_temperature(console: Console, temperature: dict[str, Any] | None) -> None:
+    if temperature is None:
+        return
+    if temperature["rmse_K"] is not None:
+        console.print(f"temperature from current and ambient alone: RMSE {temperature['rmse_K']:.2f} K")
+    for text in temperature["reservations"]:
+        console.print(f"note: {text}")
 
 
 COMMAND = Command("compare", "compare a model with measured runs in free run", _arguments, _run)

@@ -12,7 +12,7 @@ from bench_service.cli.command import Command
 from bench_service.cli.files import add_current_sign, read_runs, read_structure, write_document
 from bench_service.cli.initial_soc import initial_soc
 from bench_service.cli.output import Output
-from bench_service.cli.tables import metrics_table
+from bench_service.cli.tables import metrics_table, readout_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,7 +25,7 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("train", type=Path, nargs="+", metavar="TRAIN", help="CSV, gzipped CSV or Parquet")
     parser.add_argument("--validate", type=Path, nargs="+", default=[], metavar="RUN", help="runs the fit never sees")
     parser.add_argument("--capacity-Ah", type=positive, required=True, metavar="Q")
-    parser.add_argument("--structure", default="full", metavar="full|minimal|FILE.json")
+    parser.add_argument("--structure", default="full", metavar="full|minimal|auto|FILE.json")
     parser.add_argument(
         "--initial-soc",
         type=fractions,
@@ -41,6 +41,7 @@ def _run(options: Namespace, output: Output) -> int:
 
     from bench_service.exchange.atomic import check_writable
     from models.identification import fit_network
+    from models.readouts import summary
 
     check_writable(options.out)
     structure = read_structure(options.structure)
@@ -75,6 +76,7 @@ def _run(options: Namespace, output: Output) -> int:
         "train": fitted.train,
         "validation": fitted.validation,
         "runs": {"train": fitted.train_runs, "validation": fitted.validation_runs},
+        "readouts": summary(fitted.network),
     }
     output.result(answer, lambda console: _show(console, answer))
     return 0
@@ -85,6 +87,8 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
         if answer[part] is not None:
             rows = [(each["run"], each) for each in answer["runs"][part]]
             console.print(metrics_table(title, [*rows, ("all", answer[part])]))
+    for line in readout_lines(answer["readouts"]):
+        console.print(line)
     console.print(
         f"{answer['structure']} structure, {answer['n_local_models']} local models, {answer['n_samples']} training "
         f"samples, {answer['seconds']:.1f} s; wrote {answer['model']}"

@@ -51,5 +51,17 @@ export const api = {
   startCampaign: (body) => post("/campaigns", body),
   stopCampaign: (campaignId) => post(`/campaigns/${id(campaignId)}/stop`, undefined, 5),
   comparisonSeries: (comparisonId) => get(`/comparisons/${id(comparisonId)}/series?max_points=2000`, 60),
+  models: async () => list(await get("/models?limit=200"), "models"),
+  model: (modelId) => get(`/models/${id(modelId)}`),
+  importModel: (document, name) => post(`/models/import?${query({ name })}`, document, 60),
+  chain: (modelId) => get(`/models/${id(modelId)}/chain`),
+  effects: async () => list(await get("/effects", 60), "effects"),
+  addEffect: (modelId, body) => post(`/models/${id(modelId)}/effects`, body, 60),
+  // The first work of a worker loads the libraries; on a busy machine that alone takes seconds.
+  compare: (body) => post("/comparisons", body, 300),
+  where: (comparisonId) => get(`/comparisons/${id(comparisonId)}/where`, 300),
+  diagnose: (body) => post("/diagnoses", body, 60),
+  diagnosis: (diagnosisId) => get(`/diagnoses/${id(diagnosisId)}`),
+  job: (jobId) => get(`/jobs/${id(jobId)}`),
   events: async (limit) => list(await get(`/events?${query({ limit })}`), "events"),
 };

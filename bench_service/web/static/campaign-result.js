@@ -42,7 +42,7 @@ function figures(result) {
   ];
 }
 
-function figure(title, value, note) {
+export function figure(title, value, note) {
   return el("div", { class: "figure" }, el("span", { class: "figure-title", text: title }), el("strong", { text: value }), el("span", { class: "about", text: note }));
 }
 
@@ -67,7 +67,7 @@ function modelRows(chain, modelId, validation) {
     row.effect ?? "none, first model", quantity(row.validation_rmse_mV, 2, "mV")]);
 }
 
-function table(caption, heads, rows) {
+export function table(caption, heads, rows) {
   if (!rows.length) return null;
   return el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": caption }, el("table", {}, el("caption", { text: caption }),
     el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))),
@@ -75,7 +75,7 @@ function table(caption, heads, rows) {
 }
 
 /** A place for a chart that fills itself, and says so when it cannot. */
-function chartBox(title, entries, label, load, keep) {
+export function chartBox(title, entries, label, load, keep) {
   const note = el("p", { class: "empty", text: "Loading …" });
   const plot = el("div", { class: "plot tall", role: "img", "aria-label": label, hidden: true });
   const box = el("div", { class: "result-chart" }, el("h3", { class: "chart-title", text: title }), legend(entries), note, plot);

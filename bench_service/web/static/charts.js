@@ -9,7 +9,7 @@ SCHEME.addEventListener("change", () => charts.forEach((chart) => chart.redraw()
 /** The page's colours by name, read from its style sheet. */
 export function palette() {
   const style = getComputedStyle(document.documentElement);
-  const names = ["ink", "ink-2", "line", "surface", "voltage", "current", "soc", "model", "residual", "temperature"];
+  const names = ["ink", "ink-2", "line", "surface", "voltage", "current", "soc", "model", "residual", "temperature", "good", "bad", "neutral", "heat-none", "heat-high", "heat-low"];
   const colours = names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]);
   return { ...Object.fromEntries(colours), font: getComputedStyle(document.body).fontFamily };
 }

@@ -6,6 +6,7 @@ import { benchPanel } from "./bench-panel.js";
 import { campaignPanel } from "./campaign-panel.js";
 import { eventsPanel } from "./events-panel.js";
 import { header, stopButtons } from "./header.js";
+import { improvePanel } from "./improve-panel.js";
 import { LiveLink } from "./live.js";
 import { runsPanel } from "./runs-panel.js";
 import { State } from "./state.js";
@@ -127,6 +128,7 @@ stopButtons(state);
 benchCards(state, { select });
 benchPanel(state, { get: traceOf });
 campaignPanel(state);
+improvePanel(state);
 runsPanel(state, { more: () => { runsShown += RUNS_PAGE; loadRuns(); } });
 eventsPanel(state);
 

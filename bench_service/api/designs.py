@@ -1,0 +1,29 @@
+"""Designs: the test that tells the most about a cell, as a profile to be played."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from fastapi import APIRouter
+from pydantic import JsonValue
+
+from bench_service.api.dependencies import ServicesOf
+from bench_service.api.strict import Body, Name, StrictRoute
+from bench_service.campaign.designing import Designing
+
+router = APIRouter(prefix="/designs", tags=["designs"], route_class=StrictRoute)
+
+
+class DesignBody(Body):
+    """A design to make; the keys of `request` are those of a REQUEST file, with ids in place of files."""
+
+    name: Name
+    request: dict[str, JsonValue]
+
+
+@router.post("", status_code=202)
+async def start_design(body: DesignBody, services: ServicesOf) -> dict[str, Any]:
+    """Design a profile in a worker process; answers with the job, whose result names the stored profile."""
+    designing = Designing(services.store, services.jobs, services.config.data_dir)
+    return asdict(await designing.start(body.name, body.request))

@@ -1,0 +1,59 @@
+"""Diagnoses: which effect a model lacks, or what is new in its cell; and where the model of a comparison is off."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query
+from pydantic import Field
+
+from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.strict import Body, Id, Soc, StrictRoute
+from bench_service.campaign.diagnosing import DiagnosisOrder
+from bench_service.store.diagnoses import DiagnosisRecord
+
+router = APIRouter(tags=["diagnoses"], route_class=StrictRoute)
+
+
+class DiagnosisBody(Body):
+    """What to diagnose; without ``train_run_ids`` the model's own, ``initial_soc`` replaces that of ``run_ids``."""
+
+    model_id: Id
+    run_ids: Annotated[list[Id], Field(min_length=1, max_length=100)]
+    train_run_ids: Annotated[list[Id], Field(max_length=100)] | None = None
+    mode: Literal["structure", "change"] = "structure"
+    initial_soc: Soc | None = None
+
+
+@router.post("/diagnoses", status_code=202)
+async def start_diagnosis(body: DiagnosisBody, services: ServicesOf) -> dict[str, Any]:
+    """Diagnose runs in a worker process; answers with the job, whose result names the diagnosis."""
+    return asdict(await services.diagnosing.start_diagnosis(DiagnosisOrder(**body.model_dump())))
+
+
+@router.get("/diagnoses")
+def list_diagnoses(
+    services: ServicesOf,
+    model_id: Annotated[str | None, Query(max_length=64)] = None,
+    limit: Limit = 100,
+    offset: Offset = 0,
+) -> dict[str, Any]:
+    """List diagnoses, newest first."""
+    return {"diagnoses": [_as_json(each) for each in services.store.diagnoses.page(model_id, limit, offset)]}
+
+
+@router.get("/diagnoses/{diagnosis_id}")
+def get_diagnosis(diagnosis_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Give one diagnosis."""
+    return _as_json(services.store.diagnoses.get(diagnosis_id))
+
+
+@router.get("/comparisons/{comparison_id}/where")
+async def get_where(comparison_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Give the regions in which the error is concentrated, and maps of it over two variables; made in a worker."""
+    return await services.diagnosing.where(comparison_id)
+
+
+def _as_json(record: DiagnosisRecord) -> dict[str, Any]:
+    return asdict(record) | {"run_ids": list(record.run_ids), "train_run_ids": list(record.train_run_ids)}

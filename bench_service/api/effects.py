@@ -1,0 +1,44 @@
+"""Effects: the catalogue, adding one to a model, and what every version was worth."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from fastapi import APIRouter
+from pydantic import Field
+
+from bench_service.api.dependencies import PathId, ServicesOf
+from bench_service.api.strict import Body, Id, StrictRoute
+from bench_service.campaign.diagnosing import catalogue
+
+router = APIRouter(tags=["effects"], route_class=StrictRoute)
+
+RunIds = Annotated[list[Id], Field(min_length=1, max_length=100)]
+
+
+class EffectBody(Body):
+    """An effect to add; without run ids those of the parent model train and judge."""
+
+    effect: Id
+    train_run_ids: RunIds | None = None
+    validate_run_ids: RunIds | None = None
+
+
+@router.get("/effects")
+def list_effects() -> dict[str, Any]:
+    """List every effect that a diagnosis knows, with how a person recognises it."""
+    return {"effects": catalogue()}
+
+
+@router.post("/models/{model_id}/effects", status_code=202)
+async def add_effect(model_id: PathId, body: EffectBody, services: ServicesOf) -> dict[str, Any]:
+    """Add an effect to a model and refit it in a worker process; answers with the job, whose result names the child."""
+    job = await services.diagnosing.start_addition(model_id, body.effect, body.train_run_ids, body.validate_run_ids)
+    return asdict(job)
+
+
+@router.get("/models/{model_id}/chain")
+def get_chain(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Give the versions that led to a model and those tried beside them, each with its held-out error."""
+    return services.diagnosing.chain(model_id)

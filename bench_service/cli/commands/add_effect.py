@@ -1,0 +1,79 @@
+"""`bench-service add-effect`: put an effect into a model, refit it, and see what it is worth on held-out runs."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench_service.cli.arguments import fractions
+from bench_service.cli.command import Command
+from bench_service.cli.files import add_current_sign, read_model, read_runs, write_document
+from bench_service.cli.initial_soc import initial_soc
+from bench_service.cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def _arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL.json")
+    parser.add_argument("effect", metavar="EFFECT", help="name of an effect, as `diagnose` gives it")
+    parser.add_argument("--train", type=Path, nargs="+", required=True, metavar="RUN", help="runs to refit to")
+    parser.add_argument("--validate", type=Path, nargs="+", required=True, metavar="RUN", help="runs that only judge")
+    parser.add_argument(
+        "--initial-soc",
+        type=fractions,
+        metavar="S[,S...]",
+        help="of the training, then the validation runs; one value, or one for each; default: their soc_ref",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="MODEL2.json")
+    add_current_sign(parser)
+
+
+def _run(options: Namespace, output: Output) -> int:
+    from threadpoolctl import threadpool_limits
+
+    from bench_service.exchange.atomic import check_writable
+    from models.diagnosis import add_effect
+
+    check_writable(options.out)
+    network = read_model(options.model)
+    train = read_runs(options.train, options.current_sign, output)
+    validate = read_runs(options.validate, options.current_sign, output)
+    soc = initial_soc([*train, *validate], options.initial_soc, network, output)
+    with output.progress("Adding") as report, threadpool_limits(1):
+        added = add_effect(
+            network, options.effect, train, soc[: len(train)], validate, soc[len(train) :], progress=report
+        )
+    record = {**added.network.record, "parent": str(options.model)}
+    write_document(options.out, replace(added.network, record=record).to_json())
+    answer = {
+        "effect": added.effect,
+        "model": str(options.out),
+        "parent": str(options.model),
+        "error_before_mV": added.error_before_mV,
+        "error_after_mV": added.error_after_mV,
+        "parameters": {
+            name: {"value": each.value, "std": each.std, "unit": each.unit} for name, each in added.parameters.items()
+        },
+        "remark": added.remark,
+    }
+    output.result(answer, lambda console: _show(console, answer))
+    return 0
+
+
+def _show(console: Console, answer: dict[str, Any]) -> None:
+    console.print(
+        f"[bold]{answer['effect']}[/bold]: held-out error {answer['error_before_mV']:.2f} -> "
+        f"{answer['error_after_mV']:.2f} mV"
+    )
+    for name, each in answer["parameters"].items():
+        band = "" if each["std"] is None else f" +- {each['std']:.2g}"
+        console.print(f"  {name} = {each['value']:.4g}{band} {each['unit']}")
+    console.print(answer["remark"])
+    console.print(f"wrote {answer['model']}; its parent is {answer['parent']}")
+
+
+COMMAND = Command("add-effect", "put an effect into a model and refit it", _arguments, _run)

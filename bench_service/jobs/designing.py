@@ -1,0 +1,58 @@
+"""What worker processes do with designs; arguments and results are plain data, the samples they read themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bench_service.jobs.modelling import RunInput, plain
+from bench_service.jobs.progress import Reporter
+from bench_service.jobs.series import read_series
+
+
+def design_profile(
+    report: Reporter,
+    data_dir: Path,
+    request: Mapping[str, Any],
+    document: dict[str, Any] | None,
+    runs: Sequence[RunInput],
+    cycle: tuple[list[float], list[float]] | None,
+) -> dict[str, Any]:
+    """Design the profile that a request asks for.
+
+    Parameters
+    ----------
+    request : mapping
+        Keys of the public contract, checked before.
+    document : dict or None
+        MODEL.json of the reference model.
+    runs : sequence of RunInput
+        Stored runs that a first reference model is fitted to, where there is no model.
+    cycle : times in s and currents in A, or None
+        Recorded load cycle, forward hold.
+
+    Returns
+    -------
+    dict
+        ``time_s`` and ``current_A`` of the profile, and ``figures``: the ``design`` object of the public contract
+        without the profile's name.
+    """
+    import numpy as np
+
+    from models.design.answer import Material, answer, even_cycle
+    from models.design.request import read_request
+    from models.local_model_network import LocalModelNetwork
+
+    report(0.0, "reading")
+    cycle_A, cycle_dt_s = (None, 1.0) if cycle is None else even_cycle(np.array(cycle[0]), np.array(cycle[1]))
+    material = Material(
+        network=None if document is None else LocalModelNetwork.from_json(document),
+        runs=tuple(read_series(data_dir, [run.run_id for run in runs])),
+        runs_soc=tuple(run.initial_soc for run in runs),
+        cycle_A=cycle_A,
+        cycle_dt_s=cycle_dt_s,
+    )
+    found = answer(read_request(request), material, report)
+    profile = found.profile
+    return plain({"time_s": profile.time_s, "current_A": profile.current_A, "figures": found.figures})

@@ -1,0 +1,126 @@
+"""What worker processes do to find what a model lacks; arguments and results are plain data, as in `jobs.modelling`.
+
+The models are imported inside the functions: the service names these functions without ever calling them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from bench_service.jobs.modelling import RunInput, plain
+from bench_service.jobs.progress import Reporter
+from bench_service.jobs.series import read_series
+
+
+def diagnose_runs(
+    report: Reporter,
+    data_dir: Path,
+    document: dict[str, Any],
+    runs: Sequence[RunInput],
+    train: Sequence[RunInput],
+    mode: Literal["structure", "change"],
+) -> dict[str, Any]:
+    """Diagnose stored runs; gives the ``diagnose`` object of the public contract."""
+    from models.diagnosis import diagnose
+    from models.local_model_network import LocalModelNetwork
+
+    report(0.0, "reading samples")
+    series, learned = _read(data_dir, runs), _read(data_dir, train)
+    report(0.0, "holding every known effect against the error")
+    diagnosis = diagnose(
+        LocalModelNetwork.from_json(document),
+        series,
+        _soc(runs),
+        train=learned or None,
+        train_soc=_soc(train) or None,
+        mode=mode,
+    )
+    return plain(diagnosis.to_json())
+
+
+def add_effect_to(
+    report: Reporter,
+    data_dir: Path,
+    document: dict[str, Any],
+    effect: str,
+    train: Sequence[RunInput],
+    validate: Sequence[RunInput],
+) -> dict[str, Any]:
+    """Put an effect into a model and refit it to stored runs.
+
+    Returns
+    -------
+    dict
+        ``document`` (MODEL.json of the new version), ``structure`` and ``capacity_Ah`` of it, and ``metrics``:
+        ``effect``, ``error_before_mV`` and ``error_after_mV`` over the validation runs, ``parameters``, ``remark``,
+        ``noise_floor_mV`` (null where it cannot be told).
+    """
+    from models.diagnosis import add_effect
+    from models.local_model_network import LocalModelNetwork
+
+    report(0.02, "reading samples")
+    judged = _read(data_dir, validate)
+    parent = LocalModelNetwork.from_json(document)
+    report(0.05, f"sizing {effect} on the training runs")
+    added = add_effect(
+        parent,
+        effect,
+        _read(data_dir, train),
+        _soc(train),
+        judged,
+        _soc(validate),
+        progress=lambda share, text="": report(0.1 + 0.85 * share, text),
+    )
+    parameters = {
+        name: {"value": each.value, "std": each.std, "unit": each.unit} for name, each in added.parameters.items()
+    }
+    metrics = {
+        "effect": added.effect,
+        "error_before_mV": added.error_before_mV,
+        "error_after_mV": added.error_after_mV,
+        "parameters": parameters,
+        "remark": added.remark,
+        "noise_floor_mV": _noise_floor_mV(judged, parent.structure.dt_s),
+    }
+    structure, capacity_Ah = added.network.structure.name, added.network.cell.capacity_Ah
+    return plain(
+        {
+            "document": added.network.to_json(),
+            "structure": structure,
+            "capacity_Ah": capacity_Ah,
+            "metrics": metrics,
+        }
+    )
+
+
+def map_errors(report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput]) -> dict[str, Any]:
+    """Say where a model is off on stored runs, see `models.error_map.error_map`."""
+    from models.comparison import simulate_runs
+    from models.error_map import error_map
+    from models.local_model_network import LocalModelNetwork
+
+    network = LocalModelNetwork.from_json(document)
+    return plain(error_map(network, simulate_runs(network, _read(data_dir, runs), _soc(runs))))
+
+
+def _read(data_dir: Path, runs: Sequence[RunInput]) -> list[Any]:
+    return read_series(data_dir, [run.run_id for run in runs]) if runs else []
+
+
+def _soc(runs: Sequence[RunInput]) -> list[float]:
+    return [run.initial_soc for run in runs]
+
+
+def _noise_floor_mV(series: Sequence[Any], dt_s: float) -> float | None:
+    """Median of the runs' noise floors; None where no run tells."""
+    from models.metrics import noise_floor_V
+    from models.resampling import to_grid
+
+    grid = [to_grid(each, dt_s) for each in series]
+    floors = [noise_floor_V(each.voltage_V, each.current_A) for each in grid]
+    known = [floor for floor in floors if np.isfinite(floor)]
+    return 1e3 * float(np.median(known)) if known else None

@@ -1,0 +1,104 @@
+// Step 1: which model, which runs, and what one wants to know.
+import { api } from "./api.js";
+import { el } from "./dom.js";
+import { duration, timeElement } from "./format.js";
+
+const MODES = [
+  ["structure", "What does the model lack?", "It never fitted well enough. An effect is added and the model refitted to the training runs."],
+  ["change", "What has changed?", "The model was right. Something in the cell or the rig is new in the runs that are looked at."],
+];
+const ROLES = [["", "not used"], ["judge", "look at it"], ["train", "refit to it"]];
+
+/** `view` keeps the choice; `chosen()` starts the comparison, `changed()` when another model is taken. */
+export function chooseStep(view, { changed, chosen }) {
+  const message = el("p", { class: "form-message", role: "alert" });
+  const go = el("button", { class: "primary", type: "submit", text: "Compare model and runs" });
+  const form = el("form", { class: "improve-form", "aria-label": "Choose model and runs" },
+    el("div", { class: "choose-model" }, modelField(view, changed, message), questions(view, changed)),
+    runTable(view), el("div", { class: "form-end" }, go, message));
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    message.textContent = fault(view);
+    if (!message.textContent) chosen();
+  });
+  return form;
+}
+
+/** Runs by what they are used for. */
+export function usedRuns(view) {
+  const known = view.runs.filter((run) => view.roles.get(run.id)).map((run) => run.id);
+  const own = new Set(ownRuns(view));
+  const judge = known.filter((id) => view.roles.get(id) === "judge");
+  const train = known.filter((id) => view.roles.get(id) === "train");
+  // A change is looked for in every new run, also in those that the model is refitted to later.
+  const looked = view.mode === "change" ? [...judge, ...train.filter((id) => !own.has(id))] : judge;
+  return { judge, train, looked };
+}
+
+export function ownRuns(view) {
+  return (view.models.find((model) => model.id === view.modelId)?.train ?? []).map((run) => run.run_id);
+}
+
+/** What a model's runs are used for where nobody has said otherwise. */
+export function usualRoles(view) {
+  const model = view.models.find((each) => each.id === view.modelId);
+  const [own, judge] = [new Set(ownRuns(view)), new Set((model?.validate ?? []).map((run) => run.run_id))];
+  const campaign = model?.campaign_id;
+  return new Map(view.runs.map((run) => {
+    if (own.has(run.id)) return [run.id, view.mode === "structure" ? "train" : ""];
+    const mate = judge.size ? judge.has(run.id) : campaign && run.campaign_id === campaign;
+    return [run.id, mate ? "judge" : ""];
+  }));
+}
+
+function fault(view) {
+  if (!view.modelId) return "Choose a model, or load one.";
+  return usedRuns(view).looked.length ? "" : "Choose at least one run to look at.";
+}
+
+function modelField(view, changed, message) {
+  const select = el("select", { id: "improve-model", on: { change: () => { view.modelId = select.value; changed(); } } },
+    view.models.map((model) => el("option", { value: model.id, selected: model.id === view.modelId,
+      text: `${model.name} · ${model.structure} · ${String(model.id).slice(0, 6)}` })));
+  const file = el("input", { type: "file", id: "improve-file", accept: ".json,application/json", class: "visually-hidden", on: { change: async () => {
+    const [chosen] = file.files;
+    if (!chosen) return;
+    message.textContent = "";
+    try {
+      const record = await api.importModel(JSON.parse(await chosen.text()), chosen.name.replace(/\.json$/i, "").slice(0, 100).trim() || "imported");
+      view.models.unshift(record);
+      view.modelId = record.id;
+      changed();
+    } catch (error) {
+      message.textContent = error instanceof SyntaxError ? `${chosen.name} is not JSON: ${error.message}` : error.message;
+    } finally {
+      file.value = "";
+    }
+  } } });
+  return el("div", { class: "field" }, el("label", { for: "improve-model", text: "Model" }),
+    view.models.length ? select : el("p", { class: "empty", text: "No model yet: run a campaign, or load one." }),
+    el("label", { class: "file-button", for: "improve-file" }, "Load a MODEL.json …"), file);
+}
+
+function questions(view, changed) {
+  return el("fieldset", { class: "questions" }, el("legend", { text: "Question" }), MODES.map(([mode, title, note]) =>
+    el("label", { class: "question" }, el("input", { type: "radio", name: "improve-mode", value: mode, checked: mode === view.mode,
+      on: { change: () => { view.mode = mode; changed(); } } }),
+    el("span", {}, el("strong", { text: title }), el("span", { class: "about block", text: note })))));
+}
+
+function runTable(view) {
+  if (!view.runs.length) return el("p", { class: "empty", text: "No finished run yet. A campaign makes two." });
+  const own = new Set(ownRuns(view));
+  const heads = ["Run", "Bench", "Started", "Length", "Use"];
+  return el("div", { class: "table-scroll run-choice" }, el("table", { class: "rows" }, el("caption", { text: "Runs" }),
+    el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))),
+    el("tbody", {}, view.runs.map((run) => {
+      const name = run.name ?? `run ${String(run.id).slice(0, 8)}`;
+      const role = el("select", { "aria-label": `Use of ${name}`, on: { change: () => view.roles.set(run.id, role.value) } },
+        ROLES.map(([value, text]) => el("option", { value, text, selected: (view.roles.get(run.id) ?? "") === value })));
+      const note = own.has(run.id) ? el("span", { class: "about block", text: "the model was made from it" }) : null;
+      return el("tr", {}, [el("span", { title: run.id }, name, note), run.bench, timeElement(run.started_utc ?? run.created_utc),
+        duration(run.n_samples * run.dt_s), role].map((cell, k) => el("td", { data: { label: heads[k] } }, cell)));
+    }))));
+}

@@ -1,0 +1,73 @@
+// Steps 2 and 3: how far the model is off, and where.
+import { api } from "./api.js";
+import { chartBox, figure } from "./campaign-result.js";
+import { el } from "./dom.js";
+import { heatMap } from "./error-charts.js";
+import { MISSING, percent, quantity } from "./format.js";
+import { overlayChart } from "./result-charts.js";
+
+export function compareStep(comparison, runs, keep) {
+  const { overall, noise_floor_mV: floor, outside_training: outside, temperature, band } = comparison.result;
+  const times = Number.isFinite(floor) && floor > 0 ? `${(overall.rmse_mV / floor).toFixed(1)} times the noise floor of ${quantity(floor, 1, "mV")}` : "noise floor unknown";
+  const names = new Map(runs.map((run) => [run.id, run.name ?? String(run.id).slice(0, 8)]));
+  return [
+    el("div", { class: "result-figures" },
+      figure("Voltage error", quantity(overall.rmse_mV, 2, "mV"), `RMS in free run, ${times}`),
+      figure("95 % of the samples below", quantity(overall.p95_mV, 1, "mV"), `largest ${quantity(overall.max_mV, 1, "mV")}`),
+      figure("Outside what the model knows", percent(outside, 1), "of the samples: there it only guesses"),
+      band?.coverage_95_inside !== undefined && band?.coverage_95_inside !== null ? figure("Inside the 95 % band", percent(band.coverage_95_inside, 0), "of the samples that the model knows") : null,
+      temperature?.rmse_K !== undefined ? figure("Temperature error", quantity(temperature.rmse_K, 2, "K"), "RMS in free run") : null),
+    overlay(comparison, names, keep),
+  ];
+}
+
+function overlay(comparison, names, keep) {
+  const series = api.comparisonSeries(comparison.id);
+  const box = el("div", { class: "overlays" });
+  const show = (index) => box.replaceChildren(chartBox(`Measured and model: ${names.get(comparison.run_ids[index]) ?? MISSING}`,
+    [["voltage", "measured"], ["model", "model, free run"], ["residual", "residual = measured − model"]],
+    "Measured and modelled voltage over test time, residual below", async () => {
+      const run = (await series)?.runs?.[index];
+      if (!run?.time_s?.length) throw new Error("the comparison has no series.");
+      return (node) => overlayChart(node, run);
+    }, keep));
+  show(0);
+  if (comparison.run_ids.length === 1) return box;
+  const choose = el("select", { "aria-label": "Run shown", on: { change: () => show(Number(choose.value)) } },
+    comparison.run_ids.map((id, k) => el("option", { value: k, text: names.get(id) ?? id })));
+  return el("div", {}, el("label", { class: "inline" }, "Run", choose), box);
+}
+
+const AXES = { current_A: "current", temperature_degC: "temperature" };
+const KINDS = [["rmse_mV", "size of the error"], ["bias_mV", "mean error with its sign"]];
+
+export function whereStep(where, keep) {
+  return el("div", { class: "where" }, regionList(where), maps(where.maps, keep));
+}
+
+function regionList({ regions, outside_training: outside }) {
+  const apart = outside > 0.001 ? el("p", { class: "about", text: `${percent(outside, 1)} of the samples lie outside what the model was trained on; they are not counted here.` }) : null;
+  if (!regions.length) return el("div", {}, el("p", { text: "No region stands out: the error is spread evenly." }), apart);
+  return el("div", {}, el("ol", { class: "regions", "aria-label": "Where the error is" }, regions.map((region) => {
+    const bar = el("span", { class: "share-bar" });
+    bar.style.width = `${100 * region.share_of_squared_error}%`;
+    const [share, place] = region.text.replaceAll(" degC", " °C").split(/: (.*)/s);
+    return el("li", {}, el("strong", { text: place }), el("span", { class: "share-track" }, bar), el("span", { class: "about", text: `${share}, ${quantity(region.rmse_mV, 1, "mV")} there` }));
+  })), apart);
+}
+
+function maps(all, keep) {
+  let chart = null;
+  const plot = el("div", { class: "plot tall heat", role: "img", "aria-label": "Map of the error over state of charge and a second variable" });
+  const [over, kind] = [el("select", { "aria-label": "Second variable" }, all.map((map, k) => el("option", { value: k, text: `SoC and ${AXES[map.y.variable] ?? map.y.variable}`, selected: k === all.length - 1 }))),
+    el("select", { "aria-label": "What the map shows" }, KINDS.map(([value, text]) => el("option", { value, text })))];
+  const draw = () => {
+    chart?.dispose();
+    chart = heatMap(plot, all[Number(over.value)], kind.value);
+  };
+  over.addEventListener("change", draw);
+  kind.addEventListener("change", draw);
+  requestAnimationFrame(() => { if (plot.isConnected) draw(); });
+  keep({ dispose: () => chart?.dispose() });
+  return el("div", { class: "map-box" }, el("div", { class: "tools" }, el("label", { class: "inline" }, "Over", over), el("label", { class: "inline" }, "Show", kind)), plot);
+}

@@ -1,0 +1,88 @@
+// Step 4: the verdict in plain words, each finding with its evidence, and what to do next.
+import { chip, el } from "./dom.js";
+import { errorLeft } from "./error-charts.js";
+import { duration, fixed, percent, quantity } from "./format.js";
+
+const TONE = { missing: "active", nothing_missing: "good", ambiguous: "warn", unknown_effect: "warn" };
+const PREFIX = { V: [1e3, "mV"], Ohm: [1e3, "mΩ"], "V/K": [1e3, "mV/K"], "W/K": [1, "W/K"] };
+
+/** `titleOf(effect)` names an effect for people. */
+export function whichStep(record, titleOf, keep, { add, addNote, play }) {
+  const { verdict, findings, noise_floor_mV: floor, unexplained_mV: left, depends_on: depends, next_experiment: next, remarks = [] } = record.result;
+  return [
+    el("div", { class: "notice verdict", role: "status", data: { tone: TONE[verdict] ?? "neutral", verdict } },
+      el("strong", { text: verdictWords(record, titleOf) }),
+      el("span", { text: `Left unexplained: ${quantity(left, 2, "mV")}${Number.isFinite(floor) ? `, noise floor ${quantity(floor, 2, "mV")}` : ""}.` }),
+      remarks.map((text) => el("span", { class: "about", text: `Note: ${text}.` }))),
+    depends.length ? el("div", {}, el("h4", { text: "What the rest depends on" }), el("ul", { class: "regions" }, depends.map(dependence))) : null,
+    findings.length ? el("div", { class: "which" }, el("ol", { class: "findings", "aria-label": "Findings" }, findings.map((each) => finding(each, titleOf, add, addNote))),
+      leftChart(findings, titleOf, floor, keep)) : null,
+    next ? experiment(next, titleOf, play) : null,
+  ];
+}
+
+function verdictWords({ result: { verdict, mode, findings } }, titleOf) {
+  const [first] = findings;
+  const what = first ? titleOf(first.effect) : "An effect";
+  if (verdict === "missing") return mode === "change" ? `${what}: that is new since the model was made.` : `${what}: that is what the model lacks.`;
+  if (verdict === "nothing_missing") return "Nothing significant is missing: what is left is the model's own error and noise.";
+  if (verdict === "ambiguous") {
+    const rivals = [what, ...(first?.confounded_with ?? []).map(titleOf)];
+    return rivals.length > 1 ? `Something is there, but these data cannot tell: ${rivals.join(" or ")}?` : "Something is there, but these data cannot tell what.";
+  }
+  return "Something is there that no known effect explains.";
+}
+
+function dependence({ variable, strength }) {
+  const bar = el("span", { class: "share-bar" });
+  bar.style.width = `${100 * strength}%`;
+  return el("li", {}, el("strong", { text: variable.replaceAll("_", " ") }), el("span", { class: "share-track" }, bar), el("span", { class: "about", text: `${percent(strength, 0)} of it` }));
+}
+
+/** A parameter as a person reads it: its unit in front of small numbers, its standard deviation behind. */
+export function parameterText(name, { value, std, unit }) {
+  const [scale, shown] = PREFIX[unit] ?? [1, unit === "1" ? "" : unit];
+  const words = name.replace(/_(V_per_K|W_per_K|V|Ohm|s|A|Ah|K|per_Ah)$/, "").replaceAll("_", " ");
+  const size = Number.isFinite(std) && std > 0 ? std * scale : Math.abs(value * scale) / 100;
+  const digits = Math.min(4, Math.max(0, 1 - Math.floor(Math.log10(size || 1))));
+  const band = Number.isFinite(std) ? ` ± ${fixed(std * scale, digits)}` : "";
+  return `${words} ${fixed(value * scale, digits)}${band} ${shown}`.trim();
+}
+
+function finding(each, titleOf, add, addNote) {
+  const bar = el("span", { class: "share-bar" });
+  bar.style.width = `${100 * Math.max(0, Math.min(1, each.confidence))}%`;
+  const rivals = each.confounded_with.length
+    ? el("p", { class: "rivals" }, "Could as well be: ", each.confounded_with.map((name) => chip("warn", titleOf(name)))) : null;
+  const button = el("button", { type: "button", class: each.rank === 1 ? "primary" : "", data: { effect: each.effect }, disabled: Boolean(addNote),
+    text: `Add ${titleOf(each.effect)}`, on: { click: () => add(each.effect) } });
+  return el("li", { class: "finding", data: { effect: each.effect } },
+    el("h4", { text: `${each.rank}. ${titleOf(each.effect)}` }),
+    el("div", { class: "confidence" }, el("span", { text: "Confidence" }), el("span", { class: "share-track" }, bar), el("strong", { text: percent(each.confidence, 0) })),
+    el("p", {}, el("strong", { text: `${quantity(each.error_before_mV, 2, "mV")} → ${quantity(each.error_after_mV, 2, "mV")}` }),
+      ` on these runs, ${percent(Math.max(0, each.explained_share), 0)} of the squared error`),
+    el("p", { class: "parameters" }, Object.entries(each.parameters).map(([name, value]) => el("span", { class: "parameter", text: parameterText(name, value) }))),
+    el("p", { class: "about", text: each.explanation.replaceAll("+-", "±") }), rivals, evidence(each.evidence), el("div", { class: "form-end" }, button, addNote ? el("span", { class: "about", text: addNote }) : null));
+}
+
+function evidence(facts) {
+  const rows = Object.entries(facts ?? {}).filter(([, value]) => Number.isFinite(value));
+  if (!rows.length) return null;
+  return el("details", { class: "more" }, el("summary", { text: "Evidence" }), el("dl", { class: "facts" }, rows.map(([name, value]) =>
+    el("div", {}, el("dt", { text: name.replace(/_mV$/, " / mV").replace(/_K$/, " / K").replaceAll("_", " ") }), el("dd", { class: "number", text: fixed(value, Math.abs(value) < 10 ? 3 : 1) })))));
+}
+
+function leftChart(findings, titleOf, floor, keep) {
+  const plot = el("div", { class: "plot tall", role: "img", "aria-label": "Error as it is and with each finding" });
+  requestAnimationFrame(() => {
+    if (plot.isConnected) keep(errorLeft(plot, findings[0].error_before_mV, findings.slice(0, 4).map((each) => ({ label: titleOf(each.effect), after: each.error_after_mV })), floor));
+  });
+  return el("div", { class: "left-box" }, el("h4", { text: "What would be left" }), plot);
+}
+
+function experiment(next, titleOf, play) {
+  const range = ([low, high], digits, unit, scale = 1) => `${fixed(low * scale, digits)} to ${fixed(high * scale, digits)} ${unit}`;
+  const within = [next.limits?.current_A && range(next.limits.current_A, 1, "A"), next.limits?.soc && `SoC ${range(next.limits.soc, 0, "%", 100)}`].filter(Boolean).join(", ");
+  return el("div", { class: "notice", data: { tone: "active" } }, el("strong", { text: `Next experiment: a run that tells ${(next.rivals ?? []).map(titleOf).join(" from ")}` }),
+    el("span", { text: `${duration(next.duration_s)} of test time${within ? `, within ${within}` : ""}.` }), play ? play(next) : null);
+}
