@@ -42,7 +42,7 @@ from simulators.catalogue import cell_type
 
 DT_S, INITIAL_SOC = 1.0, 0.5
 C_RATES, SOC = (-2.0, 1.0), (0.1, 0.9)
-LEVELS = (0.2, 0.4, 0.6, 0.8)
+LEVELS = tuple(np.linspace(0.15, 0.85, 8).round(3).tolist())
 _PRE_TEST_S = 14_000.0
 _DRIVE_S, _DRIVE_SOC = 5000.0, 0.5
 SIX = Structure(

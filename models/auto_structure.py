@@ -148,6 +148,11 @@ class Offer:
     longest_s: float
     hysteresis_rates: tuple[tuple[float, ...], ...]
 
+    @property
+    def warm(self) -> bool:
+        """Whether the temperature varies enough to show what it does."""
+        return self.temperature_range_K >= _TEMPERATURE_RANGE_K
+
 
 def find_offer(bank: SignalBank) -> Offer:
     """Find out which terms the runs can tell from the open-circuit curve."""
@@ -178,7 +183,7 @@ def share_of_soc(bank: SignalBank, name: str) -> float:
 
 def first_candidate(capacity_Ah: float, offer: Offer) -> AutoCandidate:
     """Where the search begins: with what nearly every lithium-ion cell shows; the data may take it away again."""
-    warm = offer.temperature_range_K >= _TEMPERATURE_RANGE_K
+    warm = offer.warm
     return AutoCandidate(
         capacity_Ah,
         time_constants_s=_up_to(offer.longest_s)[0],
@@ -197,7 +202,7 @@ def alternatives(best: AutoCandidate, offer: Offer, stage: int) -> list[AutoCand
     offer : what the training runs can tell apart
     stage : number of the stage
     """
-    warm = offer.temperature_range_K >= _TEMPERATURE_RANGE_K
+    warm = offer.warm
     surface_K = _SURFACE_ACTIVATION_K if warm else (0.0,)
     parts = (0, 2, 3) if warm else (0,)
     stages = (

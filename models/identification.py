@@ -13,17 +13,20 @@ from models.comparison import RunComparison, simulate_runs
 from models.errors import ModelError
 from models.excitation import check_excitation, check_known_from_start, check_series, fit_reservations
 from models.held_out_uncertainty import fit_uncertainty
+from models.lineage import document_sha256, with_version
 from models.local_model_network import LocalModelNetwork
 from models.metrics import Metrics, metrics, noise_floor_V
+from models.output_error import normal_equations
 from models.readouts import read_out
 from models.refinement import refined_theta
 from models.regression import CellContext
 from models.resampling import GridRun, to_grid, typical_interval_s
 from models.residual_statistics import residual_statistics
 from models.signals import soc_by_counting
+from models.stored_sums import StoredSums
 from models.structure import Structure
-from models.structure_search import Choice, Progress, Search
-from models.timeseries import TimeSeries
+from models.structure_search import Choice, Fitted, Progress, Search
+from models.timeseries import FloatArray, TimeSeries
 
 STRUCTURES = ("full", "minimal", "auto")
 
@@ -62,6 +65,7 @@ def fit_network(
     validate_soc: list[float] | None = None,
     dt_s: float | None = None,
     progress: Progress | None = None,
+    code_version: str = "unknown",
 ) -> FitResult:
     """Identify a local model network.
 
@@ -74,6 +78,7 @@ def fit_network(
     initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
     dt_s : sampling time; by default the typical interval of the training runs
     progress : called with a share 0..1 and a short text
+    code_version : of the program, for the record
 
     Returns
     -------
@@ -132,6 +137,16 @@ def fit_network(
     floors = [noise_floor_V(run.voltage_V, run.current_A) for run in grid]
     known = [floor for floor in floors if np.isfinite(floor)]
     record["noise_floor_mV"] = 1e3 * float(np.median(known)) if known else None
+    record["sums"] = _sums(fitted, refined.theta).to_json()
+    network = with_version(
+        network,
+        "fit",
+        train,
+        settings={"structure": fitted.structure.name, "capacity_Ah": capacity_Ah, "dt_s": step_s},
+        errors={"train": train_all, "validation": validation_all},
+        code_version=code_version,
+        sums_sha256=document_sha256(record["sums"]),
+    )
     report(1.0, "done")
     return FitResult(
         network=network,
@@ -143,6 +158,16 @@ def fit_network(
         n_samples=n_samples,
         seconds=time.perf_counter() - started,
     )
+
+
+def _sums(fitted: Fitted, theta: FloatArray) -> StoredSums:
+    """What the training runs say of the parameters, for a later fit to new runs alone."""
+    if fitted.structure.output_order == 0:
+        xx, xy, yy = fitted.sums.xx.sum(axis=0), fitted.sums.xy.sum(axis=0), float(fitted.sums.yy.sum())
+        b = theta.ravel()
+        return StoredSums(xx, float(fitted.sums.count.sum()), max(float(yy - 2.0 * b @ xy + b @ xx @ b), 0.0))
+    equations = normal_equations(theta, fitted.structure.output_order, fitted.partition, fitted.data)
+    return StoredSums(equations.information, equations.weight, equations.squared_error)
 
 
 def _chosen(search: Search, structure: str | Structure) -> Choice:

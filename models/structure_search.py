@@ -166,7 +166,7 @@ class Search:
                 stage += 1
             if best == before:
                 break
-        return self._from_circuit(best, offer.temperature_range_K >= 3.0)
+        return self._from_circuit(best, offer.warm)
 
     def _from_circuit(self, best: AutoCandidate, warm: bool) -> AutoCandidate:
         """Search once more from an equivalent circuit's terms; the better of both ends."""
@@ -240,17 +240,25 @@ class Search:
             self.progress(share_done, f"trying {candidate}")
             errors[candidate] = self._held_out_error(candidate, current)
         best = min(errors, key=errors.__getitem__)
-        return best if errors[best] < errors[current] * (1.0 - _WORTH) else current
+        if not errors[best] < errors[current] * (1.0 - _WORTH):
+            return current
+        # What it was compared with were the penalties of its predecessor; its neighbours start from its own.
+        self._judge(best, None)
+        return best
+
+    def _judge(self, candidate: Choice, start: tuple[float, ...] | None) -> Fitted:
+        """Fit to fewer samples; note the held-out error and the penalties."""
+        n_samples = sum(len(run) for run in self.runs)
+        found = self._fitted(candidate, max(1, n_samples // _SEARCH_SAMPLES), start)
+        self._known[candidate] = min(found.held_out_rmse_V, self._known.get(candidate, np.inf))
+        self._strengths[candidate] = found.fit.log_strengths
+        return found
 
     def _held_out_error(self, candidate: Choice, current: Choice) -> float:
         """Free-run RMSE in V on held-out samples."""
         if candidate not in self._known:
-            n_samples = sum(len(run) for run in self.runs)
-            keep_every = max(1, n_samples // _SEARCH_SAMPLES)
             # The penalties that served the present choice serve its neighbours, or nearly so.
-            found = self._fitted(candidate, keep_every, self._strengths.get(current))
-            self._known[candidate] = found.held_out_rmse_V
-            self._strengths[candidate] = found.fit.log_strengths
+            found = self._judge(candidate, self._strengths.get(current))
             row = {"n_models_built": found.partition.n_models, "held_out_rmse_mV": 1e3 * found.held_out_rmse_V}
             self.table.append(candidate.to_json() | row)
         return self._known[candidate]

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,7 @@ def fit(
         initial_soc=[run.initial_soc for run in train],
         validate_soc=[run.initial_soc for run in validate] or None,
         progress=report,
+        code_version=version("bench-service"),
     )
     metrics = {
         "structure": structure,

@@ -32,7 +32,7 @@ _CONDITIONING_SHARE = 0.5
 _CONDITIONING_CYCLES = 2
 
 # The largest mean current that a block is given to carry the charge on with, of the limits'.
-_CARRY_SHARE = 0.3
+_CARRY_SHARE = 0.4
 
 # Currents of a block from the state of charge that it begins at, its number, and by how much it is to move the charge.
 BlockDesigner = Callable[[float, int, float], FloatArray]

@@ -78,7 +78,7 @@ def compare_samples(memory: Memory, runs: Samples, effects: list[Effect]) -> Com
     columns = {effect.name: runs.regressors(effect) for effect in effects}
     both = np.hstack([runs.own_regressors(memory.reference), *columns.values()])
     part = memory.part(effects)
-    error = runs.error_V - both @ memory.moved[part]
+    error = runs.error_V - both @ memory.moved(part)
     evidence = Evidence(error, both, memory.information[np.ix_(part, part)], runs.blocks)
     return Comparison(runs, tuple(effects), columns, evidence, memory.own_mse, memory.noise_mse)
 

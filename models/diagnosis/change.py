@@ -19,6 +19,8 @@ from models.timeseries import FloatArray
 
 # An effect on the SoC that explains this share of the best decides which samples are looked at.
 _MOVER_SHARE, _LEAST_BEYOND_SHARE = 0.3, 0.002
+# Share of the squared error of the temperature that may remain with the power of a leak.
+_LEAK_EXPLAINS = 0.2
 # Least share of the squared error of the temperature that an effect on it must explain: ageing alone reaches 0.90.
 _WARMTH_SHARE = 0.95
 _LEAST_WARMTH_K = 0.3
@@ -63,6 +65,8 @@ def analyse_change(memory: Memory, runs: list[GridRun], soc: list[float], effect
         cold = [0.0 * part for part in heatless]
         again = _named_warmth(compare_temperature(reference, memory.balance, runs, soc, effects, cold))
         warmth = warmth if again is not None and again.effect is warmth.effect else None
+    if warmth is not None and ranking is not None and _leak_warms(memory, ranking, thermal, runs, soc, effects):
+        warmth = None
     if warmth is not None and warmth.effect.name == "temperature_sensor":
         comparison, ranking = _voltage(memory, [_true_temperature(run, warmth) for run in runs], soc, effects)
     if warmth is not None and ranking is not None and _entropic(ranking) and warmth.effect.name == "reversible_heat":
@@ -119,6 +123,26 @@ def _heatless_V(reference: Reference, ranking: Ranking | None, run: GridRun, ini
     if named.effect.overpotential:
         return np.zeros(len(run))
     return contribution_V(reference, named, run, initial_soc)
+
+
+def _leak_warms(
+    memory: Memory,
+    ranking: Ranking,
+    thermal: ThermalComparison | None,
+    runs: list[GridRun],
+    soc: list[float],
+    effects: list[Effect],
+) -> bool:
+    """Whether the temperature is explained by the power of a leak that the voltage shows."""
+    named = ranking.candidates[0]
+    if thermal is None or not ranking.significant or "self_discharge" not in (named.effect.name, named.effect.twin):
+        return False
+    leak_A, reference = named.value or 0.0, memory.reference
+    counted = [s + run.charge_Ah / reference.capacity_Ah for run, s in zip(runs, soc, strict=True)]
+    power = [leak_A * reference.open_circuit_V(each) for each in counted]
+    still = [np.zeros(len(run)) for run in runs]
+    warm = compare_temperature(reference, memory.balance, runs, soc, effects, still, power)
+    return warm is not None and warm.mse_K2 <= _LEAK_EXPLAINS * thermal.mse_K2
 
 
 def _entropic(ranking: Ranking) -> bool:

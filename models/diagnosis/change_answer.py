@@ -39,7 +39,8 @@ def change_answer(analysis: ChangeAnalysis, record: Record, started: float, has_
     first = electric + warm if ranking is not None and ranking.ratio >= _LARGE_RATIO else warm + electric
     findings = [replace(each, rank=number + 1) for number, each in enumerate(first)]
     rivals = ranking.rivals if ranking is not None and named and first[0] is electric[0] else ()
-    unknown = ranking is not None and ranking.unknown and not findings
+    # Runs that lie wholly outside the trained domain are not "nothing missing": nothing is known of them.
+    unknown = (ranking is None or ranking.unknown) and not findings
     request = None
     if rivals and ranking is not None:
         pair = (ranking.candidates[0].effect.name, rivals[0])

@@ -93,7 +93,8 @@ def network_memory(network: LocalModelNetwork, record: Record) -> Memory:
     trained_mV = float(network.record.get("train", {}).get("rmse_mV", 0.0))
     own_mse = max(memory.own_mse, (1e-3 * floor_mV) ** 2, (1e-3 * trained_mV) ** 2)
     noise_mse = min((1e-3 * floor_mV) ** 2, own_mse)
-    return replace(memory, information=_TRUST * memory.information, own_mse=own_mse, noise_mse=noise_mse)
+    scaled = {"information": _TRUST * memory.information, "right": _TRUST * memory.right}
+    return replace(memory, **scaled, own_mse=own_mse, noise_mse=noise_mse)
 
 
 def memory_of(runs: list[GridRun], soc: list[float], capacity_Ah: float) -> Memory:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,7 @@ class Memory:
     reference : model fitted to them
     names, sizes : effects that they can show, and the number of each one's regressors
     information : (p + k, p + k) of the model's and the effects' coefficients, for a noise of 1 V^2
-    moved : (p + k,) coefficients that fit what the model leaves, the effects' included
+    right : (p + k,) products of the regressors and what the model leaves
     own_mse : mean squared error that remains then, V^2
     noise_mse : of the measurement alone, V^2
     balance : of the heat; None where it cannot be known
@@ -43,10 +43,16 @@ class Memory:
     names: tuple[str, ...]
     sizes: tuple[int, ...]
     information: FloatArray
-    moved: FloatArray
+    right: FloatArray
     own_mse: float
     noise_mse: float
     balance: HeatBalance | None
+
+    def moved(self, part: np.ndarray) -> FloatArray:
+        """Coefficients that fit what the model leaves of the training runs, with some of the effects only."""
+        information = self.information[np.ix_(part, part)]
+        scale = np.sqrt(np.diag(information))
+        return np.linalg.solve(information / np.outer(scale, scale), self.right[part] / scale) / scale
 
     def part(self, effects: list[Effect]) -> np.ndarray:
         """Places of the model's coefficients and of those of some effects, in the order of `names`."""
@@ -80,7 +86,7 @@ class Memory:
             "names": list(self.names),
             "sizes": list(self.sizes),
             "information": [float(f"{each:.{_DIGITS}g}") for each in upper],
-            "moved": self.moved.tolist(),
+            "right": self.right.tolist(),
             "own_mse": self.own_mse,
             "noise_mse": self.noise_mse,
             "balance": None if self.balance is None else asdict(self.balance),
@@ -110,14 +116,14 @@ class Memory:
             information = np.zeros((total, total))
             information[np.triu_indices(total)] = document["information"]
             information += np.triu(information, 1).T
-            moved = np.array(document["moved"], dtype=np.float64)
+            right = np.array(document["right"], dtype=np.float64)
             balance = None if document["balance"] is None else HeatBalance(**document["balance"])
             figures = (float(document["own_mse"]), float(document["noise_mse"]))
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise ModelError(f"diagnosis memory is damaged: {error!r}; fit the model again") from None
-        if len(coefficients) != layout.size or len(moved) != total or len(names) != len(sizes):
+        if len(coefficients) != layout.size or len(right) != total or len(names) != len(sizes):
             raise ModelError("diagnosis memory is damaged: its sizes do not fit; fit the model again")
-        return cls(reference, names, sizes, information, moved, *figures, balance)
+        return cls(reference, names, sizes, information, right, *figures, balance)
 
 
 def remember(reference: Reference, train: list[GridRun], train_soc: list[float], effects: list[Effect]) -> Memory:
@@ -140,19 +146,12 @@ def remember(reference: Reference, train: list[GridRun], train_soc: list[float],
     information[added, added] += _COLUMN_RIDGE * (extended[:, p:] ** 2).sum(axis=0) + 1e-12
     right = extended.T @ error
     right[:p] -= len(error) * (reference.penalty @ reference.coefficients)
-    scale = np.sqrt(np.diag(information))
-    moved = np.linalg.solve(information / np.outer(scale, scale), right / scale) / scale
-    own_mse = float(np.mean((error - extended @ moved) ** 2))
-    return Memory(
-        reference,
-        tuple(effect.name for effect in usable),
-        tuple(column.shape[1] for column in columns),
-        information,
-        moved,
-        own_mse,
-        min(noise_mse(samples), own_mse),
-        fit_heat_balance(reference, train, train_soc),
+    names, sizes = tuple(effect.name for effect in usable), tuple(column.shape[1] for column in columns)
+    memory = Memory(
+        reference, names, sizes, information, right, 0.0, 0.0, fit_heat_balance(reference, train, train_soc)
     )
+    own_mse = float(np.mean((error - extended @ memory.moved(np.arange(len(right)))) ** 2))
+    return replace(memory, own_mse=own_mse, noise_mse=min(noise_mse(samples), own_mse))
 
 
 def noise_mse(samples: Samples) -> float:

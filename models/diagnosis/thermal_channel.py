@@ -64,6 +64,7 @@ def compare_temperature(
     soc: list[float],
     effects: list[Effect],
     heatless_V: list[FloatArray],
+    further_W: list[FloatArray] | None = None,
 ) -> ThermalComparison | None:
     """Try every effect on the temperature.
 
@@ -74,6 +75,7 @@ def compare_temperature(
     runs, soc : to be diagnosed, with their SoC at the start
     effects : to be tried
     heatless_V : (n,) for each run, part of its voltage that warms nothing: a shifted curve, an offset
+    further_W : (n,) for each run, heat that the terminals do not show
 
     Returns
     -------
@@ -90,6 +92,8 @@ def compare_temperature(
         )
         for run, s, part in zip(runs, soc, heatless_V, strict=True)
     )
+    if further_W is not None:
+        views = tuple(replace(v, heat_W=v.heat_W + more) for v, more in zip(views, further_W, strict=True))
     mse = float(np.mean(np.concatenate([view.temperature_degC - view.simulated() for view in views]) ** 2))
     trials = [_try(views, effect, effect.warmth) for effect in effects if effect.warmth is not None]
     return ThermalComparison(views, balance.mse_K2, mse, tuple(sorted(trials, key=lambda trial: trial.mse_K2)))

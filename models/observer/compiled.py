@@ -40,7 +40,7 @@ START_UP_RATIO = 1.5
 # variance, as long as the result is narrower than this standard deviation.
 _LEAST_WEIGHT = 1e-5
 # The model's error is never quite as assumed; a likelihood raised to this power keeps hypotheses for longer.
-_TRUST = 1.0
+_TRUST = 0.5
 _MERGE_SHARE = 0.6
 _WIDEST_STD = 0.02
 

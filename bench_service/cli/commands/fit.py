@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from argparse import ArgumentParser, Namespace
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +60,7 @@ def _run(options: Namespace, output: Output) -> int:
             initial_soc=soc[: len(train)],
             validate_soc=soc[len(train) :],
             progress=report,
+            code_version=version("bench-service"),
         )
     write_document(options.out, fitted.network.to_json())
     low, high = fitted.network.record["domain"]["soc"]
@@ -77,6 +79,7 @@ def _run(options: Namespace, output: Output) -> int:
         "validation": fitted.validation,
         "runs": {"train": fitted.train_runs, "validation": fitted.validation_runs},
         "readouts": summary(fitted.network),
+        "reservations": fitted.network.record["reservations"],
     }
     output.result(answer, lambda console: _show(console, answer))
     return 0
@@ -89,6 +92,8 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
             console.print(metrics_table(title, [*rows, ("all", answer[part])]))
     for line in readout_lines(answer["readouts"]):
         console.print(line)
+    for text in answer["reservations"]:
+        console.print(f"note: {text}")
     console.print(
         f"{answer['structure']} structure, {answer['n_local_models']} local models, {answer['n_samples']} training "
         f"samples, {answer['seconds']:.1f} s; wrote {answer['model']}"

@@ -6,7 +6,8 @@ import pytest
 from models.errors import ModelError
 from models.lineage import chain, document_sha256, run_sha256, version_of
 from models.local_model_network import LocalModelNetwork
-from models.refit import StoredSums, refit, stored_sums
+from models.refit import refit, stored_sums
+from models.stored_sums import StoredSums
 from models.regression import CellContext
 from models.resampling import to_grid
 from models.structure_search import AutoCandidate, Candidate, Search

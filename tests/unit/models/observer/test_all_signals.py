@@ -49,8 +49,8 @@ def test_observer_without_voltage_equals_the_free_run(order: int) -> None:
     voltage = np.full(len(run), np.nan)
     voltage[: max(order, 1)] = simulated[: max(order, 1)]
     observer = FuzzyObserver(network)
-    state, _ = observer.step(observer.initial(0.6), run.current_A[0], voltage[0], run.temperature_degC[0])
-    state.x[:order] = 0.0 if order == 0 else (simulated[0] - scaling["voltage"][0]) / np.diff(scaling["voltage"])[0]
+    state, _ = observer.step(observer.initial(0.6, 0.01), run.current_A[0], voltage[0], run.temperature_degC[0])
+    state.x[0, :order] = (simulated[0] - scaling["voltage"][0]) / np.diff(scaling["voltage"])[0]
     _, rows = observer.replay(state, run.current_A[1:], np.full(len(run) - 1, np.nan), run.temperature_degC[1:])
     # The influence of the start has died out with 0.3^k (n = 1) or with poles below 0.72 (n = 2).
     np.testing.assert_allclose(rows[80:, 2], simulated[81:], atol=1e-8)

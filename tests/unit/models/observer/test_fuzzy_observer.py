@@ -1,12 +1,10 @@
 import numpy as np
 import pytest
-from scipy.linalg import solve_discrete_are
 
 from models.errors import ModelError
 from models.identification import fit_network
 from models.observer import FuzzyObserver, ObserverSettings
 from models.observer.accuracy import soc_figures
-from models.observer.gains import state_matrices, steady_state_gains
 from models.resampling import to_grid
 from tests.unit.models import synthetic
 
@@ -39,13 +37,14 @@ def test_without_voltage_it_counts_charge_and_follows_the_free_run(observer: Fuz
     run = synthetic.run(1500, seed=7)
     voltage = np.full(len(run), np.nan)
     voltage[0] = run.voltage_V[0]
-    _, rows = observer.replay(observer.initial(0.6), run.current_A, voltage, run.temperature_degC)
+    # A start that is known this well is not moved by the one measured value.
+    _, rows = observer.replay(observer.initial(0.6, 1e-9), run.current_A, voltage, run.temperature_degC)
     assert run.soc_ref is not None
     np.testing.assert_allclose(rows[:, 0], run.soc_ref, atol=1e-9)
     simulated = observer.network.free_run_V(to_grid(run, 1.0), 0.6)
     order = observer.network.structure.output_order
     np.testing.assert_allclose(rows[order:, 2], simulated[order:], atol=2e-3)
-    assert rows[-1, 1] > rows[10, 1]
+    assert rows[-1, 1] > 10.0 * rows[10, 1]
 
 
 @pytest.mark.parametrize("offset", [-0.2, 0.2])
@@ -75,21 +74,6 @@ def test_the_estimate_stays_near_empty_and_full_whatever_is_measured(observer: F
         arrays = (np.full(n, current), np.full(n, voltage), np.full(n, 25.0))
         _, rows = observer.replay(observer.initial(0.5), *arrays)
         assert rows[:, 0].min() >= -0.051 and rows[:, 0].max() <= 1.051
-
-
-def test_gains_solve_the_riccati_equation(observer: FuzzyObserver) -> None:
-    matrices = state_matrices(observer.network)
-    q_y, q_soc, r = 1e-6, 1e-10, 1e-5
-    gains = steady_state_gains(matrices, q_y, q_soc, r)
-    size = matrices.shape[1]
-    process = np.zeros((size, size))
-    process[0, 0], process[-1, -1] = q_y, q_soc
-    c = np.eye(1, size)
-    for matrix, gain in zip(matrices, gains, strict=True):
-        p = solve_discrete_are(matrix.T, c.T, process, np.array([[r]]))
-        np.testing.assert_allclose(gain[:size], (p @ c.T / (c @ p @ c.T + r))[:, 0], rtol=1e-9)
-        # The error of the filter must die out: eigenvalues of (I - K C) A inside the unit circle.
-        assert np.abs(np.linalg.eigvals((np.eye(size) - np.outer(gain[:size], c[0])) @ matrix)).max() < 1.0
 
 
 @pytest.mark.parametrize("bad", [{"voltage_std_V": 0.0}, {"voltage_std_V": float("nan")}, {"nonsense": 1.0}])
