@@ -8,9 +8,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
+from bench_service.bench.limits import Limits
 from bench_service.campaign.modelling import Modelling
-from bench_service.errors import BadRequestError, NotFoundError
-from bench_service.jobs.diagnosing import add_effect_to, diagnose_runs, map_errors
+from bench_service.errors import BadRequestError, ConflictError, NotFoundError
+from bench_service.jobs.diagnosing import add_effect_to, design_between, diagnose_runs, map_errors
 from bench_service.jobs.modelling import RunInput
 from bench_service.jobs.runner import Job, JobRunner
 from bench_service.store.metadata import MetadataStore
@@ -116,6 +119,39 @@ class Diagnosing:
 
         return self._jobs.submit(
             "add-effect", add_effect_to, self._data_dir, document, effect, train, validate, store=keep
+        )
+
+    async def start_experiment(self, diagnosis_id: str, limits: Limits, standing_soc: float) -> Job:
+        """Queue the design of the profile that tells a diagnosis' rivals apart on a bench.
+
+        The job's result is ``{"profile_id", "name", "initial_soc", "dt_s", "figures"}``.
+
+        Parameters
+        ----------
+        diagnosis_id : str
+        limits : Limits
+            Of the bench; those of the request are narrowed to them.
+        standing_soc : float
+            Where the cell on the bench stands.
+
+        Raises
+        ------
+        NotFoundError, ConflictError, BadRequestError
+            No such diagnosis, it asks for no experiment, or its runs cannot be used.
+        """
+        document, request, train, runs = await asyncio.to_thread(
+            self._experiment_inputs, diagnosis_id, limits, standing_soc
+        )
+        name = f"{' or '.join(request['rivals'])}?"
+
+        def keep(result: Json) -> Json:
+            points = np.array(result["time_s"]), np.array(result["current_A"])
+            record = self._store.add_profile(name, *points)
+            settled = {key: request[key] for key in ("initial_soc", "dt_s")}
+            return {"profile_id": record.id, "name": name} | settled | {"figures": result["figures"]}
+
+        return self._jobs.submit(
+            "experiment", design_between, self._data_dir, document, request, train, runs, store=keep
         )
 
     async def where(self, comparison_id: str) -> Json:
@@ -244,6 +280,20 @@ class Diagnosing:
         judged = self._judged_by_comparison(model)
         return [] if judged is None else judged["run_ids"]
 
+    def _experiment_inputs(
+        self, diagnosis_id: str, limits: Limits, standing_soc: float
+    ) -> tuple[Json, Json, list[RunInput], list[RunInput]]:
+        record = self._store.diagnoses.get(diagnosis_id)
+        asked = record.result.get("next_experiment")
+        if not asked:
+            raise ConflictError(f"diagnosis {diagnosis_id} leaves no rivals to be told apart", ("diagnosis",))
+        runs = self._modelling.inputs(record.run_ids, "run_ids", record.initial_soc)
+        # What has changed shows in the new runs only; what was always missing, in those that the model was made from.
+        train = runs
+        if record.mode == "structure" and record.train:
+            train = self._modelling.inputs(record.train_run_ids, "train_run_ids", None)
+        return self._store.model_document(record.model_id), on_bench(asked, limits, standing_soc), train, runs
+
     def _where_inputs(self, comparison_id: str) -> tuple[Json, list[RunInput]]:
         record = self._store.comparison(comparison_id)
         runs = self._modelling.inputs(record.run_ids, "run_ids", record.initial_soc)
@@ -268,6 +318,20 @@ def catalogue() -> list[Json]:
         }
         for each in effects().values()
     ]
+
+
+def on_bench(asked: Json, limits: Limits, soc: float) -> Json:
+    """Fit the request for an experiment to a bench: inside its limits, from where its cell stands."""
+    windows = {}
+    for name in ("current_A", "voltage_V", "soc"):
+        low, high = getattr(limits, name)
+        own = asked["limits"].get(name, (low, high))
+        windows[name] = [max(own[0], low), min(own[1], high)]
+    if limits.ramp_A_per_s is not None:
+        windows["ramp_A_per_s"] = [-limits.ramp_A_per_s, limits.ramp_A_per_s]
+    windows["soc"] = [min(windows["soc"][0], soc), max(windows["soc"][1], soc)]
+    duration_s = min(asked["duration_s"], limits.duration_s)
+    return asked | {"limits": windows, "initial_soc": soc, "duration_s": duration_s}
 
 
 def _check_apart(run_ids: Sequence[str], others: set[str], field: str, what: str) -> None:

@@ -83,7 +83,7 @@ def complete(
         Something is needed that neither client nor configuration nor an earlier run gives.
     """
     wanted = {key: value for key, value in given.items() if value is not None}
-    standing = _standing(bench, wanted, last)
+    standing = known_standing(bench, wanted.get("initial_soc"), last)
     capacity_Ah = wanted.get("capacity_Ah", bench.config.capacity_Ah)
     low_A, high_A = bench.limits.current_A
     defaults = {
@@ -107,13 +107,21 @@ def _duration_s(stated: dict[str, Any]) -> float:
     (low, high), (low_A, high_A) = stated["soc"], stated["current_A"]
     if not low_A < 0 < high_A:
         return _SHORTEST_S  # no plan at all: refused with its own reason
-    way_Ah = (2.0 * (high - low) + high - stated["initial_soc"]) * stated["capacity_Ah"]
+    start = min(stated["initial_soc"], stated.get("changed_initial_soc", high))
+    way_Ah = (2.0 * (high - low) + high - start) * stated["capacity_Ah"]
     return max(_SHORTEST_S, float(round(_TIME_RATIO * 3600.0 * way_Ah / min(-low_A, high_A))))
 
 
-def _standing(bench: Bench, wanted: dict[str, Any], last: Standing | None) -> Standing:
-    if "initial_soc" in wanted:
-        return Standing(float(wanted["initial_soc"]), "the request")
+def known_standing(bench: Bench, stated_soc: float | None, last: Standing | None) -> Standing:
+    """Where the cell on a bench stands: as a client says, as its last run has left it, or as it is simulated.
+
+    Raises
+    ------
+    BadRequestError
+        Nobody knows.
+    """
+    if stated_soc is not None:
+        return Standing(float(stated_soc), "the request")
     return last or standing_of(bench)
 
 
