@@ -8,7 +8,7 @@ import json
 import sys
 import time
 
-import casadi as ca
+import casadi as ca  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 _STEPS = 40

@@ -99,8 +99,7 @@ def pybamm(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
         if arguments.cases and folder.name not in arguments.cases:
             continue
         capacity_Ah = json.loads((folder / "meta.json").read_text())["capacity_Ah"]
-        (train,) = _read(folder, ("base_ident*",))
-        result = fit_network([train], capacity_Ah=capacity_Ah, structure="auto")
+        result = fit_network(_read(folder, ("base_ident*",)), capacity_Ah=capacity_Ah, structure="auto")
         yield {
             "case": folder.name,
             "train_rmse_mV": result.train["rmse_mV"],
@@ -115,13 +114,14 @@ def _inside(network: LocalModelNetwork, folder: Path) -> dict[str, float]:
     """Error on the second record inside the trained ranges; NaN where the case has none."""
     if not list(folder.glob("base_valid*")):
         return {"inside_rmse_mV": float("nan"), "outside_share": float("nan")}
-    (judged,) = _read(folder, ("base_valid*",))
-    compared = simulate_runs(network, [judged], [start_soc(judged)])[0]
-    known = ~np.isnan(compared.residual_V)
-    squared = np.where(known, compared.residual_V, 0.0) ** 2
+    judged = _read(folder, ("base_valid*",))
+    compared = simulate_runs(network, judged, [start_soc(run) for run in judged])
+    error = np.concatenate([each.residual_V for each in compared])
+    inside = np.concatenate([each.inside for each in compared])[~np.isnan(error)]
+    squared = error[~np.isnan(error)] ** 2
     return {
-        "inside_rmse_mV": 1e3 * float(np.sqrt(squared[known & compared.inside].mean())),
-        "outside_share": float(1.0 - compared.inside[known].mean()),
+        "inside_rmse_mV": 1e3 * float(np.sqrt(squared[inside].mean())),
+        "outside_share": float(1.0 - inside.mean()),
     }
 
 

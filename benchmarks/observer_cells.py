@@ -68,7 +68,9 @@ def random_case(cell: str, seed: int, duration_s: float = 7200.0, sensors: Senso
     initial_soc = float(rng.uniform(0.2, 0.9))
     n = round(duration_s / DT_S) + 1
     current = load_A(n, capacity_Ah, initial_soc, rng)
-    series = play(cell, current, chamber_degC(n, rng), initial_soc, rng, sensors or SensorParameters(), f"{cell} {seed}")
+    series = play(
+        cell, current, chamber_degC(n, rng), initial_soc, rng, sensors or SensorParameters(), f"{cell} {seed}"
+    )
     return Case(series, initial_soc)
 
 

@@ -43,13 +43,16 @@ class SignalName:
 
 @dataclass(frozen=True, slots=True)
 class Flag:
-    """A bit of the status: set while the signal's raw value is one of `values` (empty: any but zero)."""
+    """A flag of the status: a bit of a signal's raw value, or set while that is one of `values` (none: not zero)."""
 
     name: SignalName
     values: frozenset[int] = frozenset()
+    bit: int | None = None
 
     def is_set(self, raw: float) -> bool:
         """Whether a raw value means that the flag is set."""
+        if self.bit is not None:
+            return bool(int(raw) >> self.bit & 1)
         return raw in self.values if self.values else raw != 0
 
 

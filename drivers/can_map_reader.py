@@ -175,7 +175,10 @@ def _flag(table: Table, key: str, value: Any) -> Flag:
     if isinstance(value, str):
         return Flag(_parsed(table, key, value))
     inner = Table(table.file, f"{table.key}.{key}", value)
-    flag = Flag(_signal(inner, "signal"), frozenset(inner.integers("is", 0, (1 << 64) - 1)))
+    values, bit = inner.integers("is", 0, (1 << 64) - 1, []), inner.integer("bit", 0, 63, None)
+    if bool(values) == (bit is not None):
+        inner.fail("is", "give either the raw values of the flag in 'is', or its 'bit'")
+    flag = Flag(_signal(inner, "signal"), frozenset(values), bit)
     inner.finish()
     return flag
 

@@ -130,7 +130,8 @@ def _can() -> dict[str, Any]:
     length = _whole(1, 64)
     send = {"send": _TEXT, "values": _table_of(_EXPRESSION), "length": length}
     view = _object(("message", "where"), message=_TEXT, where=_table_of({"type": "integer"}), length=length)
-    flag = {"anyOf": [_SIGNAL, _object(("signal", "is"), **{"signal": _SIGNAL, "is": _list({"type": "integer"})})]}
+    chosen = _object(("signal",), **{"signal": _SIGNAL, "is": _list({"type": "integer"}), "bit": _whole(0, 63)})
+    flag = {"anyOf": [_SIGNAL, chosen]}
     role = _object(("signal",), signal=_SIGNAL, scale=_EXPRESSION, invalid=_list(_NUMBER), negative=flag)
     arguments = dict.fromkeys(sorted(ARGUMENTS), {"type": ["number", "boolean"]})
     return _object(

@@ -64,7 +64,7 @@ class SamplePlan:
             monotonic_s,
             _whole(sequence, count),
             float(voltage),
-            -float(current) if self._negative in names[0] else float(current),
+            0.0 - float(current) if self._negative in names[0] else float(current),
             float(temperature),
             float(ambient),
             float(in_force),

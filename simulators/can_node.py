@@ -28,6 +28,7 @@ _OTHER_NAMES = {
     "low_side_voltage": frozenset(("over_voltage", "under_voltage")),
     "low_side_current": frozenset(("over_current",)),
     "communication": frozenset(("watchdog", "client_gone")),
+    "over_current": frozenset(("over_current",)),
     "temperature": frozenset(("over_temperature", "under_temperature")),
 }
 Answer = list[tuple[str, bytes]]
@@ -227,7 +228,8 @@ class CanDevice:
         for flags, names in ((self.map.status, status), (self.map.alarms, self.cycler.alarms)):
             for flag, where in flags.items():
                 if where.name.message == name and (flag in names or _OTHER_NAMES.get(flag, frozenset()) & names):
-                    raws[where.name.signal] = min(where.values, default=1)
+                    signal, before = where.name.signal, int(raws.get(where.name.signal, 0.0))
+                    raws[signal] = min(where.values, default=1) if where.bit is None else before | 1 << where.bit
         return layout.encode_raw(raws)
 
     def _held(self, name: str) -> dict[str, float]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.observer.accuracy import soc_figures
+from models.observer.health import alarms_of, watch
 from models.resampling import to_grid
 from models.timeseries import FloatArray
 
@@ -25,6 +26,9 @@ class Observation:
     ----------
     figures : `soc_rmse`, `soc_max_error`, `soc_end_error`, `converged_after_s`, `coverage_95`; None without reference
     seconds : time the replay took
+    alarms : what was wrong on the way, in words
+    sensors : `current_offset_A` and `capacity_Ah` at the end with their standard deviation; None where the run cannot
+        tell them
     """
 
     name: str
@@ -35,6 +39,8 @@ class Observation:
     innovation_V: FloatArray
     figures: dict[str, float | None]
     seconds: float
+    alarms: list[str]
+    sensors: dict[str, dict[str, float] | None]
 
 
 def observe(observer: FuzzyObserver, run: TimeSeries, soc: float, soc_std: float | None) -> Observation:
@@ -56,4 +62,15 @@ def observe(observer: FuzzyObserver, run: TimeSeries, soc: float, soc_std: float
     _, rows = observer.replay(state, *arrays)
     seconds = time.perf_counter() - started
     figures = soc_figures(grid.time_s, rows[:, 0], rows[:, 1], grid.soc_ref)
-    return Observation(run.name, grid.time_s, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], figures, seconds)
+    return Observation(
+        run.name,
+        grid.time_s,
+        rows[:, 0],
+        rows[:, 1],
+        rows[:, 2],
+        rows[:, 3],
+        figures,
+        seconds,
+        alarms_of(watch(rows, grid.voltage_V)),
+        observer.told_sensors(rows[-1]),
+    )

@@ -35,7 +35,7 @@ from simulators.serial_line import SerialSettings
 from tests.protocol.rigs import TRANSPORTS
 
 LIMITS = Limits((2.5, 4.2), (-6.0, 6.0), (0.0, 45.0), (0.0, 1.0), None, 100.0)
-TIMEOUT_S = 0.08
+TIMEOUT_S = 0.12
 DT_S, TICKS, HOLD = 0.1, 40, 5  # 4 s of pulses, a new set-point every half second
 WALL_DT_S = 0.05
 WATCHDOG_S = 0.4

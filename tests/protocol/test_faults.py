@@ -16,7 +16,7 @@ WIRES = ("modbus-tcp", "modbus-rtu", "can-virtual")
 
 def script(kind):
     """The fault with the twelfth sample or, where that is what it is about, the seventh set-point."""
-    size = {"late": "=0.2", "slow": "=0.2", "short": "=0.05", "over_temperature": "=20"}.get(kind, "")
+    size = {"late": "=0.3", "slow": "=0.3", "short": "=0.05", "over_temperature": "=20"}.get(kind, "")
     return f"{kind}{size}@set_point:7" if kind in ("refused", "lost_reply") else f"{kind}{size}@sample:12"
 
 

@@ -1,4 +1,4 @@
-"""Maps of real devices against simulators that behave like them in what matters: EA PSB and Riden RD6006."""
+"""Maps of real devices against simulators that behave like them in what matters: EA, Riden, Mean Well."""
 
 import math
 import struct
@@ -8,9 +8,10 @@ import pytest
 from bench_service.bench.admission import RefusedError, _check_watchdog
 from bench_service.bench.limits import Limits
 from bench_service.bench.settings import BenchSettings
-from drivers.cycler import CyclerProtocolError, DeviceLimits, SetPointRefusedError
+from drivers.cycler import CyclerProtocolError, CyclerTimeoutError, DeviceLimits, SetPointRefusedError
 from drivers.factory import open_cycler
-from drivers.register_map import load_map
+from drivers.register_map import load_can_map, load_map
+from simulators.can_bus import CanAction
 from simulators.cycler import CyclerSettings
 from simulators.modbus_server import Action
 from tests.protocol.rigs import TIMEOUT_S, rig
@@ -42,7 +43,7 @@ async def test_a_bidirectional_supply_in_both_quadrants(transport):
             reading = await made.driver.sample()
             assert reading.current_A == pytest.approx(current_A, abs=0.01)
             assert reading.voltage_V == pytest.approx(3.7, abs=0.4)
-            assert ("sink" in reading.status) == (reading.current_A < 0.0)
+            assert current_A == 0.0 or ("sink" in reading.status) == (current_A < 0.0)
             assert math.isnan(reading.temperature_degC) and not reading.alarms
         await made.driver.safe()
         assert made.at_rest
@@ -139,7 +140,43 @@ async def test_a_probe_below_zero_is_no_temperature_above_zero():
         assert (await made.driver.sample()).temperature_degC > 60_000
 
 
+BATTERY_SUPPLY = {"map_name": "meanwell_bic2200_24", "lock_step": False}
+
+
+async def test_answers_under_one_identifier_are_told_apart_by_their_content():
+    async with rig("can-virtual", **BATTERY_SUPPLY) as made:
+        await made.running(5.0, LIMITS)
+        await made.driver.apply(-7.5)
+        assert (made.device.cycler.limits["voltage_high"], made.device.cycler.limits["voltage_low"]) == (4.25, 2.5)
+        reading = await made.driver.sample()
+        assert reading.status == {"output_on", "discharging"}
+        # The device repeats an answer to something else: none of the questions is answered.
+        made.server.on_frame = lambda name, raws: CanAction(change=lambda _, data: b"\x50\x00" + data[2:])
+        with pytest.raises(CyclerTimeoutError, match="no answer"):
+            await made.driver.sample()
+        made.server.on_frame = None
+        await made.driver.safe()
+        assert made.at_rest
+
+
+async def test_faults_are_bits_of_a_number():
+    async with rig("can-virtual", **BATTERY_SUPPLY) as made:
+        await made.running(5.0, LIMITS)
+        made.device.cycler.alarms |= {"over_current", "over_temperature"}
+        assert (await made.driver.sample()).alarms == {"over_current", "temperature"}
+
+
+async def test_a_set_value_that_is_not_taken_is_seen_by_asking_for_it():
+    async with rig("can-virtual", **BATTERY_SUPPLY) as made:
+        await made.running(5.0, LIMITS)
+        made.device.cycler.deaf = True
+        with pytest.raises(SetPointRefusedError, match="'charge_current': Value was sent as 6, the device repeats 5"):
+            await made.driver.apply(6.0)
+
+
 def test_nothing_here_has_run_on_hardware():
+    for name in ("wattrex_epc", "meanwell_bic2200_24"):
+        assert not load_can_map(name).verified_on_hardware and "not yet run on hardware" in load_can_map(name).source
     for name in ("ea_psb", "riden_rd6006"):
         found = load_map(name)
         assert not found.verified_on_hardware and "not yet run on hardware" in found.source

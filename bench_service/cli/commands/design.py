@@ -62,6 +62,12 @@ def _material(request: WrittenRequest, beside: Path, output: Output) -> Material
     """Read what the request names; names are relative to its file."""
     from models.design.answer import Material
 
+    effects = [rival for rival in request.rivals if not rival.endswith(".json")]
+    if effects:
+        raise UsageError(
+            f"rivals names {effects[0]!r}, which is no model file: make a model with each effect (bench-service "
+            "add-effect) and name the two files"
+        )
     cycle_A, cycle_dt_s = None, 1.0
     if request.load_cycle is not None:
         cycle_A, cycle_dt_s = _load_cycle(beside / request.load_cycle)

@@ -71,7 +71,7 @@ def _answer(observed: Sequence[Observation]) -> dict[str, Any]:
     known = innovation_V[~np.isnan(innovation_V)]
     n = sum(len(each.time_s) for each in observed)
     return {
-        "runs": [{"run": each.name, **each.figures} for each in observed],
+        "runs": [{"run": each.name, **each.figures, "alarms": each.alarms, **each.sensors} for each in observed],
         "innovation_rms_mV": 1e3 * float(np.sqrt(np.mean(known**2))) if len(known) else None,
         "us_per_step": 1e6 * sum(each.seconds for each in observed) / n,
     }
@@ -100,6 +100,9 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
         cells = ["-" if each[key] is None else f"{scale * each[key]:.2f}" for key, _, scale in _FIGURES]
         table.add_row(each["run"], *cells)
     console.print(table)
+    for each in answer["runs"]:
+        for alarm in each["alarms"]:
+            console.print(f"{each['run']}: {alarm}")
     if answer["innovation_rms_mV"] is not None:
         console.print(f"innovation: {answer['innovation_rms_mV']:.2f} mV RMS")
     console.print(f"{answer['us_per_step']:.2f} us per step")

@@ -66,13 +66,17 @@ def test_the_map_that_comes_with_the_program():
         ("[role.actual_voltage]", "[role.lock_step]", "role", "no role 'actual_voltage'"),
         ("invalid = [0xFFFFFF]", 'invalid = ["all"]', "role.actual_voltage.invalid", "raw numbers"),
         ('output_on = "State.OutputOn"', 'on = "State.OutputOn"', "status", "needs a flag 'output_on'"),
-        ('output_on = "State.OutputOn"', 'output_on = { signal = "State.Nope" }', "status.output_on", "is missing"),
+        ('output_on = "State.OutputOn"', 'output_on = { signal = "State.Nope" }', "status.output_on", "either the raw"),
         ('1 = "no such item"', 'one = "no such item"', "refusal.reasons", "by decimal code"),
         ('tick = [{ command = "setpoint" }]', "tick = []", "sequence.tick", "must send"),
         ('tick = [{ command = "setpoint" }]', 'tick = [{ command = "x" }]', "sequence.tick[0]", "no command 'x'"),
         ('command = "output", output = false', 'command = "output", output = true', "sequence.safe", "output on"),
         ('command = "output", output = false', 'command = "output", power = false', "safe[0].power", "one of"),
         ('safe = [{ command = "output", output = false }]', "safe = []", "sequence.safe", "must send output"),
+        ("[token]\n", "[view.X]\nmessage = 'No'\nwhere = { Item = 1 }\n[token]\n", "view.X.message", "has no message"),
+        ("[token]\n", "[view.State]\nmessage = 'Info'\nwhere = { Token = 1 }\n[token]\n", "view.State", "of that name"),
+        ("[token]\n", "[view.X]\nmessage = 'Info'\nwhere = { No = 1 }\n[token]\n", "view.X.where.No", "no such signal"),
+        ("[token]\n", "[view.X]\nmessage = 'Info'\nwhere = {}\n[token]\n", "view.X.where", "whole raw numbers"),
         ("id = 0x100", "id = 0x101", "frame[0].id", "the DBC says 0x100"),
         ('message = "Command"\n', 'message = "Nothing"\n', "frame[0].message", "no message 'Nothing'"),
         ("values = { SetCurrent = -2.5", "values = { Amps = -2.5", "frame[0].values.Amps", "no such signal"),
@@ -136,11 +140,14 @@ def test_a_short_counter_is_unrolled(plan):
 
 
 def test_each_direction_has_its_magnitude():
-    assert with_directions({"set_current": -2.0}) == {"set_current": -2.0, "charge": 0.0, "discharge": 2.0}
+    assert with_directions({"set_current": -2.0}) == {
+        "set_current": -2.0, "charge": 0.0, "discharge": 2.0, "direction": 1.0,
+    }  # fmt: skip
     assert with_directions({"output": 1.0}) == {"output": 1.0}
 
 
 def test_flags():
     name = SignalName("A", "b")
     assert Flag(name).is_set(2) and not Flag(name).is_set(0)
+    assert Flag(name, bit=2).is_set(0b101) and not Flag(name, bit=1).is_set(0b101) and Flag(name, bit=15).is_set(-1)
     assert Flag(name, frozenset((0,))).is_set(0) and not Flag(name, frozenset((0,))).is_set(1)
