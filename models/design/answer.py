@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from models.design.ascent import Progress, optimise
-from models.design.design import Design, DesignRequest, demands_of, design, judged
+from models.design.block_design import DesignRequest, demands_of
+from models.design.design import Design, design, judged
 from models.design.feasible import Feasible
 from models.design.limits import InfeasibleError
 from models.design.profile import Profile

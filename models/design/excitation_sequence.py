@@ -26,7 +26,7 @@ LEAST_REST_RATIO, REST_RATIO = 6.0, 8.0
 # half time constants.
 _PULSE_SHARE = 0.2
 # Of the time that a test may take, for all rests together: pulses become shorter where it does not suffice.
-_REST_SHARE = 0.3
+_REST_SHARE = 0.2
 # Of the largest current.
 _CONDITIONING_SHARE = 0.5
 _CONDITIONING_CYCLES = 2
@@ -195,30 +195,43 @@ def build_sequence(plan: SequencePlan, design_block: BlockDesigner) -> Excitatio
     -------
     ExcitationSequence
     """
+    builder = begin(plan)
+    visits = plan.visits()
+    blocks: list[Block] = []
+    for number in range(len(visits)):
+        repeats = number - 1 if plan.repeat and number == len(visits) - 1 else None
+        if repeats is None:
+            blocks.append(visit(builder, plan, number, design_block))
+        else:
+            again = builder.current_A()[blocks[repeats].first : blocks[repeats].last]
+            block = visit(builder, plan, number, lambda soc, number, change, again=again: again)
+            blocks.append(replace(block, repeats=repeats))
+    return ExcitationSequence(builder.current_A(), plan.dt_s, tuple(blocks))
+
+
+def begin(plan: SequencePlan) -> SequenceBuilder:
+    """Begin a sequence, with the stage that clears the short-time history where the plan has one."""
     builder = SequenceBuilder(plan.limits, plan.capacity_Ah, plan.initial_soc, plan.dt_s, plan.pulse_s, plan.ratio)
-    rest_s = plan.rest_ratio * plan.pulse_s
     if plan.conditioning:
         for _ in range(_CONDITIONING_CYCLES):
             for sign in (-1.0, 1.0):
                 builder.pulse(sign, _CONDITIONING_SHARE, plan.pulse_s)
-        builder.rest(rest_s)
-    visits = plan.visits()
-    blocks: list[Block] = []
-    for number, level in enumerate(visits):
-        repeats = number - 1 if plan.repeat and number == len(visits) - 1 else None
-        builder.approach(level, plan.direction(number))
-        builder.rest(rest_s)
-        soc = builder.soc
-        if repeats is None:
-            current = design_block(soc, number, plan.carried_soc(number, soc))
-        else:
-            current = builder.current_A()[blocks[repeats].first : blocks[repeats].last]
-        first = builder.append(current)
-        blocks.append(Block(first, first + len(current), soc, repeats))
-        builder.rest(plan.dt_s)
-        builder.pulse(plan.direction(number), PULSE_SHARE_OF_LIMIT, plan.pulse_s)
-        builder.rest(rest_s)
-    return ExcitationSequence(builder.current_A(), plan.dt_s, tuple(blocks))
+        builder.rest(plan.rest_ratio * plan.pulse_s)
+    return builder
+
+
+def visit(builder: SequenceBuilder, plan: SequencePlan, number: int, design_block: BlockDesigner) -> Block:
+    """Append one visit: the way to its level, a rest, the block, a pulse and another rest."""
+    rest_s = plan.rest_ratio * plan.pulse_s
+    builder.approach(plan.visits()[number], plan.direction(number))
+    builder.rest(rest_s)
+    soc = builder.soc
+    current = design_block(soc, number, plan.carried_soc(number, soc))
+    first = builder.append(current)
+    builder.rest(plan.dt_s)
+    builder.pulse(plan.direction(number), PULSE_SHARE_OF_LIMIT, plan.pulse_s)
+    builder.rest(rest_s)
+    return Block(first, first + len(current), soc)
 
 
 def estimated_duration_s(plan: SequencePlan) -> float:
@@ -230,7 +243,7 @@ def estimated_duration_s(plan: SequencePlan) -> float:
 def fitted_to(plan: SequencePlan, duration_s: float) -> SequencePlan:
     """Return the plan with the longest blocks that a duration leaves.
 
-    Pulses keep their share of the longest time constant as long as the rests after them take no more than three tenths
+    Pulses keep their share of the longest time constant as long as the rests after them take no more than a fifth
     of the time; in a shorter test they are shorter.
 
     Raises

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from models.design.block_design import OPTIMAL
 from models.design.criteria import CRITERIA
-from models.design.design import OPTIMAL
 from models.design.excitation_sequence import REST_RATIO
 from models.design.family import find_families
 from models.design.limits import Limits, Window

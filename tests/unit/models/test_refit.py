@@ -7,9 +7,9 @@ from models.errors import ModelError
 from models.lineage import chain, document_sha256, run_sha256, version_of
 from models.local_model_network import LocalModelNetwork
 from models.refit import refit, stored_sums
-from models.stored_sums import StoredSums
 from models.regression import CellContext
 from models.resampling import to_grid
+from models.stored_sums import StoredSums
 from models.structure_search import AutoCandidate, Candidate, Search
 from models.timeseries import TimeSeries
 from tests.unit.models import synthetic

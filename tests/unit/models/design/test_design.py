@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from models.design.design import DesignRequest, design, longest_time_constant_s
+from models.design.block_design import DesignRequest, longest_time_constant_s
+from models.design.design import design
 from models.design.excitation_sequence import REST_RATIO
 from models.design.limits import InfeasibleError, Limits
 from models.errors import ModelError

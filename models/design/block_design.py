@@ -1,0 +1,167 @@
+"""Blocks of a sequence: each one the most informative current around its level for what is not known yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.design.ascent import Optimum, optimise
+from models.design.excitation_sequence import BlockDesigner, SequencePlan, fitted_to
+from models.design.experiment import Evaluator, Experiment
+from models.design.feasible import Demands
+from models.design.limitation import LimitationRatio, default_ratio, limitation_ratio
+from models.design.limits import CurrentBounds, InfeasibleError, Limits
+from models.design.load_cycle import amplitude_bounds, load_cycle_bounds, load_histogram
+from models.design.reference_model import predicted_temperature
+from models.design.voltage_band import recorded_band
+from models.local_model_network import LocalModelNetwork
+from models.timeseries import FloatArray
+
+OPTIMAL = "optimal"
+_BLOCK_STARTS = 10
+# Of the longest time constant of the network, where it is shorter than what pulses are to show.
+_LEAST_LONGEST_S = 50.0
+# How long the largest current is taken to be held where the voltage limits it.
+_LIMITATION_S = 300.0
+
+
+@dataclass(frozen=True)
+class DesignRequest:
+    """What a test shall be.
+
+    Attributes
+    ----------
+    limits : that it keeps
+    duration_s : of the whole test
+    criterion : "A", "D" or "E"
+    signal : "optimal", or the name of a family
+    soc_levels : states of charge at which optimised blocks are played, pulses and rests around them; none: one block
+    rest_ratio : rest over pulse
+    cycle_A : (n,) recorded load cycle at the network's sampling time: its histogram bounds the blocks' currents
+    amplitude_levels : shares of the largest current between which the blocks of a sequence change, where there is no
+        load cycle. What is D-optimal for a model that is linear in the current uses the largest currents only, and a
+        cell is not linear: the model would be wrong at all others.
+    n_starts : of each optimisation; by default 40 of one block, 10 of each of several
+    seed : of everything that is drawn
+    """
+
+    limits: Limits
+    duration_s: float
+    criterion: str = "D"
+    signal: str = OPTIMAL
+    soc_levels: tuple[float, ...] = ()
+    rest_ratio: float = 8.0
+    cycle_A: FloatArray | None = None
+    amplitude_levels: tuple[float, ...] = (1.0, 0.6, 0.25)
+    n_starts: int | None = None
+    seed: int = 0
+
+
+def demands_of(experiment: Experiment, limits: Limits, bounds: CurrentBounds | None = None) -> Demands:
+    """Limits with what predicts voltage and temperature.
+
+    Raises
+    ------
+    InfeasibleError
+        The temperature is limited, but the network has no thermal model.
+    """
+    temperature_of = None
+    if limits.temperature_degC is not None:
+        temperature_of = predicted_temperature(experiment.network, experiment.initial_soc, experiment.temperature_degC)
+        if temperature_of is None:
+            raise InfeasibleError(
+                "limit temperature_degC is given, but the model has no thermal model to predict it: fit it to runs "
+                "with ambient_degC, or leave the limit to the bench"
+            )
+    return Demands(limits, bounds, recorded_band(experiment.network), temperature_of)
+
+
+def longest_time_constant_s(network: LocalModelNetwork) -> float:
+    """Longest time constant of the local models and of the filters of their inputs."""
+    dt_s, order = network.structure.dt_s, network.structure.output_order
+    found = [_LEAST_LONGEST_S]
+    if order:
+        companion = np.zeros((network.n_models, order, order))
+        companion[:, 0] = network.theta[:, :order]
+        companion[:, 1:, :-1] += np.eye(order - 1)
+        poles = np.abs(np.linalg.eigvals(companion))
+        found += [-dt_s / float(np.log(pole)) for pole in poles.ravel() if 0.0 < pole < 1.0]
+    return max(found)
+
+
+def cycle_bounds(experiment: Experiment, request: DesignRequest, n_samples: int, number: int) -> CurrentBounds | None:
+    """Limits of a block's current from the load cycle, where there is one; another order for each block."""
+    if request.cycle_A is None:
+        return None
+    limits, dt_s = request.limits, experiment.network.structure.dt_s
+    rng = np.random.default_rng([request.seed, number])
+    ratio = default_ratio(limits.soc) if limits.voltage_V is None else _ratio(experiment, request)
+    return load_cycle_bounds(load_histogram(request.cycle_A), n_samples, dt_s, limits.current_A, ratio, rng)
+
+
+def plan_of(experiment: Experiment, request: DesignRequest) -> SequencePlan:
+    """Plan of a sequence whose blocks fill the time asked for."""
+    network = experiment.network
+    plan = SequencePlan(
+        limits=request.limits,
+        capacity_Ah=network.cell.capacity_Ah,
+        initial_soc=experiment.initial_soc,
+        dt_s=network.structure.dt_s,
+        soc_levels=request.soc_levels,
+        block_s=network.structure.dt_s,
+        longest_s=longest_time_constant_s(network),
+        ratio=_ratio(experiment, request),
+        rest_ratio=request.rest_ratio,
+    )
+    return fitted_to(plan, request.duration_s)
+
+
+def _ratio(experiment: Experiment, request: DesignRequest) -> LimitationRatio:
+    band, longest_s = recorded_band(experiment.network), longest_time_constant_s(experiment.network)
+    return limitation_ratio(experiment, request.limits, band, min(longest_s, _LIMITATION_S))
+
+
+def block_designer(
+    experiment: Experiment,
+    request: DesignRequest,
+    plan: SequencePlan,
+    known: list[FloatArray],
+    optima: list[Optimum],
+) -> BlockDesigner:
+    """Return a function that designs the block at a state of charge.
+
+    Parameters
+    ----------
+    experiment, request, plan : what is to be learnt
+    known : information so far; each block's is added to its first entry
+    optima : each block's optimum is appended
+    """
+    n_samples = round(plan.block_s / plan.dt_s)
+    half = 0.5 * float(np.min(np.diff(plan.soc_levels))) if len(plan.soc_levels) > 1 else 1.0
+    low, high = request.limits.soc
+
+    def block(soc: float, number: int, change: float) -> FloatArray:
+        here = replace(experiment, initial_soc=soc, prior=known[0])
+        bounds = cycle_bounds(experiment, request, n_samples, number)
+        if bounds is None:
+            rng = np.random.default_rng([request.seed, number])
+            bounds = amplitude_bounds(request.amplitude_levels, n_samples, plan.dt_s, request.limits.current_A, rng)
+        # Where the current's bounds leave the charge free the block moves it as asked: the duration is the plan's.
+        charge_Ah = change * plan.capacity_Ah
+        net = (charge_Ah, charge_Ah) if request.cycle_A is None else None
+        window = (max(low, min(soc, soc + change) - half), min(high, max(soc, soc + change) + half))
+        near = replace(request.limits, soc=window, net_charge_Ah=net, temperature_degC=None)
+        optimum = optimise(
+            here,
+            demands_of(here, near, bounds),
+            n_samples,
+            criterion=request.criterion,
+            n_starts=request.n_starts or _BLOCK_STARTS,
+            seed=request.seed + 1000 * number,
+        )
+        optima.append(optimum)
+        known[0] = Evaluator(here, n_samples).information(optimum.current_A)
+        return optimum.current_A
+
+    return block
