@@ -261,6 +261,22 @@ class BenchClient:
         """Store a MODEL.json; give its record."""
         return self._post(f"{_API}/models/import", document)
 
+    def design(
+        self,
+        name: str,
+        request: Record,
+        *,
+        on_progress: Callable[[Record], None] | None = None,
+        timeout_s: float | None = None,
+    ) -> Record:
+        """Design a profile, wait for it, and give ``{"profile_id", "name", "figures"}``.
+
+        The keys of `request` are those of a REQUEST file, with the ids of a stored model, profile (as load cycle) and
+        runs in place of files.
+        """
+        job = self._post(f"{_API}/designs", {"name": name, "request": request})
+        return self.wait_job(job["id"], on_progress, timeout_s=timeout_s)["result"]
+
     def compare(self, model_id: str, run_ids: Sequence[str], initial_soc: float | None = None) -> Record:
         """Compare a model with runs."""
         body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc}
@@ -274,6 +290,51 @@ class BenchClient:
         """Curves behind a comparison: of each run time, measured and modelled voltage, residual; None is missing."""
         address = f"{_API}/comparisons/{_part(comparison_id)}/series"
         return self._get(address, max_points=max_points)["runs"]
+
+    def comparison_where(self, comparison_id: str) -> Record:
+        """Where the model of a comparison is off: regions in words, maps, profiles."""
+        return self._get(f"{_API}/comparisons/{_part(comparison_id)}/where")
+
+    def effects(self) -> list[Record]:
+        """Every effect that a diagnosis knows."""
+        return self._get(f"{_API}/effects")["effects"]
+
+    def diagnose(
+        self,
+        model_id: str,
+        run_ids: Sequence[str],
+        *,
+        mode: str = "structure",
+        train_run_ids: Sequence[str] | None = None,
+        initial_soc: float | None = None,
+        on_progress: Callable[[Record], None] | None = None,
+        timeout_s: float | None = None,
+    ) -> Record:
+        """Diagnose runs with a model, wait for it, and give the record; without `train_run_ids` the model's own."""
+        body = {"model_id": model_id, "run_ids": list(run_ids), "mode": mode, "initial_soc": initial_soc}
+        body["train_run_ids"] = None if train_run_ids is None else list(train_run_ids)
+        job = self.wait_job(self._post(f"{_API}/diagnoses", body)["id"], on_progress, timeout_s=timeout_s)
+        return self._get(f"{_API}/diagnoses/{_part(job['result']['diagnosis_id'])}")
+
+    def add_effect(
+        self,
+        model_id: str,
+        effect: str,
+        *,
+        train_run_ids: Sequence[str] | None = None,
+        validate_run_ids: Sequence[str] | None = None,
+        on_progress: Callable[[Record], None] | None = None,
+        timeout_s: float | None = None,
+    ) -> Record:
+        """Add an effect to a model, wait for the refit, and give ``{"model", "parent", "error_before_mV", ...}``."""
+        named = {"train_run_ids": train_run_ids, "validate_run_ids": validate_run_ids}
+        body = {"effect": effect} | {key: list(value) for key, value in named.items() if value is not None}
+        job = self._post(f"{_API}/models/{_part(model_id)}/effects", body)
+        return self.wait_job(job["id"], on_progress, timeout_s=timeout_s)["result"]
+
+    def model_chain(self, model_id: str) -> Record:
+        """Versions from the first to this one, everything tried beside them, and the held-out error of each."""
+        return self._get(f"{_API}/models/{_part(model_id)}/chain")
 
     def start_campaign(self, request: Record) -> Record:
         """Start a campaign; give its record."""

@@ -106,7 +106,7 @@ def chamber_degC(n: int, rng: np.random.Generator) -> FloatArray:
     ambient, k = np.empty(n), 0
     while k < n:
         length = int(rng.integers(600, 3600))
-        ambient[k : k + length] = rng.uniform(*TRAINED_DEGC[:: len(TRAINED_DEGC) - 1])
+        ambient[k : k + length] = rng.uniform(TRAINED_DEGC[0], TRAINED_DEGC[-1])
         k += length
     return ambient
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from models.cell_model import CellModel
 from models.comparison import RunComparison
-from models.errors import ModelError
+from models.error_profile import error_profiles
+from models.error_samples import REST_C_RATE, ErrorSamples, error_samples, spread
 from models.timeseries import FloatArray
 
 _SOC_EDGES = np.linspace(0.0, 1.0, 11)
@@ -18,9 +19,6 @@ _TEMPERATURE_STEPS_K = (1.0, 2.5, 5.0, 10.0)
 _MOST_TEMPERATURES = 12
 # A cell of a map with fewer samples shows chance.
 _FEWEST_SAMPLES = 5
-_REST_C_RATE = 0.005
-# A step is a change of the current that a person would call one.
-_STEP_C_RATE = 0.1
 _MOST_REGIONS = 4
 _LEAST_SHARE_OF_TIME = 0.005
 _LEAST_SHARE_OF_ERROR = 0.03
@@ -50,19 +48,6 @@ class Condition:
         return {"variable": self.variable, "from": self.low, "to": self.high, "unit": self.unit}
 
 
-@dataclass(frozen=True)
-class _Samples:
-    """All samples inside the trained domain that have an error; every array has shape (n,)."""
-
-    error_V: FloatArray
-    soc: FloatArray
-    c_rate: FloatArray
-    temperature_degC: FloatArray
-    since_step_s: FloatArray
-    progress: FloatArray
-    capacity_Ah: float
-
-
 def error_map(network: CellModel, compared: list[RunComparison]) -> dict[str, Any]:
     """Maps of the residual over pairs of variables, and the regions that hold most error in least time.
 
@@ -76,56 +61,23 @@ def error_map(network: CellModel, compared: list[RunComparison]) -> dict[str, An
     dict
         ``maps``: of each ``x`` and ``y`` (variable, unit, edges), ``rmse_mV``, ``bias_mV`` (measured minus model) and
         ``share_of_time``, rows by y, NaN where fewer than 5 samples lie; ``regions``: ranked, with ``text``,
-        ``conditions``, ``rmse_mV`` and the shares; ``outside_training``: share of samples outside the trained domain,
+        ``conditions``, ``rmse_mV`` and the shares; ``profiles``: see
+        `models.error_profile`; ``outside_training``: share of samples outside the trained domain,
         which are in neither.
     """
-    if not compared:
-        raise ModelError("nothing to map: no run was given")
-    samples, outside = _samples(network, compared)
+    samples, outside = error_samples(network, compared)
     maps = [_map(samples, "current_A")]
-    if _spread(samples.temperature_degC) >= _TEMPERATURE_STEPS_K[0]:
+    if spread(samples.temperature_degC) >= _TEMPERATURE_STEPS_K[0]:
         maps.append(_map(samples, "temperature_degC"))
-    return {"maps": maps, "regions": regions(samples), "outside_training": outside}
+    return {
+        "maps": maps,
+        "regions": regions(samples),
+        "profiles": error_profiles(samples),
+        "outside_training": outside,
+    }
 
 
-def _samples(network: CellModel, compared: list[RunComparison]) -> tuple[_Samples, float]:
-    capacity_Ah = network.cell.capacity_Ah
-    error = -np.concatenate([each.residual_V for each in compared])
-    inside = np.concatenate([each.inside for each in compared])
-    known = ~np.isnan(error)
-    # Outside the trained domain a model guesses; where nothing lies inside, a guess is all there is to look at.
-    chosen = known & inside if (known & inside).any() else known
-    if not chosen.any():
-        raise ModelError("nothing to map: the runs have no measured voltage on the model's grid")
-    total_s = max(sum(len(each.run) * each.run.dt_s for each in compared), 1e-9)
-    start_s = np.cumsum([0.0] + [len(each.run) * each.run.dt_s for each in compared])
-    c_rate = [each.run.current_A / capacity_Ah for each in compared]
-    return _Samples(
-        error_V=error[chosen],
-        soc=np.concatenate([each.soc for each in compared])[chosen],
-        c_rate=np.concatenate(c_rate)[chosen],
-        temperature_degC=np.concatenate([each.run.temperature_degC for each in compared])[chosen],
-        since_step_s=np.concatenate(
-            [since_step_s(rate, each.run.dt_s) for rate, each in zip(c_rate, compared, strict=True)]
-        )[chosen],
-        progress=np.concatenate(
-            [
-                (begin + np.arange(len(each.run)) * each.run.dt_s) / total_s
-                for begin, each in zip(start_s[:-1], compared, strict=True)
-            ]
-        )[chosen],
-        capacity_Ah=capacity_Ah,
-    ), float(1.0 - inside[known].mean())
-
-
-def since_step_s(c_rate: FloatArray, dt_s: float) -> FloatArray:
-    """Time in s since the last step of the current, from the start of the run where there was none."""
-    index = np.arange(len(c_rate))
-    stepped = np.concatenate([[True], np.abs(np.diff(np.nan_to_num(c_rate))) > _STEP_C_RATE])
-    return (index - np.maximum.accumulate(np.where(stepped, index, 0))) * dt_s
-
-
-def _map(samples: _Samples, variable: str) -> dict[str, Any]:
+def _map(samples: ErrorSamples, variable: str) -> dict[str, Any]:
     if variable == "current_A":
         values, unit = samples.c_rate * samples.capacity_Ah, "A"
         edges = _covering(_C_RATES * samples.capacity_Ah, values)
@@ -163,17 +115,13 @@ def _covering(edges: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _temperature_edges(values: FloatArray) -> FloatArray:
-    span = _spread(values)
+    span = spread(values)
     step = next((s for s in _TEMPERATURE_STEPS_K if span / s <= _MOST_TEMPERATURES), span / _MOST_TEMPERATURES)
     low, high = np.floor(np.nanmin(values) / step), np.ceil(np.nanmax(values) / step)
     return step * np.arange(low, max(high, low + 1.0) + 1.0)
 
 
-def _spread(values: FloatArray) -> float:
-    return 0.0 if np.isnan(values).all() else float(np.nanmax(values) - np.nanmin(values))
-
-
-def regions(samples: _Samples) -> list[dict[str, Any]]:
+def regions(samples: ErrorSamples) -> list[dict[str, Any]]:
     """The regions of one or two conditions in which the error is concentrated, the most telling first.
 
     Notes
@@ -227,7 +175,7 @@ def _region(chosen: list[Condition], inside: np.ndarray, squared: FloatArray) ->
     }
 
 
-def _conditions(samples: _Samples) -> list[Condition]:
+def _conditions(samples: ErrorSamples) -> list[Condition]:
     found = [
         *_ends("soc", "1", samples.soc, np.round(np.arange(0.1, 0.95, 0.1), 1), "SoC {} {:.1f}"),
         *_middle(samples),
@@ -235,7 +183,7 @@ def _conditions(samples: _Samples) -> list[Condition]:
         *_since_step(samples),
         *_part_of_time(samples),
     ]
-    if _spread(samples.temperature_degC) >= _TEMPERATURE_STEPS_K[0]:
+    if spread(samples.temperature_degC) >= _TEMPERATURE_STEPS_K[0]:
         edges = _temperature_edges(samples.temperature_degC)[1:-1]
         found += _ends("temperature_degC", "degC", samples.temperature_degC, edges, "cell {} {:g} degC")
     return [each for each in found if each.holds.any() and not each.holds.all()]
@@ -247,7 +195,7 @@ def _ends(variable: str, unit: str, values: FloatArray, edges: FloatArray, words
     return [*below, *above]
 
 
-def _middle(samples: _Samples) -> list[Condition]:
+def _middle(samples: ErrorSamples) -> list[Condition]:
     pairs = [(low / 10, (low + width) / 10) for width in (2, 3) for low in range(1, 10 - width)]
     return [
         Condition("soc", low, high, "1", f"SoC {low:.1f} to {high:.1f}", (samples.soc >= low) & (samples.soc < high))
@@ -255,19 +203,19 @@ def _middle(samples: _Samples) -> list[Condition]:
     ]
 
 
-def _current(samples: _Samples) -> list[Condition]:
+def _current(samples: ErrorSamples) -> list[Condition]:
     rate, scale = samples.c_rate, samples.capacity_Ah
     found = [
         Condition(
             "current_A",
-            -_REST_C_RATE * scale,
-            _REST_C_RATE * scale,
+            -REST_C_RATE * scale,
+            REST_C_RATE * scale,
             "A",
             "at rest",
-            np.abs(rate) <= _REST_C_RATE,
+            np.abs(rate) <= REST_C_RATE,
         ),
-        Condition("current_A", None, -_REST_C_RATE * scale, "A", "discharge", rate < -_REST_C_RATE),
-        Condition("current_A", _REST_C_RATE * scale, None, "A", "charge", rate > _REST_C_RATE),
+        Condition("current_A", None, -REST_C_RATE * scale, "A", "discharge", rate < -REST_C_RATE),
+        Condition("current_A", REST_C_RATE * scale, None, "A", "charge", rate > REST_C_RATE),
     ]
     for limit in (1.0, 2.0, 3.0):
         found.append(Condition("current_A", None, -limit * scale, "A", f"discharge above {limit:g}C", rate < -limit))
@@ -275,7 +223,7 @@ def _current(samples: _Samples) -> list[Condition]:
     return found
 
 
-def _since_step(samples: _Samples) -> list[Condition]:
+def _since_step(samples: ErrorSamples) -> list[Condition]:
     since = samples.since_step_s
     words = ((10.0, "10 s"), (60.0, "1 min"), (600.0, "10 min"))
     variable = "since_step_s"
@@ -284,7 +232,7 @@ def _since_step(samples: _Samples) -> list[Condition]:
     return [*first, *later]
 
 
-def _part_of_time(samples: _Samples) -> list[Condition]:
+def _part_of_time(samples: ErrorSamples) -> list[Condition]:
     part = samples.progress
     return [
         Condition("progress", None, 1 / 3, "1", "in the first third of the test", part < 1 / 3),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
@@ -11,6 +12,8 @@ from pydantic import Field
 from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Soc, StrictRoute
 from bench_service.campaign.diagnosing import DiagnosisOrder
+from bench_service.campaign.request import known_standing
+from bench_service.campaign.standing import last_standing
 from bench_service.store.diagnoses import DiagnosisRecord
 
 router = APIRouter(tags=["diagnoses"], route_class=StrictRoute)
@@ -47,6 +50,22 @@ def list_diagnoses(
 def get_diagnosis(diagnosis_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Give one diagnosis."""
     return _as_json(services.store.diagnoses.get(diagnosis_id))
+
+
+class ExperimentBody(Body):
+    """Where the next experiment is to be played; ``initial_soc`` where nobody else knows how the cell stands."""
+
+    bench: Id
+    initial_soc: Soc | None = None
+
+
+@router.post("/diagnoses/{diagnosis_id}/experiment", status_code=202)
+async def design_experiment(diagnosis_id: PathId, body: ExperimentBody, services: ServicesOf) -> dict[str, Any]:
+    """Design the profile that tells the rivals of a diagnosis apart; answers with the job, which stores a profile."""
+    bench = services.benches.get(body.bench)
+    last = await asyncio.to_thread(last_standing, bench, services.store, services.samples)
+    standing = known_standing(bench, body.initial_soc, last)
+    return asdict(await services.diagnosing.start_experiment(diagnosis_id, bench.limits, standing.soc))
 
 
 @router.get("/comparisons/{comparison_id}/where")

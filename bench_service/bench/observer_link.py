@@ -10,6 +10,7 @@ from bench_service.bench.request import RunRequest
 if TYPE_CHECKING:
     from models.observer import FuzzyObserver
     from models.observer.fuzzy_observer import ObserverState
+    from models.observer.health import Watcher
 
 # Outside of this a state of charge is no estimate any more.
 _PLAUSIBLE_SOC = (-0.2, 1.2)
@@ -43,13 +44,18 @@ class ObserverLink(Protocol):
         """
         ...
 
+    def new_alarms(self) -> list[str]:
+        """Return what is wrong since the last sample and was not before, in words."""
+        ...
+
 
 class FuzzyObserverLink:
-    """A fuzzy observer with its memory."""
+    """A fuzzy observer with its memory, and with a watch over whether it can be believed."""
 
-    def __init__(self, observer: FuzzyObserver, state: ObserverState) -> None:
+    def __init__(self, observer: FuzzyObserver, state: ObserverState, watcher: Watcher) -> None:
         self._observer = observer
         self._state = state
+        self._watcher = watcher
 
     def step(self, current_A: float, voltage_V: float, temperature_degC: float) -> ObserverRow:
         """Return the estimate after one sample; see `ObserverLink`."""
@@ -63,7 +69,12 @@ class FuzzyObserverLink:
                 f"the observer has diverged: state of charge {out.soc:.3g} +- {out.soc_std:.2g}, "
                 f"model voltage {out.model_voltage_V:.4g} V"
             )
+        self._watcher.step(out, voltage_V)
         return ObserverRow(out.soc, out.soc_std, out.model_voltage_V, out.innovation_V)
+
+    def new_alarms(self) -> list[str]:
+        """Return what is wrong since the last sample and was not before; see `ObserverLink`."""
+        return self._watcher.new_alarms()
 
 
 def build_observer(request: RunRequest) -> ObserverLink | None:
@@ -79,6 +90,7 @@ def build_observer(request: RunRequest) -> ObserverLink | None:
     # Here, because loading the compiler takes longer than everything else a control process does at its start.
     from models.local_model_network import LocalModelNetwork
     from models.observer import FuzzyObserver, ObserverSettings
+    from models.observer.health import Watcher
 
     try:
         network = LocalModelNetwork.from_json(request.observer["model"])
@@ -91,8 +103,9 @@ def build_observer(request: RunRequest) -> ObserverLink | None:
         if not math.isclose(observer.dt_s, request.dt_s, rel_tol=1e-9):
             raise ValueError(f"the model's period is {observer.dt_s:g} s, the run's {request.dt_s:g} s; use one")
         soc, std = _initial_soc(soc if soc is not None else request.initial_soc)
-        observer.step(observer.initial(soc, std), 0.0, math.nan, math.nan)  # compiles
-        return FuzzyObserverLink(observer, observer.initial(soc, std))
+        _, out = observer.step(observer.initial(soc, std), 0.0, math.nan, math.nan)  # compiles
+        Watcher().step(out, math.nan)
+        return FuzzyObserverLink(observer, observer.initial(soc, std), Watcher())
     except Exception as error:
         raise ObserverError(f"the observer cannot start: {error}") from error
 

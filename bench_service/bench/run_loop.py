@@ -280,7 +280,10 @@ class RunLoop:
         if self._observer is None:
             return _NO_OBSERVER
         try:
-            return self._observer.step(reading.current_A, reading.voltage_V, reading.temperature_degC)
+            row = self._observer.step(reading.current_A, reading.voltage_V, reading.temperature_degC)
+            for reason in self._observer.new_alarms():
+                self._parts.notify("warning", "observer", reason)
+            return row
         except ObserverError as error:
             # Its state of charge is for people; no limit depends on it, so the run goes on.
             self._observer = None

@@ -97,6 +97,51 @@ def add_effect_to(
     )
 
 
+def design_between(
+    report: Reporter,
+    data_dir: Path,
+    document: dict[str, Any],
+    request: dict[str, Any],
+    train: Sequence[RunInput],
+    runs: Sequence[RunInput],
+) -> dict[str, Any]:
+    """Design the profile on which two effects differ most: each is put into the model, the two are told apart.
+
+    Parameters
+    ----------
+    document : dict
+        MODEL.json.
+    request : dict
+        As a diagnosis gives it in ``next_experiment``; ``rivals`` are two effects.
+    train : sequence of RunInput
+        Runs that both are refitted to.
+    runs : sequence of RunInput
+        Runs that the diagnosis was about.
+
+    Returns
+    -------
+    dict
+        ``time_s`` and ``current_A`` of the profile, and ``figures``: the ``design`` object of the public contract.
+    """
+    from models.design.answer import Material, answer
+    from models.design.request import read_request
+    from models.diagnosis import add_effect
+    from models.local_model_network import LocalModelNetwork
+
+    report(0.0, "reading samples")
+    learned, judged = _read(data_dir, train), _read(data_dir, runs)
+    parent, rivals = LocalModelNetwork.from_json(document), []
+    for number, effect in enumerate(request["rivals"]):
+        report(0.25 * number, f"refitting the model with {effect}")
+        rivals.append(add_effect(parent, effect, learned, _soc(train), judged, _soc(runs)).network)
+    found = answer(
+        read_request(request),
+        Material(rivals=tuple(rivals)),
+        lambda share, text="": report(0.5 + 0.5 * share, text),
+    )
+    return plain({"time_s": found.profile.time_s, "current_A": found.profile.current_A, "figures": found.figures})
+
+
 def map_errors(report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput]) -> dict[str, Any]:
     """Say where a model is off on stored runs, see `models.error_map.error_map`."""
     from models.comparison import simulate_runs

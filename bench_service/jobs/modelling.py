@@ -53,10 +53,12 @@ def fit(
         ``document`` (MODEL.json) and ``metrics`` (the ``fit`` object of the public contract, without its paths).
     """
     from models.identification import fit_network
+    from models.observer.tuning import with_tuned_observer
 
     report(0.0, "reading samples")
+    train_runs = read_series(data_dir, [run.run_id for run in train])
     result = fit_network(
-        read_series(data_dir, [run.run_id for run in train]),
+        train_runs,
         capacity_Ah=capacity_Ah,
         structure=structure,
         validate=read_series(data_dir, [run.run_id for run in validate]) or None,
@@ -73,7 +75,8 @@ def fit(
         "train": result.train,
         "validation": result.validation,
     }
-    return plain({"document": result.network.to_json(), "metrics": metrics})
+    network = with_tuned_observer(result.network, train_runs, [run.initial_soc for run in train])
+    return plain({"document": network.to_json(), "metrics": metrics})
 
 
 def compare_runs(

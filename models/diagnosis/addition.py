@@ -16,6 +16,7 @@ from models.diagnosis.structure import analyse_structure
 from models.effects import Effect, effect
 from models.errors import ModelError
 from models.identification import fit_network
+from models.lineage import version_of, with_version
 from models.local_model_network import LocalModelNetwork
 from models.structure_search import Progress
 from models.timeseries import TimeSeries
@@ -87,7 +88,7 @@ def add_effect(
             progress=progress,
         )
         after = make_record(fitted.network, validate, validate_soc)
-        return _addition(network, fitted.network, name, values, before, after, remark)
+        return _addition(network, fitted.network, name, values, before, after, remark, train)
     return _by_correction(network, chosen, own, train, validate, validate_soc, before, progress)
 
 
@@ -119,7 +120,7 @@ def _by_correction(
         remark = "the runs' columns were corrected by it before the refit; correct further runs of this rig likewise"
     elif chosen.name == "capacity":
         remark = f"the model counts charge on {capacity_Ah:.4g} Ah"
-    return _addition(network, fitted.network, chosen.name, values, before, after, remark)
+    return _addition(network, fitted.network, chosen.name, values, before, after, remark, train)
 
 
 def _missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[str, Value]:
@@ -156,6 +157,7 @@ def _addition(
     before: Record,
     after: Record,
     remark: str,
+    train: list[TimeSeries],
 ) -> Addition:
     entry: dict[str, Any] = {
         "effect": name,
@@ -165,4 +167,15 @@ def _addition(
         "error_after_mV": after.rms_mV,
     }
     record = {**network.record, "effects": [*parent.record.get("effects", []), entry]}
-    return Addition(replace(network, record=record), name, values, before.rms_mV, after.rms_mV, remark)
+    made_by = version_of(network)
+    versioned = with_version(
+        replace(network, record=record),
+        "effect",
+        train,
+        parent=parent,
+        settings={"effect": name},
+        errors={"parent_rmse_mV": before.rms_mV, "rmse_mV": after.rms_mV},
+        code_version="unknown" if made_by is None else made_by.code_version,
+        sums_sha256=None if made_by is None else made_by.sums_sha256,
+    )
+    return Addition(versioned, name, values, before.rms_mV, after.rms_mV, remark)

@@ -53,6 +53,7 @@ class Comparison:
     evidence : of the diagnosed runs, where the model has been given what the training runs say of every effect
     own_mse : mean squared error that remains in the training runs, V^2
     noise_mse : of the measurement alone, V^2
+    bias_allowance : how much of the own systematic error another record may show once more without anything being new
     """
 
     runs: Samples
@@ -61,6 +62,7 @@ class Comparison:
     evidence: Evidence
     own_mse: float
     noise_mse: float
+    bias_allowance: float = 1.0
 
 
 def compare_samples(memory: Memory, runs: Samples, effects: list[Effect]) -> Comparison:

@@ -65,7 +65,7 @@ def analyse_change(memory: Memory, runs: list[GridRun], soc: list[float], effect
         cold = [0.0 * part for part in heatless]
         again = _named_warmth(compare_temperature(reference, memory.balance, runs, soc, effects, cold))
         warmth = warmth if again is not None and again.effect is warmth.effect else None
-    if warmth is not None and ranking is not None and _leak_warms(memory, ranking, thermal, runs, soc, effects):
+    if warmth is not None and ranking is not None and _leak_warms(memory, ranking, thermal, runs, soc, heatless):
         warmth = None
     if warmth is not None and warmth.effect.name == "temperature_sensor":
         comparison, ranking = _voltage(memory, [_true_temperature(run, warmth) for run in runs], soc, effects)
@@ -131,17 +131,16 @@ def _leak_warms(
     thermal: ThermalComparison | None,
     runs: list[GridRun],
     soc: list[float],
-    effects: list[Effect],
+    heatless_V: list[FloatArray],
 ) -> bool:
     """Whether the temperature is explained by the power of a leak that the voltage shows."""
     named = ranking.candidates[0]
-    if thermal is None or not ranking.significant or "self_discharge" not in (named.effect.name, named.effect.twin):
+    if thermal is None or "self_discharge" not in (named.effect.name, named.effect.twin):
         return False
     leak_A, reference = named.value or 0.0, memory.reference
     counted = [s + run.charge_Ah / reference.capacity_Ah for run, s in zip(runs, soc, strict=True)]
     power = [leak_A * reference.open_circuit_V(each) for each in counted]
-    still = [np.zeros(len(run)) for run in runs]
-    warm = compare_temperature(reference, memory.balance, runs, soc, effects, still, power)
+    warm = compare_temperature(reference, memory.balance, runs, soc, [], heatless_V, power)
     return warm is not None and warm.mse_K2 <= _LEAK_EXPLAINS * thermal.mse_K2
 
 

@@ -14,7 +14,7 @@ from models.diagnosis.record import Record, make_record
 from models.diagnosis.reference import fit_reference
 from models.diagnosis.structure import analyse_structure
 from models.diagnosis.structure_answer import structure_answer
-from models.effects import effects
+from models.effects import Effect, effects
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
 from models.resampling import GridRun, to_grid
@@ -64,7 +64,8 @@ def diagnose(
     if mode == "structure":
         every, soc = [*grid, *record.runs], [*(train_soc or []), *record.soc]
         reference = fit_reference(every, soc, network.cell.capacity_Ah, Shape(own_activation_K(network.structure)))
-        found = analyse_structure(network, reference, grid, train_soc or [], record.runs, record.soc, catalogue)
+        lacking = [each for each in catalogue if not _has(network, each)]
+        found = analyse_structure(network, reference, grid, train_soc or [], record.runs, record.soc, lacking)
         return structure_answer(found, reference, record, started)
     if mode != "change":
         raise ModelError(f"mode {mode!r} is unknown; use change or structure")
@@ -100,6 +101,14 @@ def network_memory(network: LocalModelNetwork, record: Record) -> Memory:
 def memory_of(runs: list[GridRun], soc: list[float], capacity_Ah: float) -> Memory:
     """What a diagnosis needs to know of training runs; `to_json` of it goes into a model's record as `MEMORY`."""
     return remember(fit_reference(runs, soc, capacity_Ah), runs, soc, list(effects().values()))
+
+
+def _has(network: LocalModelNetwork, effect: Effect) -> bool:
+    """Whether an effect was added already, or would leave the structure as it is."""
+    if any(entry["effect"] == effect.name for entry in network.record.get("effects", [])):
+        return True
+    structure = network.structure
+    return effect.extend is not None and effect.extend(structure, {}, network.cell.capacity_Ah) == structure
 
 
 def own_activation_K(structure: Structure) -> float:

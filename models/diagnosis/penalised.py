@@ -10,7 +10,6 @@ from models.timeseries import FloatArray
 
 _BLOCKS, _FOLDS = 10, 5
 _START: tuple[float, ...] = (1e-6, 1e-5, 1e-6)
-_LEVELS = (1.0, 1e2, 1e4)
 _LIMITS = (1e-11, 1e2)
 _FACTORS = (0.1, 10.0)
 _WORTH = 0.999
@@ -87,11 +86,12 @@ def _sums(x: list[FloatArray], y: list[FloatArray]) -> _Sums:
 
 
 def _chosen(sums: _Sums, forms: list[FloatArray]) -> tuple[tuple[float, ...], float]:
-    """Start at the best common level, then move one strength after the other while the held-out error falls."""
-    levels = [tuple(level * strength for strength in _START) for level in _LEVELS]
-    errors = [_held_out(sums, _weighted(forms, level)) for level in levels]
-    best = min(errors)
-    strengths = levels[errors.index(best)]
+    """Move one strength after the other by powers of ten while the held-out error falls.
+
+    From weak ones: among nearly equal errors the weaker penalty resolves more, and a diagnosis lives on that.
+    """
+    strengths = _START
+    best = _held_out(sums, _weighted(forms, strengths))
     for _ in range(_PASSES):
         for i in range(len(strengths)):
             for factor in _FACTORS:

@@ -8,9 +8,10 @@ import numpy as np
 
 from models.diagnosis.candidates import Candidate, Comparison, lean_columns, noise_V2, try_lean
 
-# What an effect must explain for each of its regressors, or it is not worth them: so many times what chance explains,
-# and this share of the squared error as far as the model's own error is systematic.
-_CHANCE, _SHARE_EACH = 2.0, 0.005
+# What an effect must explain for each of its regressors, or it is not worth them: the logarithm of the number of
+# samples in units of the noise (Schwarz, Annals of Statistics 6, 1978), and this share of the squared error as far as
+# the model's own error is systematic.
+_SHARE_EACH = 0.005
 # Two effects cannot be told apart where their remaining errors differ by less than this share of the model's own
 # systematic error and by less than this logarithm of the likelihood ratio.
 _OF_SYSTEMATIC, _LOG_LIKELIHOOD = 0.25, 10.0
@@ -92,7 +93,7 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
     n, cost = len(evidence.error_V), evidence.cost
     noise = noise_V2(comparison, min(candidates, key=lambda each: each.solution.cost))
     systematic = comparison.own_mse - comparison.noise_mse
-    price = max(_CHANCE * noise, _SHARE_EACH * cost * systematic / comparison.own_mse)
+    price = max(float(np.log(n)) * noise, _SHARE_EACH * cost * systematic / comparison.own_mse)
     spent = _with_price(comparison, candidates, price)
     named = min(candidates, key=lambda each: spent[each.effect.name])
     unit = _OF_SYSTEMATIC * n * systematic + 2.0 * _LOG_LIKELIHOOD * noise
@@ -104,7 +105,8 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
     rest = [each for each in others if each not in rivals]
     gained, own = cost - named.solution.cost, n * comparison.own_mse
     held_out = _held_out_share(comparison, named, price)
-    beyond = _LEAST_BEYOND * comparison.own_mse + _LEAST_OF_SYSTEMATIC * systematic
+    allowance = comparison.bias_allowance
+    beyond = _LEAST_BEYOND * comparison.own_mse + _LEAST_OF_SYSTEMATIC * allowance * systematic
     good = systematic <= _GOOD_MODEL * comparison.noise_mse
     return Ranking(
         (named, *rivals, *rest),
@@ -118,7 +120,7 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
             (margins[each.effect.name] for each in foreign if each.effect.name != named.effect.twin), default=10.0
         ),
         own_V=float(np.sqrt(comparison.own_mse)),
-        bias_V=float(np.sqrt(max(systematic, 0.0))),
+        bias_V=allowance * float(np.sqrt(max(systematic, 0.0))),
         something_new=cost / n - comparison.own_mse >= beyond,
         beyond_chance=held_out >= _LEAST_HELD_OUT_SHARE or (good and gained >= _ABOVE_CHANCE * named.size * noise),
     )

@@ -16,7 +16,7 @@ from models.timeseries import FloatArray
 _AFTERMATH_S = 600.0
 _SLACK = 0.005
 _SOC_SLACK = 0.01
-_TEMPERATURE_SLACK_K = 0.3
+_TEMPERATURE_SLACK_K = 0.8
 # A block in time is long enough to be nearly independent of the next.
 _BLOCK_S = 900.0
 _MAX_BLOCKS = 60

@@ -42,7 +42,8 @@ def structure_answer(analysis: StructureAnalysis, reference: Reference, record: 
         voltage_V = np.concatenate([run.voltage_V[run.measured] for run in record.runs])
         last = record.soc[-1] + float(record.runs[-1].charge_Ah[-1]) / reference.capacity_Ah
         request = discriminating_request(reference, (ranking.candidates[0].effect.name, rivals[0]), voltage_V, last)
-    unknown = not named and ranking.unknown
+    # An effect that helps only the runs it was fitted to is none, but the error that it was named for is still there.
+    unknown = not named and (ranking.unknown or ranking.significant)
     left = analysis.comparison.evidence
     depends = depends_on(analysis.comparison.runs.views, left.error_V - left.absorbed(left.error_V)) if unknown else ()
     return Diagnosis(

@@ -1,7 +1,7 @@
 """One sample of the observer as a compiled function of plain arrays; live and replay both call it.
 
 The state of one hypothesis is [y(k) ... y(k-n+1), SoC(k), quick error, slow error, current offset, capacity error,
-voltage offset].
+voltage offset, resistance error].
 While the state of charge is not known well, several hypotheses run side by side (a Gaussian sum, Alspach and Sorenson,
 IEEE Trans. Autom. Control 17, 1972): an open-circuit curve is no straight line over half of its range. Those that the
 measurements contradict die out, those that meet are merged, and one remains.
@@ -12,26 +12,31 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from models.electrothermal_loop import HYSTERESIS, SOC, FlatNetwork, step_signals
+from models.electrothermal_loop import FILTERED, HYSTERESIS, RELAXATION, SOC, SQUARED, FlatNetwork, step_signals
 
 # Places in the state after the n past outputs.
-AT_SOC, AT_QUICK, AT_SLOW, AT_OFFSET, AT_CAPACITY, AT_VOLTAGE, N_EXTRA = 0, 1, 2, 3, 4, 5, 6
+AT_SOC, AT_QUICK, AT_SLOW, AT_OFFSET, AT_CAPACITY, AT_VOLTAGE, AT_RESISTANCE, N_EXTRA = range(8)
 # Constants: noise variances per sample (normalised output, SoC, measurement); how much of the quick error is kept from
 # sample to sample; how fast the slow error fades with time (per sample) and with charge (per unit of SoC); their
 # standard deviations (normalised); whether the steady-state gains are used; weight of a sample in the net movement;
-# the little more current (0: no offset is estimated).
-Q_OUTPUT, Q_SOC, R_VOLTAGE, QUICK_KEEP, SLOW_RATE, SLOW_CHARGE, QUICK_STD, SLOW_STD, STEADY, NET_SHARE, MORE_A = range(11)
-N_CONSTANTS = 11
+# the little more current (0: no offset is estimated); nominal capacity; by how much the SoC's band is widened;
+# relative standard deviation of the resistances.
+Q_OUTPUT, Q_SOC, R_VOLTAGE, QUICK_KEEP, SLOW_RATE, SLOW_CHARGE, QUICK_STD, SLOW_STD, STEADY, NET_SHARE, MORE_A = range(
+    11
+)
+CAPACITY_AH, BAND, RESISTANCE_STD = 11, 12, 13
+N_CONSTANTS = 14
 # Memory besides the filters: last current, direction, last temperature, samples seen, charge counted since the start,
 # and how the state of charge moves on average over `NET_S`.
 HELD_CURRENT, HELD_DIRECTION, HELD_TEMPERATURE, SEEN, COUNTED, NET = range(6)
 N_HELD = 6
 # A load that only swings does not leave the place on the open-circuit curve at which the model is wrong.
 NET_S = 600.0
-# Columns of the output row; the first three variances are made standard deviations by the caller.
-SOC_OUT, SOC_VAR_OUT, VOLTAGE_OUT, INNOVATION_OUT, INNOVATION_VAR_OUT = range(5)
-OFFSET_OUT, OFFSET_VAR_OUT, CAPACITY_OUT, CAPACITY_VAR_OUT, HYPOTHESES_OUT = range(5, 10)
-N_OUT = 10
+# Columns of the output row, in physical units.
+SOC_OUT, SOC_STD_OUT, VOLTAGE_OUT, INNOVATION_OUT, INNOVATION_STD_OUT = range(5)
+OFFSET_OUT, OFFSET_STD_OUT, CAPACITY_OUT, CAPACITY_STD_OUT, HYPOTHESES_OUT = range(5, 10)
+ERROR_OUT = 10
+N_OUT = 11
 # How far the estimate may leave 0..1.
 SOC_SLACK = 0.05
 # The steady-state gains take over once the SoC's variance is within this factor of theirs.
@@ -61,7 +66,7 @@ def step(
     scratch: np.ndarray,
     # the sample
     current_A: float,
-    voltage: float,
+    voltage_V: float,
     temperature_degC: float,
     out: np.ndarray,
 ) -> None:
@@ -79,9 +84,10 @@ def step(
         little more current, which tells what an offset of the current sensor does to the output
     held : (N_HELD,)
     scratch : (rows, columns) room for intermediate results
-    current_A, voltage (normalised), temperature_degC : NaN = missing
-    out : (N_OUT,) written; voltages normalised
+    current_A, voltage_V, temperature_degC : NaN = missing
+    out : (N_OUT,) written
     """
+    voltage = (voltage_V - net.voltage_low) / net.voltage_span
     missing_current = np.isnan(current_A)
     if np.isnan(temperature_degC):
         temperature_degC = held[HELD_TEMPERATURE]
@@ -127,18 +133,36 @@ def step(
     for j in range(weight.shape[0]):
         if weight[j] > 0.0:
             base = x[j, max(net.order, 1)] - counted
-            error_level = _predict(
+            error_level, overpotential = _predict(
                 net, level, gains, constants, x[j], covariance[j], history, scratch, base, moved, keep_slow, q_soc,
                 first, voltage,
             )  # fmt: skip
-            _correct(constants, x[j], covariance[j], scratch, error_level, voltage, first and net.order > 0, out)
-            likelihood[j] = out[INNOVATION_VAR_OUT]
+            _correct(
+                constants, x[j], covariance[j], scratch, error_level, overpotential, voltage,
+                first and net.order > 0, out,
+            )  # fmt: skip
+            likelihood[j] = out[INNOVATION_STD_OUT]
             scratch[1, j], scratch[2, j] = out[VOLTAGE_OUT], out[INNOVATION_OUT]
     _settle(x, covariance, weight, scratch, voltage, out, max(net.order, 1))
+    _to_physical(net, constants, out)
     held[HELD_CURRENT] = current_A
     held[HELD_TEMPERATURE] = temperature_degC
     held[SEEN] += 1.0
     held[COUNTED] = counted + moved
+
+
+@njit(cache=True)
+def _to_physical(net: FlatNetwork, constants: np.ndarray, out: np.ndarray) -> None:
+    """Make volts of normalised ones, standard deviations of variances, and a capacity of its error."""
+    for column in (SOC_STD_OUT, INNOVATION_STD_OUT, OFFSET_STD_OUT, CAPACITY_STD_OUT):
+        out[column] = np.sqrt(max(out[column], 0.0))
+    out[SOC_STD_OUT] *= constants[BAND]
+    out[VOLTAGE_OUT] = net.voltage_low + net.voltage_span * out[VOLTAGE_OUT]
+    out[INNOVATION_OUT] *= net.voltage_span
+    out[INNOVATION_STD_OUT] *= net.voltage_span
+    # The state of charge moves by (1 + e) times what the nominal capacity says.
+    out[CAPACITY_OUT] = constants[CAPACITY_AH] / (1.0 + out[CAPACITY_OUT])
+    out[CAPACITY_STD_OUT] *= constants[CAPACITY_AH]
 
 
 @njit(cache=True)
@@ -157,12 +181,15 @@ def _predict(
     q_soc: float,
     first: bool,
     voltage: float,
-) -> float:
-    """Move one hypothesis to this sample before its voltage is known; return the size of the model's error here."""
+) -> tuple[float, float]:
+    """Move one hypothesis to this sample before its voltage is known.
+
+    Returns the size of the model's error here, and what the current does to the output (normalised).
+    """
     n, size = max(net.order, 1), x.shape[0]
     row, gain, phi, tilt = scratch[3], scratch[4], scratch[5], scratch[6]
     # Taken out of the tuple once: each access counts a reference.
-    theta, centres, widths, kind, low_span = net.theta, net.centres, net.widths, net.kind, net.span
+    theta, centres, widths, kind, low, span = net.theta, net.centres, net.widths, net.kind, net.low, net.span
     axis_signal, axis_lag, tap_signal, tap_lag = net.axis_signal, net.axis_lag, net.tap_signal, net.tap_lag
     order = net.order
     n_models, n_params = theta.shape
@@ -173,7 +200,7 @@ def _predict(
         s = axis_signal[j]
         z, per_soc = history[0, axis_lag[j], s], 0.0
         if kind[s] == SOC:
-            per_soc = 1.0 / low_span[s]
+            per_soc = 1.0 / span[s]
             z += base * per_soc
         for i in range(n_models):
             scaled = (z - centres[i, j]) / widths[i, j]
@@ -192,7 +219,7 @@ def _predict(
     # parameters without that part can even have the wrong sign.
     for a in range(size):
         row[a] = 0.0
-    y = 0.0
+    y, overpotential, kept = 0.0, 0.0, 0.0
     for p in range(n_params):
         blended, tilted = 0.0, 0.0
         for i in range(n_models):
@@ -202,18 +229,22 @@ def _predict(
         if p < order:
             value = x[p]
             row[p] = blended
+            kept += blended
         elif p < n_params - 1:
             s, lag = tap_signal[p - order], tap_lag[p - order]
             value = history[0, lag, s]
             if constants[MORE_A] > 0.0:
                 row[n + AT_OFFSET] -= blended * (history[1, lag, s] - value) / constants[MORE_A]
             if kind[s] == SOC:
-                value += base / low_span[s]
-                row[n] += blended / low_span[s]
+                value += base / span[s]
+                row[n] += blended / span[s]
+            elif kind[s] == FILTERED or kind[s] == SQUARED or kind[s] == RELAXATION:
+                overpotential += blended * (value + low[s] / span[s])
         else:
             value = 1.0
         y += blended * value
         row[n] += tilted * value
+    overpotential /= 1.0 - kept
     error_level = 0.0
     for i in range(n_models):
         error_level += phi[i] * level[i]
@@ -228,20 +259,22 @@ def _predict(
         for lag in range(order):
             x[lag] = y
             covariance[lag, lag] = constants[R_VOLTAGE]
-        return error_level
+        return error_level, overpotential
     soc_per_A = 0.0 if first else net.soc_per_A
     _spread(covariance, scratch, row, n, soc_per_A, moved, constants[QUICK_KEEP], keep_slow)
     covariance[0, 0] += constants[Q_OUTPUT]
     covariance[n, n] += q_soc
     covariance[n + AT_QUICK, n + AT_QUICK] += 1.0 - constants[QUICK_KEEP] ** 2
     covariance[n + AT_SLOW, n + AT_SLOW] += 1.0 - keep_slow**2
+    covariance[n + AT_RESISTANCE, n + AT_RESISTANCE] += 1.0 - keep_slow**2
     for lag in range(n - 1, 0, -1):
         x[lag] = x[lag - 1]
     x[0] = y + row[n + AT_OFFSET] * x[n + AT_OFFSET]
     x[n] += moved * (1.0 + x[n + AT_CAPACITY]) - soc_per_A * x[n + AT_OFFSET]
     x[n + AT_QUICK] *= constants[QUICK_KEEP]
     x[n + AT_SLOW] *= keep_slow
-    return error_level
+    x[n + AT_RESISTANCE] *= keep_slow
+    return error_level, overpotential
 
 
 @njit(cache=True)
@@ -272,6 +305,7 @@ def _spread(
         moved_rows[n + AT_OFFSET, b] = covariance[n + AT_OFFSET, b]
         moved_rows[n + AT_CAPACITY, b] = covariance[n + AT_CAPACITY, b]
         moved_rows[n + AT_VOLTAGE, b] = covariance[n + AT_VOLTAGE, b]
+        moved_rows[n + AT_RESISTANCE, b] = keep_slow * covariance[n + AT_RESISTANCE, b]
     for a in range(size):
         line, old = covariance[a], moved_rows[a]
         total = 0.0
@@ -286,6 +320,7 @@ def _spread(
         line[n + AT_OFFSET] = old[n + AT_OFFSET]
         line[n + AT_CAPACITY] = old[n + AT_CAPACITY]
         line[n + AT_VOLTAGE] = old[n + AT_VOLTAGE]
+        line[n + AT_RESISTANCE] = keep_slow * old[n + AT_RESISTANCE]
 
 
 @njit(cache=True)
@@ -295,6 +330,7 @@ def _correct(
     covariance: np.ndarray,
     scratch: np.ndarray,
     error_level: float,
+    overpotential: float,
     voltage: float,
     started: bool,
     out: np.ndarray,
@@ -304,13 +340,15 @@ def _correct(
     n = size - N_EXTRA
     gain, seen = scratch[4], scratch[3]
     quick, slow = constants[QUICK_STD] * error_level, constants[SLOW_STD] * error_level
+    more = constants[RESISTANCE_STD] * overpotential
     for a in range(size):
         seen[a] = covariance[a, 0] + covariance[a, n + AT_VOLTAGE]
         seen[a] += quick * covariance[a, n + AT_QUICK] + slow * covariance[a, n + AT_SLOW]
+        seen[a] += more * covariance[a, n + AT_RESISTANCE]
     variance = seen[0] + seen[n + AT_VOLTAGE] + quick * seen[n + AT_QUICK] + slow * seen[n + AT_SLOW]
-    variance += constants[R_VOLTAGE]
-    expected = x[0] + x[n + AT_VOLTAGE] + quick * x[n + AT_QUICK] + slow * x[n + AT_SLOW]
-    out[VOLTAGE_OUT], out[INNOVATION_VAR_OUT] = expected, variance
+    variance += more * seen[n + AT_RESISTANCE] + constants[R_VOLTAGE]
+    expected = x[0] + x[n + AT_VOLTAGE] + quick * x[n + AT_QUICK] + slow * x[n + AT_SLOW] + more * x[n + AT_RESISTANCE]
+    out[VOLTAGE_OUT], out[INNOVATION_STD_OUT] = expected, variance
     out[INNOVATION_OUT] = voltage - expected
     if np.isnan(voltage) or started:
         return
@@ -351,7 +389,7 @@ def _settle(
             innovation += weight[j] * scratch[2, j]
             variance += weight[j] * (scratch[0, j] + scratch[1, j] ** 2)
     out[VOLTAGE_OUT], out[INNOVATION_OUT] = expected, innovation
-    out[INNOVATION_VAR_OUT] = scratch[0, 0] if alive == 1 and weight[0] > 0.0 else variance - expected**2
+    out[INNOVATION_STD_OUT] = scratch[0, 0] if alive == 1 and weight[0] > 0.0 else variance - expected**2
     if alive > 1:
         if not np.isnan(voltage):
             for j in range(weight.shape[0]):
@@ -363,7 +401,7 @@ def _settle(
                 if weight[j] > 0.0:
                     weight[j] = np.exp(scratch[0, j] - best)
         _thin_out(x, covariance, weight, n)
-    for a in range(5):
+    for a in range(6):
         out[OFFSET_OUT + a] = 0.0
     mean, square, offset, offset2, capacity, capacity2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(weight.shape[0]):
@@ -379,9 +417,10 @@ def _settle(
             offset2 += weight[j] * (covariance[j, n + AT_OFFSET, n + AT_OFFSET] + o * o)
             capacity2 += weight[j] * (covariance[j, n + AT_CAPACITY, n + AT_CAPACITY] + c * c)
             out[HYPOTHESES_OUT] += 1.0
-    out[SOC_OUT], out[SOC_VAR_OUT] = mean, square
-    out[OFFSET_OUT], out[OFFSET_VAR_OUT] = offset, offset2
-    out[CAPACITY_OUT], out[CAPACITY_VAR_OUT] = capacity, capacity2
+            out[ERROR_OUT] += weight[j] * max(abs(x[j, n + AT_SLOW]), abs(x[j, n + AT_RESISTANCE]))
+    out[SOC_OUT], out[SOC_STD_OUT] = mean, square
+    out[OFFSET_OUT], out[OFFSET_STD_OUT] = offset, offset2
+    out[CAPACITY_OUT], out[CAPACITY_STD_OUT] = capacity, capacity2
 
 
 @njit(cache=True)
@@ -422,29 +461,3 @@ def _thin_out(x: np.ndarray, covariance: np.ndarray, weight: np.ndarray, n: int)
         total += weight[j]
     for j in range(count):
         weight[j] /= total
-
-
-@njit(cache=True)
-def replay(
-    net: FlatNetwork,
-    level: np.ndarray,
-    gains: np.ndarray,
-    constants: np.ndarray,
-    x: np.ndarray,
-    covariance: np.ndarray,
-    weight: np.ndarray,
-    filters: np.ndarray,
-    history: np.ndarray,
-    held: np.ndarray,
-    scratch: np.ndarray,
-    current_A: np.ndarray,
-    voltage: np.ndarray,
-    temperature_degC: np.ndarray,
-    out: np.ndarray,
-) -> None:
-    """Run `step` over whole arrays; `out` is (N, N_OUT)."""
-    for k in range(current_A.shape[0]):
-        step(
-            net, level, gains, constants, x, covariance, weight, filters, history, held, scratch,
-            current_A[k], voltage[k], temperature_degC[k], out[k],
-        )  # fmt: skip

@@ -10,8 +10,9 @@ import numpy as np
 from models.electrothermal import flat_network
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
-from models.observer import compiled
+from models.observer import compiled, packing
 from models.observer.gains import observer_matrices, output_rows, state_matrices, steady_state_gains
+from models.observer.packing import Layout, pack
 from models.observer.settings import ObserverSettings, default_settings, error_levels
 from models.timeseries import FloatArray
 
@@ -23,6 +24,8 @@ _OVERLAP = 0.6
 _NARROW_STD = 0.03
 # Even a given state of charge can be plain wrong: this share of belief is spread evenly.
 _DOUBT = 1e-2
+# What is left of an uncertainty where a value counts as told by the data.
+_TOLD = 0.5
 # Current in multiples of 1C by which the effect of a sensor's offset is looked at.
 _MORE_C = 0.01
 
@@ -31,23 +34,28 @@ _MORE_C = 0.01
 class ObserverState:
     """Memory of the observer after a sample: hypotheses with their weights, and the derived signals' memory."""
 
-    x: FloatArray
-    covariance: FloatArray
-    weight: FloatArray
-    filters: FloatArray
-    history: FloatArray
-    held: FloatArray
+    memory: FloatArray
+    layout: Layout
 
-    def copy(self) -> ObserverState:
-        """Return an independent copy."""
-        return ObserverState(
-            self.x.copy(),
-            self.covariance.copy(),
-            self.weight.copy(),
-            self.filters.copy(),
-            self.history.copy(),
-            self.held.copy(),
-        )
+    @property
+    def x(self) -> FloatArray:
+        """(J, s) states of the hypotheses."""
+        return self.layout.part(self.memory, 0)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(J, s, s) their covariances."""
+        return self.layout.part(self.memory, 1)
+
+    @property
+    def weight(self) -> FloatArray:
+        """(J,) how likely each is; 0: not there."""
+        return self.layout.part(self.memory, 2)
+
+    @property
+    def held(self) -> FloatArray:
+        """Last current, direction, temperature, samples seen, charge counted and its mean."""
+        return self.layout.part(self.memory, 5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +70,7 @@ class ObserverOutput:
     current_offset_A, current_offset_std_A : what the current sensor reads too much
     capacity_Ah, capacity_std_Ah : estimated capacity
     hypotheses : how many different states of charge are still held possible
+    model_error_sigma : the model's error as the filter sees it, in multiples of what was assumed
     """
 
     soc: float
@@ -74,12 +83,18 @@ class ObserverOutput:
     capacity_Ah: float
     capacity_std_Ah: float
     hypotheses: float
+    model_error_sigma: float
+
+    @property
+    def row(self) -> FloatArray:
+        """(columns,) the same as one row of a replay."""
+        return np.array([getattr(self, name) for name in COLUMNS])
 
 
 COLUMNS = tuple(ObserverOutput.__dataclass_fields__)
-# Seen through Any: the type checker takes the compiled functions' tuples of arguments for single ones.
-_step: Any = compiled.step
-_replay: Any = compiled.replay
+# Seen through Any: the type checker takes the compiled functions' arguments for what they are without compilation.
+_step: Any = packing.step
+_replay: Any = packing.replay
 
 
 class FuzzyObserver:
@@ -106,12 +121,11 @@ class FuzzyObserver:
         self.network = network
         self.settings = settings or default_settings(network)
         self.dt_s = network.structure.dt_s
-        self._volts_low, self._volts_span = network.scaling["voltage"][0], network.voltage_span_V
         self._n = max(network.structure.output_order, 1)
-        self._size = self._n + compiled.N_EXTRA
-        self._arguments = self._compile_arguments()
-        rows = 7 + self._size
-        self._scratch_shape = (rows, max(network.n_models, _HYPOTHESES, self._size + 1))
+        depth = 1 + max(1, *(lag for _, lag in network.structure.taps()))
+        size = self._n + compiled.N_EXTRA
+        self._layout = Layout(_HYPOTHESES, size, len(network.structure.signals), depth)
+        self._numbers, self._whole = self._pack()
 
     def initial(self, soc: float, soc_std: float | None = None, temperature_degC: float = 25.0) -> ObserverState:
         """State before the first sample.
@@ -124,24 +138,22 @@ class FuzzyObserver:
         """
         std = self.settings.initial_soc_std if soc_std is None else soc_std
         starts, weights, spread = _hypotheses(soc, std)
-        x = np.zeros((_HYPOTHESES, self._size))
-        covariance = np.zeros((_HYPOTHESES, self._size, self._size))
-        weight = np.zeros(_HYPOTHESES)
         count, n, s = len(starts), self._n, self.settings
-        x[:count, n], weight[:count] = starts, weights
-        one_C = self.network.cell.capacity_Ah
-        variances = (spread**2, 1.0, 1.0, (s.current_offset_std_C * one_C) ** 2, s.capacity_std**2)
-        variances = (*variances, (s.voltage_offset_std_V / self._volts_span) ** 2)
-        for place, variance in zip(range(n, self._size), variances, strict=True):
-            covariance[:count, place, place] = variance
-        structure = self.network.structure
-        depth = 1 + max(1, *(lag for _, lag in structure.taps()))
-        n_signals = len(structure.signals)
-        held = np.zeros(compiled.N_HELD)
-        held[compiled.HELD_DIRECTION], held[compiled.HELD_TEMPERATURE] = -1.0, temperature_degC
-        return ObserverState(
-            x, covariance, weight, np.zeros((2, n_signals, 3)), np.zeros((2, depth, n_signals)), held
+        state = ObserverState(np.zeros(self._layout.size), self._layout)
+        state.x[:count, n], state.weight[:count] = starts, weights
+        variances = (
+            spread**2,
+            1.0,
+            1.0,
+            (s.current_offset_std_C * self.network.cell.capacity_Ah) ** 2,
+            s.capacity_std**2,
+            (s.voltage_offset_std_V / self.network.voltage_span_V) ** 2,
+            1.0,
         )
+        for place, variance in enumerate(variances):
+            state.covariance[:count, n + place, n + place] = variance
+        state.held[compiled.HELD_DIRECTION], state.held[compiled.HELD_TEMPERATURE] = -1.0, temperature_degC
+        return state
 
     def step(
         self, state: ObserverState, current_A: float, voltage_V: float, temperature_degC: float
@@ -152,18 +164,9 @@ class FuzzyObserver:
         -------
         The new state (the old one is left as it was) and the estimate.
         """
-        new = state.copy()
-        row = np.empty(compiled.N_OUT)
-        _step(
-            *self._arguments,
-            *_memory(new),
-            np.empty(self._scratch_shape),
-            float(current_A),
-            (float(voltage_V) - self._volts_low) / self._volts_span,
-            float(temperature_degC),
-            row,
-        )
-        return new, ObserverOutput(*self._to_physical(row[None])[0].tolist())
+        memory, row = state.memory.copy(), np.empty(compiled.N_OUT)
+        _step(self._numbers, self._whole, memory, float(current_A), float(voltage_V), float(temperature_degC), row)
+        return ObserverState(memory, state.layout), ObserverOutput(*row.tolist())
 
     def replay(
         self, state: ObserverState, current_A: FloatArray, voltage_V: FloatArray, temperature_degC: FloatArray
@@ -174,67 +177,55 @@ class FuzzyObserver:
         -------
         The last state and (N, columns), columns as in `ObserverOutput`.
         """
-        new = state.copy()
-        out = np.empty((len(current_A), compiled.N_OUT))
-        _replay(
-            *self._arguments,
-            *_memory(new),
-            np.empty(self._scratch_shape),
-            np.ascontiguousarray(current_A, dtype=np.float64),
-            (np.ascontiguousarray(voltage_V, dtype=np.float64) - self._volts_low) / self._volts_span,
-            np.ascontiguousarray(temperature_degC, dtype=np.float64),
-            out,
-        )
-        return new, self._to_physical(out)
+        memory, out = state.memory.copy(), np.empty((len(current_A), compiled.N_OUT))
+        arrays = (np.ascontiguousarray(values, np.float64) for values in (current_A, voltage_V, temperature_degC))
+        _replay(self._numbers, self._whole, memory, *arrays, out)
+        return ObserverState(memory, state.layout), out
 
-    def _to_physical(self, rows: FloatArray) -> FloatArray:
-        out = rows.copy()
-        for column in (
-            compiled.SOC_VAR_OUT,
-            compiled.INNOVATION_VAR_OUT,
-            compiled.OFFSET_VAR_OUT,
-            compiled.CAPACITY_VAR_OUT,
-        ):
-            out[:, column] = np.sqrt(np.maximum(rows[:, column], 0.0))
-        out[:, compiled.SOC_VAR_OUT] *= self.settings.band_factor
-        span, capacity_Ah = self._volts_span, self.network.cell.capacity_Ah
-        out[:, compiled.VOLTAGE_OUT] = self._volts_low + span * rows[:, compiled.VOLTAGE_OUT]
-        out[:, compiled.INNOVATION_OUT] *= span
-        out[:, compiled.INNOVATION_VAR_OUT] *= span
-        # SoC moves by (1 + e) times what the nominal capacity says.
-        out[:, compiled.CAPACITY_OUT] = capacity_Ah / (1.0 + rows[:, compiled.CAPACITY_OUT])
-        out[:, compiled.CAPACITY_VAR_OUT] *= capacity_Ah
-        return out
+    def told_sensors(self, row: FloatArray) -> dict[str, dict[str, float] | None]:
+        """Offset of the current sensor and capacity with their standard deviation; None where nothing was learned.
 
-    def _compile_arguments(self) -> tuple[Any, ...]:
+        A value counts as told where its uncertainty has come down to half of what was assumed at the start.
+        """
+        capacity_Ah, s = self.network.cell.capacity_Ah, self.settings
+        assumed = (s.current_offset_std_C * capacity_Ah, s.capacity_std * capacity_Ah)
+        places = ((compiled.OFFSET_OUT, "current_offset_A"), (compiled.CAPACITY_OUT, "capacity_Ah"))
+        found: dict[str, dict[str, float] | None] = {}
+        for (place, name), prior in zip(places, assumed, strict=True):
+            std = float(row[place + 1])
+            told = 0.0 < std <= _TOLD * prior
+            found[name] = {"value": float(row[place]), "std": std} if told else None
+        return found
+
+    def _pack(self) -> tuple[FloatArray, np.ndarray]:
         network, s = self.network, self.settings
         state_matrices(network)  # refuses a network without SoC
-        level = error_levels(network)
-        per_volt = 1.0 / self._volts_span
+        level, capacity_Ah, per_volt = error_levels(network), network.cell.capacity_Ah, 1.0 / network.voltage_span_V
         constants = np.zeros(compiled.N_CONSTANTS)
-        constants[compiled.Q_OUTPUT] = (s.output_std_V * per_volt) ** 2
-        constants[compiled.Q_SOC] = s.soc_std_per_sqrt_s**2 * self.dt_s
-        constants[compiled.R_VOLTAGE] = (s.voltage_std_V * per_volt) ** 2
-        constants[compiled.QUICK_KEEP] = np.exp(-self.dt_s / s.quick_error_time_s)
-        constants[compiled.SLOW_RATE] = self.dt_s / s.slow_error_time_s
-        constants[compiled.SLOW_CHARGE] = 1.0 / s.slow_error_soc
-        constants[compiled.QUICK_STD] = s.quick_error_std_V * per_volt
-        constants[compiled.SLOW_STD] = s.slow_error_std_V * per_volt
-        constants[compiled.NET_SHARE] = min(self.dt_s / compiled.NET_S, 1.0)
-        constants[compiled.MORE_A] = _MORE_C * network.cell.capacity_Ah if s.current_offset_std_C > 0.0 else 0.0
-        gains = np.zeros((network.n_models, self._size + 1))
+        for place, value in (
+            (compiled.Q_OUTPUT, (s.output_std_V * per_volt) ** 2),
+            (compiled.Q_SOC, s.soc_std_per_sqrt_s**2 * self.dt_s),
+            (compiled.R_VOLTAGE, (s.voltage_std_V * per_volt) ** 2),
+            (compiled.QUICK_KEEP, np.exp(-self.dt_s / s.quick_error_time_s)),
+            (compiled.SLOW_RATE, self.dt_s / s.slow_error_time_s),
+            (compiled.SLOW_CHARGE, 1.0 / s.slow_error_soc),
+            (compiled.QUICK_STD, s.quick_error_std_V * per_volt),
+            (compiled.SLOW_STD, s.slow_error_std_V * per_volt),
+            (compiled.STEADY, float(s.gain == "steady")),
+            (compiled.NET_SHARE, min(self.dt_s / compiled.NET_S, 1.0)),
+            (compiled.MORE_A, _MORE_C * capacity_Ah if s.current_offset_std_C > 0.0 else 0.0),
+            (compiled.CAPACITY_AH, capacity_Ah),
+            (compiled.BAND, s.band_factor),
+            (compiled.RESISTANCE_STD, s.resistance_std),
+        ):
+            constants[place] = value
+        gains = np.zeros((network.n_models, self._layout.states + 1))
         if s.gain == "steady":
-            constants[compiled.STEADY] = 1.0
             matrices, process = observer_matrices(network, s)
-            steady = steady_state_gains(
-                matrices, output_rows(network, s, level), process, constants[compiled.R_VOLTAGE]
-            )
+            rows = output_rows(network, s, level)
+            steady = steady_state_gains(matrices, rows, process, constants[compiled.R_VOLTAGE])
             gains[:, : self._n + 3], gains[:, -1] = steady[:, :-1], steady[:, -1]
-        return flat_network(network), level, gains, constants
-
-
-def _memory(state: ObserverState) -> tuple[FloatArray, ...]:
-    return state.x, state.covariance, state.weight, state.filters, state.history, state.held
+        return pack(flat_network(network), level, gains, constants, self._layout)
 
 
 def _hypotheses(soc: float, std: float) -> tuple[FloatArray, FloatArray, float]:

@@ -111,7 +111,8 @@ def steady_state_gains(
     Returns
     -------
     (M, s + 1): the gain, and last the variance of the SoC after the update. A local model whose SoC cannot be seen in
-    its output (no solution) gets a gain of zero and an infinite variance: charge is counted there.
+    its output has no steady state: it gets a gain and a variance of zero, which no covariance comes down to, so that
+    the gain of the moment goes on being used there.
     """
     size = matrices.shape[1]
     at_soc = size - 3
@@ -125,5 +126,5 @@ def steady_state_gains(
             gains[i, :size] = gain
             gains[i, size] = covariance[at_soc, at_soc] - gain[at_soc] * seen[at_soc]
         except (np.linalg.LinAlgError, ValueError):
-            gains[i, size] = np.inf
+            gains[i] = 0.0
     return gains

@@ -14,6 +14,8 @@ from models.uncertainty import uncertainty_of
 GAINS = ("kalman", "steady")
 # A part of the model's error that fades faster than this is the quick one.
 _QUICK_S = 100.0
+# And one that fades within about two samples is told from noise by nothing.
+_WHITE_S = 3.0
 _MAY_BE_ZERO = (
     "output_std_V",
     "quick_error_std_V",
@@ -21,6 +23,7 @@ _MAY_BE_ZERO = (
     "current_offset_std_C",
     "capacity_std",
     "voltage_offset_std_V",
+    "resistance_std",
 )
 
 
@@ -38,6 +41,7 @@ class ObserverSettings:
     quick_error_std_V, quick_error_time_s : model error that fades within seconds to minutes (dynamics)
     slow_error_std_V, slow_error_time_s, slow_error_soc : model error that fades with time and with the charge that
         moves (open-circuit curve, slow diffusion); it is down to 1/e after `slow_error_soc` of the capacity
+    resistance_std : relative standard deviation of what the current does to the output; changes as the slow error does
     output_std_V : process noise of the model's output per sample; 0 where the model was fitted in free run, as here
     soc_std_per_sqrt_s : process noise of the SoC as a random walk, fraction per sqrt(s)
     initial_soc_std : uncertainty of the initial SoC where none is given
@@ -56,10 +60,11 @@ class ObserverSettings:
     slow_error_std_V: float = 0.008
     slow_error_time_s: float = 3600.0
     slow_error_soc: float = 0.1
+    resistance_std: float = 0.02
     output_std_V: float = 0.0
     soc_std_per_sqrt_s: float = 1e-5
     initial_soc_std: float = 0.2
-    current_offset_std_C: float = 0.003
+    current_offset_std_C: float = 0.005
     capacity_std: float = 0.005
     voltage_offset_std_V: float = 0.0
     band_factor: float = 1.0
@@ -73,7 +78,7 @@ class ObserverSettings:
     def from_json(cls, document: dict[str, Any]) -> ObserverSettings:
         """Read what `to_json` wrote; a value that is not a positive finite number is a ModelError."""
         try:
-            values = {key: value if key == "gain" else float(value) for key, value in document.items()}
+            values: dict[str, Any] = {k: v if k == "gain" else float(v) for k, v in document.items()}
             settings = cls(**values)
         except (TypeError, ValueError, AttributeError) as error:
             raise ModelError(f"observer settings: {error}") from None
@@ -106,14 +111,18 @@ def default_settings(network: LocalModelNetwork) -> ObserverSettings:
     rms_V = float(np.sqrt(np.average(uncertainty.level_V**2, weights=np.maximum(uncertainty.samples, 1.0))))
     correlation = uncertainty.correlation
     time_s = -network.dt_s / np.log(np.clip(correlation.keep, 1e-6, 1.0 - 1e-9))
-    quick = time_s < _QUICK_S
+    noise, quick = time_s < _WHITE_S, time_s < _QUICK_S
+    slow = time_s >= _QUICK_S
+    quick &= ~noise
     least_V = 0.1 * rms_V
+    white = max(correlation.white, 0.0) + correlation.shares[noise].sum()
+    floor_V = 1e-3 * float(network.record.get("noise_floor_mV") or 0.0)
     return ObserverSettings(
-        voltage_std_V=max(rms_V * float(np.sqrt(max(correlation.white, 0.0))), least_V),
+        voltage_std_V=max(rms_V * float(np.sqrt(white)), min(floor_V, rms_V), least_V),
         quick_error_std_V=max(rms_V * float(np.sqrt(correlation.shares[quick].sum())), least_V),
         quick_error_time_s=_mean_time_s(time_s[quick], correlation.shares[quick], 20.0),
-        slow_error_std_V=max(rms_V * float(np.sqrt(correlation.shares[~quick].sum())), least_V),
-        slow_error_time_s=_mean_time_s(time_s[~quick], correlation.shares[~quick], 3600.0),
+        slow_error_std_V=max(rms_V * float(np.sqrt(correlation.shares[slow].sum())), least_V),
+        slow_error_time_s=max(_mean_time_s(time_s[slow], correlation.shares[slow], 3600.0), 3600.0),
     )
 
 
@@ -132,4 +141,3 @@ def _mean_time_s(time_s: np.ndarray, shares: np.ndarray, otherwise: float) -> fl
     if len(time_s) == 0 or shares.sum() <= 0.0:
         return otherwise
     return float(np.exp(np.average(np.log(time_s), weights=shares)))
-

@@ -3,32 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import json
-import shutil
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from urllib.parse import urlsplit
+from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Page, Request, WebSocketRoute, expect, sync_playwright
+from browser_rig import PHONE, OpenPage, served
+from playwright.sync_api import Page, WebSocketRoute, expect
 from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
 pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(180)]
 
-_CHROMIUM_ARGUMENTS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
-_DESKTOP = {"width": 1280, "height": 800}
-_PHONE = {"width": 390, "height": 844}
 # One bench on the wall clock, whose runs last long enough to be stopped, and one in lock-step.
 _CONFIG = """
 [bench.slow.simulate]
@@ -36,68 +19,13 @@ lock_step = false
 [bench.fast.simulate]
 lock_step = true
 """
-# Chromium itself reports each answer that is no success; a refused request is part of some tests.
-_REFUSAL = "the server responded with a status of 4"
 
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of a service that runs until the module's last test has ended."""
-    folder: Path = tmp_path_factory.mktemp("service")
-    (folder / "bench.toml").write_text(_CONFIG, encoding="utf-8")
-    with (folder / "log").open("w") as log:
-        command = [sys.executable, "-m", "bench_service.cli", "serve", "--port", "0", "--json"]
-        process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=log, text=True)
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            assert line, f"the service did not start: {(folder / 'log').read_text()}"
-            yield json.loads(line)["address"]
-        finally:
-            process.terminate()
-            process.wait(timeout=30)
-            assert process.stdout is not None
-            process.stdout.close()
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=_CHROMIUM_ARGUMENTS)
-        yield browser
-        browser.close()
-
-
-OpenPage = Callable[..., Page]
-
-
-@pytest.fixture
-def open_page(chromium: Browser, address: str) -> Iterator[OpenPage]:
-    """Open the page; afterwards nothing may stand in its console, and nothing have gone to another host."""
-    complaints: list[str] = []
-    hosts: set[str] = set()
-
-    def note(request: Request) -> None:
-        hosts.add(urlsplit(request.url).netloc)
-
-    def open_it(bench: str, viewport: dict[str, int] = _DESKTOP, prepare: Callable[[Page], None] | None = None) -> Page:
-        context = chromium.new_context(viewport=viewport, timezone_id="Europe/Berlin")  # pyright: ignore[reportArgumentType]
-        context.set_default_timeout(20_000)
-        page = context.new_page()
-        page.on("request", note)
-        page.on("websocket", lambda socket: hosts.add(urlsplit(socket.url).netloc))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-        if prepare:
-            prepare(page)
-        page.goto(f"{address}/?bench={bench}")
-        return page
-
-    yield open_it
-    for context in list(chromium.contexts):
-        context.close()
-    assert [text for text in complaints if _REFUSAL not in text] == []
-    assert hosts == {urlsplit(address).netloc}
+    with served(tmp_path_factory.mktemp("service"), _CONFIG) as found:
+        yield found
 
 
 def _reading(page: Page, name: str) -> float:
@@ -130,7 +58,7 @@ def test_idle_bench_is_shown_with_state_in_words_and_live_values(open_page: Open
 
 
 def test_stop_ends_a_run_at_once_and_shows_the_answer_on_a_phone(open_page: OpenPage) -> None:
-    page = open_page("slow", _PHONE)
+    page = open_page("slow", PHONE)
     expect(page.locator("button.stop")).to_have_count(0)
     _fill_campaign(page, "to be stopped")
     page.get_by_role("button", name="Start campaign").click()
@@ -146,7 +74,7 @@ def test_stop_ends_a_run_at_once_and_shows_the_answer_on_a_phone(open_page: Open
     expect(page.locator(".bench-head .chip")).to_have_text("idle")
     expect(page.locator("#runs-body tbody tr").first).to_contain_text("stopped")
     expect(page.locator("#campaign-body .campaign-head .chip")).to_have_text("failed")
-    assert page.evaluate("document.documentElement.scrollWidth") == _PHONE["width"]
+    assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
 
 
 def test_campaign_runs_through_to_figures_and_pictures(open_page: OpenPage) -> None:

@@ -51,7 +51,7 @@ def campaign(rest: Rest) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def child(rest: Rest, campaign: dict[str, Any]) -> dict[str, Any]:
-    return rest.job(rest.post(f"/models/{campaign['model']}/effects", {"effect": "relaxation"}))
+    return rest.service.client.add_effect(campaign["model"], "relaxation", timeout_s=100)
 
 
 def refusal(answer: httpx.Response) -> tuple[int, list[Any] | None, str]:
@@ -60,7 +60,7 @@ def refusal(answer: httpx.Response) -> tuple[int, list[Any] | None, str]:
 
 
 def test_the_catalogue_says_how_to_recognise_an_effect(rest: Rest) -> None:
-    effects = {each["name"]: each for each in rest.get("/effects").json()["effects"]}
+    effects = {each["name"]: each for each in rest.service.client.effects()}
     assert len(effects) >= 19
     hysteresis = effects["hysteresis"]
     assert {each["name"]: each["unit"] for each in hysteresis["parameters"]}["amplitude_V"] == "V"
@@ -69,7 +69,8 @@ def test_the_catalogue_says_how_to_recognise_an_effect(rest: Rest) -> None:
 
 
 def test_where_a_comparison_is_off(rest: Rest, campaign: dict[str, Any]) -> None:
-    where = rest.get(f"/comparisons/{campaign['comparison']}/where").json()
+    where = rest.service.client.comparison_where(campaign["comparison"])
+    assert {each["variable"] for each in where["profiles"]} >= {"soc", "since_step_s"}
     assert {each["y"]["variable"] for each in where["maps"]} >= {"current_A"}
     for found in where["maps"]:
         assert len(found["rmse_mV"]) == len(found["y"]["edges"]) - 1
@@ -110,6 +111,21 @@ def test_what_cannot_be_diagnosed_is_said(rest: Rest, campaign: dict[str, Any]) 
     assert rest.get("/diagnoses/none").status_code == 404
 
 
+def test_an_experiment_needs_rivals_and_a_bench(rest: Rest, campaign: dict[str, Any]) -> None:
+    assert refusal(rest.post("/diagnoses/none/experiment", {"bench": "sim"}))[0] == 404
+    body = {"model_id": campaign["model"], "run_ids": [campaign["validate"]]}
+    made = rest.service.client.diagnose(body["model_id"], body["run_ids"], timeout_s=100)["id"]
+    assert refusal(rest.post(f"/diagnoses/{made}/experiment", {"bench": "none"}))[0] == 404
+    assert refusal(rest.post(f"/diagnoses/{made}/experiment", {"bench": "sim", "initial_soc": 2}))[0] == 422
+    answer = rest.post(f"/diagnoses/{made}/experiment", {"bench": "sim"})
+    if rest.get(f"/diagnoses/{made}").json()["result"]["next_experiment"] is None:
+        assert refusal(answer)[0] == 409 and "rivals" in refusal(answer)[2]
+    else:
+        assert answer.status_code == 202 and answer.json()["kind"] == "experiment"
+        cancelled = rest.post(f"/jobs/{answer.json()['id']}/cancel", {})
+        assert cancelled.json()["state"] == "failed"
+
+
 def test_an_added_effect_makes_a_child_with_both_errors(
     rest: Rest, campaign: dict[str, Any], child: dict[str, Any]
 ) -> None:
@@ -139,7 +155,7 @@ def test_the_chain_names_siblings_and_their_errors(rest: Rest, campaign: dict[st
     assert held_out[campaign["model"]]["rmse_mV"] == child["error_before_mV"]
     assert held_out[child["model"]]["rmse_mV"] == child["error_after_mV"]
     assert {tuple(each["run_ids"]) for each in held_out.values()} == {(campaign["validate"],)}
-    assert rest.get(f"/models/{campaign['model']}/chain").json()["chain"] == [campaign["model"]]
+    assert rest.service.client.model_chain(campaign["model"])["chain"] == [campaign["model"]]
     assert rest.get("/models/none/chain").status_code == 404
 
 

@@ -42,6 +42,7 @@ def _run(options: Namespace, output: Output) -> int:
 
     from bench_service.exchange.atomic import check_writable
     from models.identification import fit_network
+    from models.observer.tuning import with_tuned_observer
     from models.readouts import summary
 
     check_writable(options.out)
@@ -62,7 +63,10 @@ def _run(options: Namespace, output: Output) -> int:
             progress=report,
             code_version=version("bench-service"),
         )
-    write_document(options.out, fitted.network.to_json())
+    held_out = (validate, soc[len(train) :]) if validate else None
+    with threadpool_limits(1):
+        network = with_tuned_observer(fitted.network, train, soc[: len(train)], held_out)
+    write_document(options.out, network.to_json())
     low, high = fitted.network.record["domain"]["soc"]
     if high - low < _NARROW_SOC:
         output.warn(

@@ -9,7 +9,7 @@ const SCALE = { soc: 100 };
 function axis(colours, { variable, edges }, extra) {
   const scale = SCALE[variable] ?? 1;
   const end = (edge) => fixed(edge * scale, Number.isInteger(Math.round(edge * scale * 100) / 100) ? 0 : 1);
-  const labels = edges.slice(0, -1).map((edge, k) => `${end(edge)} … ${end(edges[k + 1])}`);
+  const labels = edges.slice(0, -1).map((edge, k) => `${end(edge)}…${end(edges[k + 1])}`);
   return {
     type: "category", data: labels, name: NAMES[variable] ?? variable, splitArea: { show: false }, axisTick: { show: false },
     axisLine: { lineStyle: { color: colours.line } }, axisLabel: { color: colours["ink-2"], fontSize: 12, hideOverlap: true },
@@ -55,9 +55,9 @@ function valueAxis(colours) {
     axisLabel: { color: colours["ink-2"] }, splitLine: { lineStyle: { color: colours.line, opacity: 0.5 } } };
 }
 
-const categories = (colours, data) => ({ type: "category", data, axisTick: { show: false }, axisLine: { lineStyle: { color: colours.line } },
-  axisLabel: { color: colours["ink-2"], interval: 0, width: 130, overflow: "break", fontSize: 12, lineHeight: 15 } });
-const barGrid = { left: 56, right: 58, top: 30, bottom: 54 };
+const categories = (colours, data, room) => ({ type: "category", data, axisTick: { show: false }, axisLine: { lineStyle: { color: colours.line } },
+  axisLabel: { color: colours["ink-2"], interval: 0, width: Math.max(64, Math.min(140, room / data.length - 8)), overflow: "break", fontSize: 12, lineHeight: 15 } });
+const barGrid = { left: 56, right: 58, top: 30, bottom: 66 };
 
 function bar(colours, { before, after, kept, now }) {
   const fell = after <= before;
@@ -73,7 +73,7 @@ function bar(colours, { before, after, kept, now }) {
 /** Floating bars of versions `{id, label, before, after, kept, now}`; one without `before` stands on the ground. `choose(id)` on a click. */
 export function waterfall(node, versions, floor, choose) {
   const chart = new Chart(node, (colours) => ({
-    textStyle: { fontFamily: colours.font }, grid: barGrid, xAxis: categories(colours, versions.map((each) => each.label)),
+    textStyle: { fontFamily: colours.font }, grid: barGrid, xAxis: categories(colours, versions.map((each) => each.label), node.clientWidth - 120),
     yAxis: valueAxis(colours),
     tooltip: { ...tipStyle, formatter: ({ dataIndex: k }) => tip([[versions[k].label], ["held-out error", `${fixed(versions[k].after, 2)} mV`],
       ...(Number.isFinite(versions[k].before) ? [["its parent's, same runs", `${fixed(versions[k].before, 2)} mV`]] : []),
@@ -89,14 +89,49 @@ export function waterfall(node, versions, floor, choose) {
   return chart;
 }
 
-/** Bars of the error that would be left with each finding, beside the present one. */
+/** Bars of the error that would be left with each finding, below the present one. */
 export function errorLeft(node, before, findings, floor) {
-  return new Chart(node, (colours) => ({
-    textStyle: { fontFamily: colours.font }, grid: barGrid, xAxis: categories(colours, ["as it is", ...findings.map((each) => `with ${each.label}`)]),
-    yAxis: { ...valueAxis(colours), name: "Error / mV" },
-    series: [{ type: "bar", barMaxWidth: 80, markLine: floorLine(colours, floor), data: [before, ...findings.map((each) => each.after)].map((value, k) => ({
-      value, itemStyle: { color: k ? colours.good : colours.neutral, opacity: k > 1 ? 0.6 : 1 },
-      label: { show: true, position: "top", color: colours.ink, fontWeight: 600, formatter: `${fixed(value, 2)} mV` },
-    })) }],
-  }));
+  return new Chart(node, (colours) => {
+    const line = floorLine(colours, floor);
+    if (line) Object.assign(line, { data: [{ xAxis: floor }], label: { ...line.label, position: "start", formatter: `noise ${fixed(floor, 1)} mV` } });
+    return {
+      textStyle: { fontFamily: colours.font }, grid: { left: 138, right: 62, top: 26, bottom: 40 },
+      yAxis: { ...categories(colours, ["as it is", ...findings.map((each) => each.label)], Infinity), inverse: true },
+      xAxis: { ...valueAxis(colours), name: "Error / mV", nameLocation: "middle", nameGap: 24, nameTextStyle: { color: colours.ink, fontSize: 12 } },
+      series: [{ type: "bar", barMaxWidth: 34, markLine: line, data: [before, ...findings.map((each) => each.after)].map((value, k) => ({
+        value, itemStyle: { color: k ? colours.good : colours.neutral },
+        label: { show: true, position: "right", color: colours.ink, fontWeight: 600, formatter: `${fixed(value, 2)} mV` },
+      })) }],
+    };
+  });
+}
+
+const PROFILE = {
+  soc: ["SoC / %", 100], soc_at_rest: ["SoC / %, at rest", 100], since_step_s: ["time since the last current step / s", 1], current_A: ["current / A", 1],
+  time_h: ["test time / h", 1], temperature_degC: ["cell temperature / °C", 1],
+};
+
+// With the page's own minus sign.
+const plain = (value) => String(value).replace("-", "\u2212");
+
+/** Mean error over one variable, apart for the direction of the last current. */
+export function profileChart(node, profile) {
+  const [name, scale] = PROFILE[profile.variable] ?? [profile.variable, 1];
+  const logarithmic = profile.variable === "since_step_s";
+  const points = (values) => profile.at.map((at, k) => [at * scale, values[k]]);
+  const unit = profile.quantity === "resistance_mOhm" ? "mΩ" : "mV";
+  return new Chart(node, (colours) => {
+    const text = { color: colours["ink-2"], fontSize: 12 };
+    const line = (title, colour, values) => ({ name: title, type: "line", data: points(values), showSymbol: true, symbolSize: 5, connectNulls: true, lineStyle: { width: 2, color: colour }, itemStyle: { color: colour } });
+    return {
+      textStyle: { fontFamily: colours.font }, grid: { left: 48, right: 16, top: 26, bottom: 40 },
+      xAxis: { type: logarithmic ? "log" : "value", scale: true, name, nameLocation: "middle", nameGap: 24, nameTextStyle: { color: colours.ink, fontSize: 12 }, axisLabel: { ...text, formatter: plain },
+        axisLine: { lineStyle: { color: colours.line }, onZero: false }, splitLine: { show: false } },
+      yAxis: { type: "value", name: `${unit === "mV" ? "Measured − model" : "Missing resistance"} / ${unit}`, nameTextStyle: { color: colours.ink, align: "left", padding: [0, 0, 0, -36], fontSize: 12 }, axisLabel: { ...text, formatter: plain },
+        splitLine: { lineStyle: { color: colours.line, opacity: 0.5 } } },
+      tooltip: { ...tipStyle, trigger: "axis", axisPointer: { type: "line", animation: false },
+        formatter: (items) => tip([[`${name.split(" / ")[0]} ${fixed(items[0].value[0], 1)}`], ...items.map((item) => [item.seriesName, Number.isFinite(item.value[1]) ? `${fixed(item.value[1], 1)} ${unit}` : "–"])]) },
+      series: [line("after charge", colours.voltage, profile.after_charge), line("after discharge", colours.current, profile.after_discharge)],
+    };
+  });
 }

@@ -3,7 +3,7 @@ import { api } from "./api.js";
 import { chartBox, figure } from "./campaign-result.js";
 import { el } from "./dom.js";
 import { heatMap } from "./error-charts.js";
-import { MISSING, percent, quantity } from "./format.js";
+import { MISSING, fixed, percent, quantity } from "./format.js";
 import { overlayChart } from "./result-charts.js";
 
 export function compareStep(comparison, runs, keep) {
@@ -45,13 +45,19 @@ export function whereStep(where, keep) {
   return el("div", { class: "where" }, regionList(where), maps(where.maps, keep));
 }
 
+/** The service's words in the units of the page. */
+function spoken(text) {
+  const percent = (number) => fixed(100 * Number(number), 0);
+  return text.replaceAll(" degC", " °C").replace(/SoC (above |below |)(\d\.\d+)(?: to (\d\.\d+))?/g, (_, side, low, high) => `SoC ${side}${percent(low)}${high ? ` to ${percent(high)}` : ""} %`);
+}
+
 function regionList({ regions, outside_training: outside }) {
   const apart = outside > 0.001 ? el("p", { class: "about", text: `${percent(outside, 1)} of the samples lie outside what the model was trained on; they are not counted here.` }) : null;
   if (!regions.length) return el("div", {}, el("p", { text: "No region stands out: the error is spread evenly." }), apart);
   return el("div", {}, el("ol", { class: "regions", "aria-label": "Where the error is" }, regions.map((region) => {
     const bar = el("span", { class: "share-bar" });
     bar.style.width = `${100 * region.share_of_squared_error}%`;
-    const [share, place] = region.text.replaceAll(" degC", " °C").split(/: (.*)/s);
+    const [share, place] = spoken(region.text).split(/: (.*)/s);
     return el("li", {}, el("strong", { text: place }), el("span", { class: "share-track" }, bar), el("span", { class: "about", text: `${share}, ${quantity(region.rmse_mV, 1, "mV")} there` }));
   })), apart);
 }

@@ -3,8 +3,9 @@ import { api } from "./api.js";
 import { chip, el, renderKeyed } from "./dom.js";
 import { chooseStep, ownRuns, usedRuns, usualRoles } from "./improve-choose.js";
 import { compareStep, whereStep } from "./improve-compare.js";
+import { playBox } from "./improve-play.js";
 import { addedStep, watchStep } from "./improve-watch.js";
-import { whichStep } from "./improve-which.js";
+import { inText, whichStep } from "./improve-which.js";
 import { busyBox, follow } from "./jobs.js";
 
 const STEPS = [["choose", "Choose"], ["compare", "Compare"], ["where", "Where"], ["which", "Which"], ["add", "Add"], ["watch", "Watch"]];
@@ -12,15 +13,16 @@ const SHOWN_RUNS = 200;
 
 export function improvePanel(state) {
   const root = document.getElementById("improve-body");
-  const panel = new Improve(root);
+  const panel = new Improve(root, state);
   const load = () => panel.load().catch((error) => console.warn(error.message));
   state.on("campaigns benches-listed", (change) => { if (!change || change.stateBefore !== state.campaigns.get(change.id)?.state) load(); });
   state.on("runs", () => panel.offer(state.runs ?? []));
 }
 
 class Improve {
-  constructor(root) {
+  constructor(root, state) {
     this.root = root;
+    this.state = state;
     this.view = { models: [], runs: [], modelId: null, roles: new Map(), mode: "structure" };
     this.titles = new Map();
     this.charts = new Map();
@@ -34,13 +36,23 @@ class Improve {
   titleOf = (effect) => this.titles.get(effect) ?? effect.replaceAll("_", " ");
 
   async load() {
-    const [models, runs, effects] = await Promise.all([api.models(), api.runs({ limit: SHOWN_RUNS }), this.titles.size ? [] : api.effects()]);
-    for (const each of effects) this.titles.set(each.name, each.title);
+    this.naming ??= this.name();
+    const [models, runs] = await Promise.all([api.models(), api.runs({ limit: SHOWN_RUNS })]);
     this.view.models = models;
     this.takeRuns(runs);
     if (!this.view.modelId && models.length) this.view.modelId = models[0].id;
     if (!this.root.contains(this.track)) renderKeyed(this.root, "improve", () => [this.track, ...this.parts.values()]);
     if (!this.started) this.drawChoose(true);
+  }
+
+  /** What effects are called; the first question after the service's start takes it seconds, and nothing waits for it. */
+  async name() {
+    try {
+      for (const each of await api.effects()) this.titles.set(each.name, each.title);
+    } catch (error) {
+      this.naming = null;
+      console.warn(error.message);
+    }
   }
 
   /** Runs that the page has heard of otherwise; only a finished one can be used. */
@@ -75,7 +87,7 @@ class Improve {
   drawTrack() {
     const open = STEPS.filter(([key]) => !this.parts.get(key).hidden).map(([key]) => key);
     renderKeyed(this.track, `${open.join()} ${this.busy?.step}`, () => STEPS.map(([key, title], k) => {
-      const [tone, word] = this.busy?.step === key ? ["active", "running"] : open.includes(key) ? ["good", key === "choose" ? "chosen" : "done"] : ["muted", "waiting"];
+      const [tone, word] = this.busy?.step === key ? ["active", "running"] : open.includes(key) ? ["good", { choose: "chosen", watch: "shown" }[key] ?? "done"] : ["muted", "waiting"];
       return el("li", { class: "stage", data: { tone, stage: key } }, el("a", { class: "stage-name", href: `#improve-${key}`, text: `${k + 1} ${title}` }), el("span", { class: "stage-state" }, chip(tone, word)));
     }));
   }
@@ -115,6 +127,7 @@ class Improve {
     this.fill("compare", compareStep(found, this.view.runs, this.keep("compare"))).scrollIntoView({ block: "start" });
     const where = await this.work("where", "Looking where the error is", () => api.where(found.id));
     const ask = el("button", { type: "button", class: "primary", text: this.view.mode === "change" ? "Find out what has changed" : "Find out what is missing", on: { click: () => this.diagnose() } });
+    this.profiles = where?.profiles ?? [];
     if (where) this.fill("where", [whereStep(where, this.keep("where")), el("div", { class: "form-end" }, ask)]);
   }
 
@@ -127,10 +140,11 @@ class Improve {
     this.watch();
     const found = await this.work("which", "Holding every known effect against the error", async (update) => {
       const result = await follow(await api.diagnose(body), update);
+      await this.naming;
       return api.diagnosis(result.diagnosis_id);
     });
     if (!found) return;
-    this.fill("which", whichStep(found, this.titleOf, this.keep("which"), { add: (effect) => this.add(effect), addNote: this.addNote(), play: null })).scrollIntoView({ block: "start" });
+    this.fill("which", whichStep(found, this.titleOf, this.keep("which"), { add: (effect) => this.add(effect), addNote: this.addNote(), profiles: this.profiles ?? [], play: () => playBox(this.state, found.id, (run) => this.useAlso(run)) })).scrollIntoView({ block: "start" });
   }
 
   /** Why nothing can be added now; empty where it can. */
@@ -145,13 +159,23 @@ class Improve {
     const { judge, train } = usedRuns(this.view);
     const parent = this.view.modelId;
     for (const button of this.parts.get("which").querySelectorAll("button[data-effect]")) button.disabled = true;
-    const added = await this.work("add", `Adding ${this.titleOf(effect)} and refitting`, async (update) =>
+    const added = await this.work("add", `Adding ${inText(this.titleOf(effect))} and refitting`, async (update) =>
       follow(await api.addEffect(parent, { effect, train_run_ids: train, validate_run_ids: judge }), update));
     for (const button of this.parts.get("which").querySelectorAll("button[data-effect]")) button.disabled = false;
     if (!added) return;
     this.fill("add", addedStep(added, this.titleOf, { next: (id) => this.goOn(id) }));
     await this.watch(added.model);
     this.parts.get("add").scrollIntoView({ block: "start" });
+  }
+
+  /** A run that has just been played joins those that are looked at, and the question is asked again. */
+  async useAlso(run) {
+    const { roles } = this.view;
+    this.offer([run]);
+    this.view.roles = new Map([...roles, [run.id, "judge"]]);
+    this.drawChoose(false);
+    await this.compare();
+    if (!this.parts.get("where").hidden) await this.diagnose();
   }
 
   async goOn(modelId) {
@@ -167,6 +191,7 @@ class Improve {
   async watch(modelId = this.view.modelId) {
     const round = this.round;
     const chain = modelId ? await api.chain(modelId).catch(() => null) : null;
+    await this.naming;
     if (round !== this.round) return;
     const worth = chain && chain.models.length > 1;
     this.fill("watch", worth ? watchStep(chain, this.titleOf, this.keep("watch"), { goOn: (id) => this.goOn(id) }) : null);

@@ -2,7 +2,7 @@
 import { el } from "./dom.js";
 import { waterfall } from "./error-charts.js";
 import { quantity, timeElement } from "./format.js";
-import { parameterText } from "./improve-which.js";
+import { inText, parameterText } from "./improve-which.js";
 
 export function addedStep(added, titleOf, { next }) {
   const fell = added.error_after_mV < added.error_before_mV;
@@ -32,7 +32,7 @@ export function watchStep(chain, titleOf, keep, { goOn }) {
   const judged = models.filter((each) => each.held_out);
   const plot = el("div", { class: "plot tall", role: "img", "aria-label": "Held-out error from version to version" });
   const sets = new Set(judged.map((each) => [...each.held_out.run_ids].sort().join()));
-  const versions = judged.map((each) => ({ id: each.id, label: each.effect ? `+ ${titleOf(each.effect)}` : "first model", before: each.held_out.before_mV ?? NaN, after: each.held_out.rmse_mV, kept: each.in_chain }));
+  const versions = judged.map((each) => ({ id: each.id, label: each.effect ? `+ ${inText(titleOf(each.effect))}` : "first model", before: each.held_out.before_mV ?? NaN, after: each.held_out.rmse_mV, kept: each.in_chain }));
   const now = judged.find((each) => each.id === chain.model_id);
   if (now && now.parent_id) versions.push({ id: now.id, label: "now", before: NaN, after: now.held_out.rmse_mV, kept: true, now: true });
   requestAnimationFrame(() => { if (plot.isConnected && versions.length) keep(waterfall(plot, versions, chain.noise_floor_mV ?? NaN, goOn)); });

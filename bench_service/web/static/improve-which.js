@@ -1,13 +1,23 @@
 // Step 4: the verdict in plain words, each finding with its evidence, and what to do next.
 import { chip, el } from "./dom.js";
-import { errorLeft } from "./error-charts.js";
+import { legend } from "./charts.js";
+import { errorLeft, profileChart } from "./error-charts.js";
 import { duration, fixed, percent, quantity } from "./format.js";
 
 const TONE = { missing: "active", nothing_missing: "good", ambiguous: "warn", unknown_effect: "warn" };
+// Over what an effect shows best; the first of these that the runs have.
+const OVER = {
+  hysteresis: ["soc_at_rest", "soc"], relaxation: ["since_step_s"], dead_time: ["since_step_s"], charge_transfer: ["current_A"], charge_discharge_asymmetry: ["current_A"],
+  series_resistance: ["current_A"], temperature_dependence: ["temperature_degC"], temperature_sensor: ["temperature_degC"], current_offset: ["time_h"],
+  self_discharge: ["time_h"], resistance_growth: ["time_h"],
+};
 const PREFIX = { V: [1e3, "mV"], Ohm: [1e3, "mΩ"], "V/K": [1e3, "mV/K"], "W/K": [1, "W/K"] };
 
+/** A title inside a sentence; an abbreviation stays as it is. */
+export const inText = (title) => (/^[A-Z][a-z]/.test(title) ? title[0].toLowerCase() + title.slice(1) : title);
+
 /** `titleOf(effect)` names an effect for people. */
-export function whichStep(record, titleOf, keep, { add, addNote, play }) {
+export function whichStep(record, titleOf, keep, { add, addNote, play, profiles }) {
   const { verdict, findings, noise_floor_mV: floor, unexplained_mV: left, depends_on: depends, next_experiment: next, remarks = [] } = record.result;
   return [
     el("div", { class: "notice verdict", role: "status", data: { tone: TONE[verdict] ?? "neutral", verdict } },
@@ -15,9 +25,9 @@ export function whichStep(record, titleOf, keep, { add, addNote, play }) {
       el("span", { text: `Left unexplained: ${quantity(left, 2, "mV")}${Number.isFinite(floor) ? `, noise floor ${quantity(floor, 2, "mV")}` : ""}.` }),
       remarks.map((text) => el("span", { class: "about", text: `Note: ${text}.` }))),
     depends.length ? el("div", {}, el("h4", { text: "What the rest depends on" }), el("ul", { class: "regions" }, depends.map(dependence))) : null,
-    findings.length ? el("div", { class: "which" }, el("ol", { class: "findings", "aria-label": "Findings" }, findings.map((each) => finding(each, titleOf, add, addNote))),
+    findings.length ? el("div", { class: "which" }, el("ol", { class: "findings", "aria-label": "Findings" }, findings.map((each) => finding(each, titleOf, add, addNote, picture(each.effect, profiles, keep)))),
       leftChart(findings, titleOf, floor, keep)) : null,
-    next ? experiment(next, titleOf, play) : null,
+    next ? experiment(next, titleOf, play()) : null,
   ];
 }
 
@@ -25,9 +35,9 @@ function verdictWords({ result: { verdict, mode, findings } }, titleOf) {
   const [first] = findings;
   const what = first ? titleOf(first.effect) : "An effect";
   if (verdict === "missing") return mode === "change" ? `${what}: that is new since the model was made.` : `${what}: that is what the model lacks.`;
-  if (verdict === "nothing_missing") return "Nothing significant is missing: what is left is the model's own error and noise.";
+  if (verdict === "nothing_missing") return `Nothing significant ${mode === "change" ? "has changed" : "is missing"}: what is left is the model's own error and noise.`;
   if (verdict === "ambiguous") {
-    const rivals = [what, ...(first?.confounded_with ?? []).map(titleOf)];
+    const rivals = [what, ...(first?.confounded_with ?? []).map((name) => inText(titleOf(name)))];
     return rivals.length > 1 ? `Something is there, but these data cannot tell: ${rivals.join(" or ")}?` : "Something is there, but these data cannot tell what.";
   }
   return "Something is there that no known effect explains.";
@@ -49,20 +59,29 @@ export function parameterText(name, { value, std, unit }) {
   return `${words} ${fixed(value * scale, digits)}${band} ${shown}`.trim();
 }
 
-function finding(each, titleOf, add, addNote) {
+/** The error of the model as it is, over the variable by which one tells the effect. */
+function picture(effect, profiles, keep) {
+  const profile = (OVER[effect] ?? ["soc"]).map((name) => profiles.find((each) => each.variable === name)).find(Boolean);
+  if (!profile) return null;
+  const plot = el("div", { class: "plot small", role: "img", "aria-label": `Error of the model as it is over ${profile.variable.replaceAll("_", " ")}` });
+  requestAnimationFrame(() => { if (plot.isConnected) keep(profileChart(plot, profile)); });
+  return el("div", {}, legend([["voltage", "after charge"], ["current", "after discharge"]]), plot);
+}
+
+function finding(each, titleOf, add, addNote, shown) {
   const bar = el("span", { class: "share-bar" });
   bar.style.width = `${100 * Math.max(0, Math.min(1, each.confidence))}%`;
   const rivals = each.confounded_with.length
     ? el("p", { class: "rivals" }, "Could as well be: ", each.confounded_with.map((name) => chip("warn", titleOf(name)))) : null;
   const button = el("button", { type: "button", class: each.rank === 1 ? "primary" : "", data: { effect: each.effect }, disabled: Boolean(addNote),
-    text: `Add ${titleOf(each.effect)}`, on: { click: () => add(each.effect) } });
+    text: `Add ${inText(titleOf(each.effect))}`, on: { click: () => add(each.effect) } });
   return el("li", { class: "finding", data: { effect: each.effect } },
     el("h4", { text: `${each.rank}. ${titleOf(each.effect)}` }),
     el("div", { class: "confidence" }, el("span", { text: "Confidence" }), el("span", { class: "share-track" }, bar), el("strong", { text: percent(each.confidence, 0) })),
     el("p", {}, el("strong", { text: `${quantity(each.error_before_mV, 2, "mV")} → ${quantity(each.error_after_mV, 2, "mV")}` }),
       ` on these runs, ${percent(Math.max(0, each.explained_share), 0)} of the squared error`),
     el("p", { class: "parameters" }, Object.entries(each.parameters).map(([name, value]) => el("span", { class: "parameter", text: parameterText(name, value) }))),
-    el("p", { class: "about", text: each.explanation.replaceAll("+-", "±") }), rivals, evidence(each.evidence), el("div", { class: "form-end" }, button, addNote ? el("span", { class: "about", text: addNote }) : null));
+    el("p", { class: "about", text: each.explanation.replaceAll("+-", "±") }), shown, rivals, evidence(each.evidence), el("div", { class: "form-end" }, button, addNote ? el("span", { class: "about", text: addNote }) : null));
 }
 
 function evidence(facts) {
@@ -73,9 +92,9 @@ function evidence(facts) {
 }
 
 function leftChart(findings, titleOf, floor, keep) {
-  const plot = el("div", { class: "plot tall", role: "img", "aria-label": "Error as it is and with each finding" });
+  const plot = el("div", { class: "plot small", role: "img", "aria-label": "Error as it is and with each finding" });
   requestAnimationFrame(() => {
-    if (plot.isConnected) keep(errorLeft(plot, findings[0].error_before_mV, findings.slice(0, 4).map((each) => ({ label: titleOf(each.effect), after: each.error_after_mV })), floor));
+    if (plot.isConnected) keep(errorLeft(plot, findings[0].error_before_mV, findings.slice(0, 4).map((each) => ({ label: inText(titleOf(each.effect)), after: each.error_after_mV })), floor));
   });
   return el("div", { class: "left-box" }, el("h4", { text: "What would be left" }), plot);
 }
@@ -83,6 +102,6 @@ function leftChart(findings, titleOf, floor, keep) {
 function experiment(next, titleOf, play) {
   const range = ([low, high], digits, unit, scale = 1) => `${fixed(low * scale, digits)} to ${fixed(high * scale, digits)} ${unit}`;
   const within = [next.limits?.current_A && range(next.limits.current_A, 1, "A"), next.limits?.soc && `SoC ${range(next.limits.soc, 0, "%", 100)}`].filter(Boolean).join(", ");
-  return el("div", { class: "notice", data: { tone: "active" } }, el("strong", { text: `Next experiment: a run that tells ${(next.rivals ?? []).map(titleOf).join(" from ")}` }),
-    el("span", { text: `${duration(next.duration_s)} of test time${within ? `, within ${within}` : ""}.` }), play ? play(next) : null);
+  return el("div", { class: "notice", data: { tone: "active" } }, el("strong", { text: `Next experiment: a run that tells ${(next.rivals ?? []).map((name) => inText(titleOf(name))).join(" from ")}` }),
+    el("span", { text: `${duration(next.duration_s)} of test time${within ? `, within ${within}` : ""}.` }), play);
 }

@@ -7,7 +7,8 @@ import pytest
 
 from bench_service.jobs.modelling import plain
 from models.comparison import RunComparison
-from models.error_map import error_map, since_step_s
+from models.error_map import error_map
+from models.error_samples import since_step_s
 from models.errors import ModelError
 from models.resampling import to_grid
 from models.timeseries import TimeSeries
@@ -75,6 +76,30 @@ def test_samples_outside_the_trained_domain_are_counted_and_left_out() -> None:
     found = error_map(NETWORK, [compared(lambda soc, current: 0.5 * ~inside, inside=inside)])
     assert found["outside_training"] == pytest.approx(0.25)
     assert np.nanmax(found["maps"][0]["rmse_mV"]) < 2.0 and found["regions"] == []
+
+
+def profile(found, variable):
+    return next(each for each in found["profiles"] if each["variable"] == variable)
+
+
+def test_profiles_keep_the_directions_apart() -> None:
+    # Every second part of the current discharges: a loop of 10 mV that hangs on the direction.
+    found = error_map(NETWORK, [compared(lambda soc, current: 0.005 * np.sign(current))])
+    over_soc = profile(found, "soc")
+    np.testing.assert_allclose(np.nanmean(over_soc["after_charge"]), 5.0, atol=0.3)
+    np.testing.assert_allclose(np.nanmean(over_soc["after_discharge"]), -5.0, atol=0.3)
+    assert len(over_soc["at"]) == len(over_soc["after_charge"]) == len(over_soc["after_discharge"])
+    assert 0.05 <= min(over_soc["at"]) < max(over_soc["at"]) <= 0.95
+    assert over_soc["quantity"] == "error_mV"
+    assert "soc_at_rest" not in {each["variable"] for each in found["profiles"]}  # it never rested
+
+
+def test_a_resistance_that_is_missing_shows_over_temperature() -> None:
+    cold = np.linspace(0.0, 20.0, N)
+    found = error_map(NETWORK, [compared(lambda soc, current: 0.003 * current, temperature_degC=cold)])
+    over = profile(found, "temperature_degC")
+    assert over["quantity"] == "resistance_mOhm"
+    np.testing.assert_allclose(np.nanmean(over["after_discharge"]), 3.0, atol=0.1)
 
 
 def test_time_since_a_step() -> None:

@@ -243,6 +243,9 @@ class SlowObserver:
             pass
         return ObserverRow(0.5, 0.1, 3.7, 0.0)
 
+    def new_alarms(self) -> list[str]:
+        return ["the model does not fit"] if self.steps == 2 else []
+
 
 async def test_no_heartbeat_from_a_reading_that_has_grown_old(bench: Bench) -> None:
     cycler = FakeCycler(lambda reading: replace(reading, monotonic_s=time.monotonic()))
@@ -254,6 +257,9 @@ async def test_no_heartbeat_from_a_reading_that_has_grown_old(bench: Bench) -> N
 class DivergingObserver:
     def step(self, current_A: float, voltage_V: float, temperature_degC: float) -> ObserverRow:
         raise ObserverError("the observer has diverged")
+
+    def new_alarms(self) -> list[str]:
+        return []
 
 
 async def test_an_observer_that_diverges_is_told_once_and_the_run_goes_on(bench: Bench) -> None:

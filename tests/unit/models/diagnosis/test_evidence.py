@@ -67,7 +67,7 @@ def test_penalties_are_chosen_on_held_out_blocks() -> None:
     rng = np.random.default_rng(5)
     x = rng.standard_normal((60, 40))
     y = 2.0 * x[:, 0] + 0.5 * rng.standard_normal(60)
-    forms = [np.diag([0.0] + [1.0] * 39), np.zeros((40, 40)), np.zeros((40, 40))]
+    forms = [1e4 * np.diag([0.0] + [1.0] * 39), np.zeros((40, 40)), np.zeros((40, 40))]
     fit = penalised_fit([x], [y], forms)
     weak = penalised_fit([x], [y], forms, strengths=(1e-10, 1e-10, 1e-10))
     assert np.abs(fit.coefficients[1:]).max() < 0.5 * np.abs(weak.coefficients[1:]).max()

@@ -1,18 +1,18 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from models.errors import ModelError
-from models.identification import fit_network
 from models.observer import FuzzyObserver, ObserverSettings
 from models.observer.accuracy import soc_figures
 from models.resampling import to_grid
 from tests.unit.models import synthetic
 
 
-@pytest.fixture(scope="module")
-def observer() -> FuzzyObserver:
-    runs = [synthetic.run(5000, seed=2, noise_V=1e-3)]
-    return FuzzyObserver(fit_network(runs, capacity_Ah=synthetic.CAPACITY_AH, structure="full").network)
+@pytest.fixture
+def observer(fitted: FuzzyObserver) -> FuzzyObserver:
+    return fitted
 
 
 def test_step_by_step_equals_replay_to_the_bit(observer: FuzzyObserver) -> None:
@@ -61,11 +61,16 @@ def test_it_coasts_through_missing_samples(observer: FuzzyObserver) -> None:
     voltage, temperature = run.voltage_V.copy(), run.temperature_degC.copy()
     voltage[800:1000] = np.nan
     temperature[600:900] = np.nan
-    _, rows = observer.replay(observer.initial(0.6), run.current_A, voltage, temperature)
-    assert np.isfinite(rows[:, :3]).all()
-    assert rows[999, 1] > rows[799, 1]
-    assert run.soc_ref is not None
-    assert abs(rows[-1, 0] - run.soc_ref[-1]) < 0.02
+    counting = FuzzyObserver(observer.network, replace(observer.settings, capacity_std=0.0, current_offset_std_C=0.0))
+    for observing in (observer, counting):
+        _, rows = observing.replay(observing.initial(0.6), run.current_A, voltage, temperature)
+        _, seeing = observing.replay(observing.initial(0.6), run.current_A, run.voltage_V, temperature)
+        assert np.isfinite(rows[:, :3]).all()
+        assert np.isnan(rows[800:1000, 3]).all()
+        assert rows[999, 1] > seeing[999, 1]
+        assert run.soc_ref is not None
+        assert abs(rows[-1, 0] - run.soc_ref[-1]) < 0.02
+    assert (np.diff(rows[800:1000, 1]) > 0.0).all()
 
 
 def test_the_estimate_stays_near_empty_and_full_whatever_is_measured(observer: FuzzyObserver) -> None:

@@ -84,9 +84,7 @@ def test_blended_error_map_is_that_of_pairs_of_local_models() -> None:
     gains = steady_state_gains(matrices, rows, process, 1e-5)[:, :-1]
     phi, eye = np.array([0.3, 0.7]), np.eye(matrices.shape[1])
     blended = (eye - np.outer(phi @ gains, rows[0])) @ np.tensordot(phi, matrices, axes=1)
-    pairs = sum(
-        phi[i] * phi[j] * (eye - np.outer(gains[j], rows[0])) @ matrices[i] for i in range(2) for j in range(2)
-    )
+    pairs = sum(phi[i] * phi[j] * (eye - np.outer(gains[j], rows[0])) @ matrices[i] for i in range(2) for j in range(2))
     diagonal = sum(phi[i] * (eye - np.outer(gains[i], rows[0])) @ matrices[i] for i in range(2))
     np.testing.assert_allclose(blended, pairs, atol=1e-12)
     assert np.abs(blended - diagonal).max() > 1e-4

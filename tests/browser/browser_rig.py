@@ -1,0 +1,34 @@
+"""The service in a process of its own, for tests that look at its page."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from playwright.sync_api import Page
+
+DESKTOP = {"width": 1280, "height": 800}
+PHONE = {"width": 390, "height": 844}
+
+OpenPage = Callable[..., Page]
+
+
+@contextmanager
+def served(folder: Path, config: str) -> Iterator[str]:
+    """Give the address of a service with a configuration; leaving ends it."""
+    (folder / "bench.toml").write_text(config, encoding="utf-8")
+    with (folder / "log").open("w") as log:
+        command = [sys.executable, "-m", "bench_service.cli", "serve", "--port", "0", "--json"]
+        process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=log, text=True)
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line, f"the service did not start: {(folder / 'log').read_text()}"
+            yield json.loads(line)["address"]
+        finally:
+            process.terminate()
+            process.wait(timeout=30)
+            assert process.stdout is not None
+            process.stdout.close()

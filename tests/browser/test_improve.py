@@ -1,0 +1,137 @@
+"""The whole path in Chromium: a model that is off, where, why, the effect added, and the bar that falls."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from browser_rig import PHONE, OpenPage, served
+from playwright.sync_api import Page, expect
+
+from bench_service.client import BenchClient
+
+pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(400)]
+
+# A cell whose hysteresis is far larger than anything that the small structure can take in; the page does not know.
+_CONFIG = """
+[bench.sim.simulate]
+seed = 3
+effects = { hysteresis = 0.03, relaxation = 0.0 }
+"""
+_CAMPAIGN = {"bench": "sim", "name": "hidden", "structure": "minimal", "seed": 3}
+_LONG_MS = 150_000
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with served(tmp_path_factory.mktemp("improve"), _CONFIG) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def campaign(address: str) -> dict[str, Any]:
+    """A completed campaign: two runs, and a model of one of them."""
+    with BenchClient(address) as client:
+        ended = client.wait_campaign(client.start_campaign(_CAMPAIGN)["id"], timeout_s=300)
+    assert ended["state"] == "completed", ended["message"]
+    return ended["result"]
+
+
+def millivolts(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"(\d+\.\d+)\s*mV", text)]
+
+
+def step(page: Page, name: str) -> Any:
+    return page.locator(f"#improve-{name}")
+
+
+def test_the_path_from_a_model_that_is_off_to_a_better_one(
+    open_page: OpenPage, address: str, campaign: dict[str, Any]
+) -> None:
+    page = open_page("sim")
+    # Choose: the campaign's model and both of its runs are proposed.
+    expect(page.get_by_label("Use of hidden: validate")).to_have_value("judge")
+    expect(page.get_by_label("Use of hidden: train")).to_have_value("train")
+    for name in ("compare", "where", "which", "add", "watch"):
+        expect(step(page, name)).to_be_hidden()
+    page.get_by_role("button", name="Compare model and runs").click()
+    # Compare and where.
+    expect(step(page, "compare").locator(".figure").first).to_contain_text("times the noise floor", timeout=60_000)
+    expect(step(page, "compare").locator("canvas").first).to_be_attached()
+    expect(step(page, "where").locator(".regions li").first).to_contain_text("of the squared error in", timeout=60_000)
+    expect(step(page, "where").locator(".heat canvas").first).to_be_attached()
+    step(page, "where").get_by_label("What the map shows").select_option("bias_mV")
+    # Which: a bar while it is looked for, then words, evidence, and a button.
+    page.get_by_role("button", name="Find out what is missing").click()
+    expect(step(page, "which").get_by_role("progressbar")).to_be_visible()
+    expect(step(page, "which").locator(".verdict")).to_contain_text("hysteresis", timeout=_LONG_MS)
+    finding = step(page, "which").locator(".finding[data-effect=hysteresis]")
+    expect(finding).to_contain_text("Confidence")
+    expect(finding.locator(".parameter", has_text="amplitude")).to_contain_text("mV")
+    # Add.
+    finding.get_by_role("button", name="Add voltage hysteresis").click()
+    expect(step(page, "add").get_by_role("progressbar")).to_be_visible()
+    added = step(page, "add").locator(".notice")
+    expect(added).to_contain_text("is in the model", timeout=_LONG_MS)
+    before, after = millivolts(added.locator("strong").inner_text())
+    assert after < 0.6 * before
+    # Watch: what the page says is what the service has stored, judged on the run that the fit never saw.
+    expect(step(page, "watch").locator("canvas").first).to_be_attached()
+    rows = step(page, "watch").locator("tbody tr")
+    expect(rows).to_have_count(2)
+    assert [millivolts(text)[0] for text in rows.all_inner_texts()] == [before, after]
+    child = rows.nth(1).get_attribute("data-model")
+    with BenchClient(address) as client:
+        record = client.model(str(child))
+        assert record["parent_id"] == campaign["model_id"] and record["metrics"]["effect"] == "hysteresis"
+        judged = client.compare(str(child), [campaign["runs"][1]["run_id"]])["result"]["overall"]["rmse_mV"]
+    assert judged == pytest.approx(after, abs=0.006)
+    # Undo is choosing the parent.
+    added.get_by_role("button", name="Go on with the new version").click()
+    expect(step(page, "compare").locator(".figure strong").first).to_contain_text(f"{after:.2f}", timeout=60_000)
+    step(page, "watch").get_by_role("button", name="Back to this one").click()
+    expect(step(page, "compare").locator(".figure strong").first).to_contain_text(f"{before:.2f}", timeout=60_000)
+    expect(page.get_by_label("Model", exact=True)).to_have_value(campaign["model_id"])
+
+
+def test_a_model_from_a_file_and_a_choice_that_cannot_be(
+    open_page: OpenPage, address: str, campaign: dict[str, Any], tmp_path: Any
+) -> None:
+    with BenchClient(address) as client:
+        document = client._send("GET", f"/api/v1/models/{campaign['model_id']}/document").content
+    (tmp_path / "mine.json").write_bytes(document)
+    (tmp_path / "cake.json").write_text('{"kind": "cake"}', encoding="utf-8")
+    (tmp_path / "broken.json").write_text("{", encoding="utf-8")
+    page = open_page("sim", PHONE)
+    choose = step(page, "choose")
+    expect(page.get_by_label("Use of hidden: validate")).to_be_visible()
+    for name, words in (("cake.json", "not"), ("broken.json", "is not JSON")):
+        page.locator("#improve-file").set_input_files(tmp_path / name)
+        expect(choose.locator(".form-message")).to_contain_text(words)
+    page.locator("#improve-file").set_input_files(tmp_path / "mine.json")
+    expect(page.get_by_label("Model", exact=True).locator("option:checked")).to_contain_text("mine")
+    # Nobody knows what it was made from: no run is proposed.
+    expect(page.get_by_label("Use of hidden: validate")).to_have_value("")
+    page.get_by_role("button", name="Compare model and runs").click()
+    expect(choose.locator(".form-message")).to_contain_text("at least one run")
+    page.get_by_label("Use of hidden: validate").select_option("judge")
+    page.get_by_role("button", name="Compare model and runs").click()
+    expect(step(page, "compare").locator(".figure strong").first).to_contain_text("mV", timeout=60_000)
+    assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
+
+
+def test_a_change_is_looked_for_in_runs_that_the_model_was_not_made_from(
+    open_page: OpenPage, campaign: dict[str, Any]
+) -> None:
+    page = open_page("sim")
+    page.get_by_label("Model", exact=True).select_option(campaign["model_id"])
+    page.get_by_text("What has changed?").click()
+    expect(page.get_by_label("Use of hidden: train")).to_have_value("")
+    expect(page.get_by_label("Use of hidden: validate")).to_have_value("judge")
+    page.get_by_role("button", name="Compare model and runs").click()
+    page.get_by_role("button", name="Find out what has changed").click(timeout=60_000)
+    # Nothing has: the run that was held out is of the same cell on the same day.
+    expect(step(page, "which").locator(".verdict")).to_contain_text("Nothing significant has changed", timeout=_LONG_MS)
+    expect(step(page, "which").locator(".finding")).to_have_count(0)

@@ -1,0 +1,115 @@
+"""The chain of a model's versions, which runs judge, and an experiment's request on a bench."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench_service.bench.limits import Limits
+from bench_service.campaign.diagnosing import Diagnosing, catalogue, on_bench
+from bench_service.campaign.modelling import Modelling
+from bench_service.store.metadata import MetadataStore
+
+BENCH = Limits((2.5, 4.2), (-4.0, 2.0), (-20.0, 60.0), (0.0, 1.0), None, 7200.0)
+ASKED: dict[str, Any] = {
+    "duration_s": 14400.0,
+    "limits": {"current_A": [-5.0, 5.0], "voltage_V": [3.0, 4.1], "soc": [0.2, 0.8], "temperature_degC": [20.0, 22.0]},
+    "initial_soc": 0.5,
+    "dt_s": 1.0,
+    "rivals": ["hysteresis", "relaxation"],
+}
+
+
+class House:
+    """A store with what a diagnosis works on, without workers."""
+
+    def __init__(self, store: MetadataStore) -> None:
+        self.store = store
+        modelling = Modelling(store, None, Path(), "1")  # pyright: ignore[reportArgumentType]
+        self.diagnosing = Diagnosing(store, None, modelling, Path(), "1")  # pyright: ignore[reportArgumentType]
+        self.profile_id = store.add_profile("p", np.array([0.0, 1.0]), np.array([1.0, 0.0])).id
+
+    def run(self, campaign_id: str | None = None) -> str:
+        run = self.store.add_run(
+            bench="b",
+            profile_id=self.profile_id,
+            dt_s=1.0,
+            initial_soc=0.5,
+            capacity_Ah=2.5,
+            limits={},
+            code_version="1",
+            campaign_id=campaign_id,
+        )
+        return self.store.end_run(run.id, "completed", None, n_samples=2, sha256="ab").id
+
+    def model(self, parent_id: str | None = None, effect: str | None = None, errors: Any = None, **more: Any) -> str:
+        metrics = None
+        if effect is not None:
+            before, after = errors
+            metrics = {"effect": effect, "error_before_mV": before, "error_after_mV": after, "noise_floor_mV": 1.0}
+        given = {"name": effect or "first", "structure": "minimal", "capacity_Ah": 2.5, "code_version": "1"}
+        return self.store.add_model({}, parent_id=parent_id, metrics=metrics, **given, **more).id
+
+
+@pytest.fixture
+def house(tmp_path: Path) -> Iterator[House]:
+    with closing(MetadataStore.open(tmp_path)) as store:
+        yield House(store)
+
+
+def test_a_chain_sets_every_step_beside_what_else_was_tried(house: House) -> None:
+    judge = house.store.references([house.run()])
+    first = house.model()
+    kept = house.model(first, "hysteresis", (9.0, 4.0), validate=judge)
+    worse = house.model(first, "relaxation", (9.0, 9.5), validate=judge)
+    last = house.model(kept, "charge_transfer", (4.0, 2.0), validate=judge)
+    chain = house.diagnosing.chain(last)
+    assert chain["chain"] == [first, kept, last] and chain["noise_floor_mV"] == 1.0
+    assert [each["id"] for each in chain["models"]] == [first, kept, worse, last]
+    assert [each["in_chain"] for each in chain["models"]] == [True, True, False, True]
+    assert [each["held_out"]["rmse_mV"] for each in chain["models"]] == [9.0, 4.0, 9.5, 2.0]
+    assert [each["held_out"]["before_mV"] for each in chain["models"]] == [None, 9.0, 9.0, 4.0]
+    assert house.diagnosing.chain(worse)["chain"] == [first, worse]
+
+
+def test_a_first_version_is_judged_by_a_comparison_with_runs_that_it_has_not_seen(house: House) -> None:
+    learned, unseen = house.run(), house.run()
+    model = house.model(train=house.store.references([learned]))
+    assert house.diagnosing.chain(model)["models"][0]["held_out"] is None
+    result = {"overall": {"rmse_mV": 7.0}, "noise_floor_mV": 0.9}
+    house.store.add_comparison(model, house.store.references([unseen]), result, code_version="1")
+    flattering = {"overall": {"rmse_mV": 1.0}, "noise_floor_mV": 0.9}
+    house.store.add_comparison(model, house.store.references([learned]), flattering, code_version="1")
+    chain = house.diagnosing.chain(model)
+    assert chain["models"][0]["held_out"]["rmse_mV"] == 7.0 and chain["noise_floor_mV"] == 0.9
+    assert chain["models"][0]["held_out"]["run_ids"] == [unseen]
+
+
+def test_runs_that_judge_where_nobody_names_any(house: House) -> None:
+    campaign = house.store.add_campaign(name="c", bench="b", stage="run", stages=[], request={}, code_version="1")
+    learned, other, own = house.run(campaign.id), house.run(campaign.id), house.run()
+    train = house.store.references([learned])
+
+    def judging(**fields: Any) -> list[str]:
+        return house.diagnosing.judging_runs(house.store.model(house.model(train=train, **fields)))
+
+    assert judging() == []
+    assert judging(campaign_id=campaign.id) == [other]
+    assert judging(campaign_id=campaign.id, validate=house.store.references([own])) == [own]
+
+
+def test_an_experiment_stays_inside_the_bench_and_starts_where_its_cell_stands() -> None:
+    fitted = on_bench(ASKED, BENCH, 0.9)
+    assert fitted["limits"] == {"current_A": [-4.0, 2.0], "voltage_V": [3.0, 4.1], "soc": [0.2, 0.9]}
+    assert (fitted["initial_soc"], fitted["duration_s"]) == (0.9, 7200.0)
+    slow = Limits((2.5, 4.2), (-4.0, 2.0), (-20.0, 60.0), (0.0, 1.0), 0.5, 7200.0)
+    assert on_bench(ASKED, slow, 0.5)["limits"]["ramp_A_per_s"] == [-0.5, 0.5]
+
+
+def test_the_catalogue_is_plain_data() -> None:
+    for effect in catalogue():
+        assert effect["title"] and effect["recognise"] and effect["source"] and effect["parameters"]
+        assert set(effect["contains"]) <= {each["name"] for each in catalogue()}

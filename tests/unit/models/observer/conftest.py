@@ -1,0 +1,14 @@
+"""One fitted observer of the simple cell for all tests of this folder."""
+
+import pytest
+
+from models.identification import fit_network
+from models.observer import FuzzyObserver
+from tests.unit.models import synthetic
+
+
+@pytest.fixture(scope="session")
+def fitted() -> FuzzyObserver:
+    """Observer of `synthetic`'s cell, fitted to one noisy run."""
+    runs = [synthetic.run(5000, seed=2, noise_V=1e-3)]
+    return FuzzyObserver(fit_network(runs, capacity_Ah=synthetic.CAPACITY_AH, structure="full").network)

@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from models.module import KINDS, ModuleModel
+from models.observer import FuzzyObserver
+from models.observer.module_observer import ModuleObserver
+from tests.unit.models import synthetic
+
+SERIES, PARALLEL = 12, 2
+MODELS = {
+    "S1": ModuleModel("S1", SERIES, PARALLEL),
+    "S2": ModuleModel("S2", SERIES, PARALLEL, (0.01, 0.01)),
+    "S3": ModuleModel("S3", SERIES, PARALLEL, (0.01, 0.01), (0.2, 0.2)),
+    "S4": ModuleModel("S4", SERIES, PARALLEL, (0.012, 0.008), (0.25, 0.15)),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_modules_state_of_charge_is_that_of_its_cells(fitted: FuzzyObserver, kind: str) -> None:
+    run = synthetic.run(2500, seed=11, noise_V=1e-3)
+    current = PARALLEL * run.current_A
+    # The same sum in words of its own: cells in series, then resistance and offset of the current's direction.
+    charging = current > 0.0
+    ohm, volt = (np.where(charging, *pair) for pair in (MODELS[kind].resistance_Ohm, MODELS[kind].offset_V))
+    module_V = SERIES * run.voltage_V + ohm * current + volt
+    observer = ModuleObserver(fitted, MODELS[kind])
+    _, rows = observer.replay(observer.initial(0.4), current, module_V, run.temperature_degC)
+    assert run.soc_ref is not None
+    assert np.abs(rows[1500:, 0] - run.soc_ref[1500:]).max() < 0.02
+    _, cell = fitted.replay(fitted.initial(0.4), run.current_A, run.voltage_V, run.temperature_degC)
+    np.testing.assert_allclose(rows[:, 0], cell[:, 0], atol=1e-6)
+    np.testing.assert_allclose(rows[1:, 2] + rows[1:, 3], module_V[1:], atol=1e-9)
+    np.testing.assert_allclose(rows[:, 7], PARALLEL * cell[:, 7], rtol=1e-6)
+
+
+def test_live_equals_replay_to_the_bit(fitted: FuzzyObserver) -> None:
+    run = synthetic.run(100, seed=3)
+    observer = ModuleObserver(fitted, MODELS["S4"])
+    arrays = (PARALLEL * run.current_A, SERIES * run.voltage_V, run.temperature_degC)
+    _, rows = observer.replay(observer.initial(0.5), *arrays)
+    state = observer.initial(0.5)
+    for k in range(len(run)):
+        state, out = observer.step(state, *(float(values[k]) for values in arrays))
+        assert (out.soc, out.soc_std, out.model_voltage_V) == (rows[k, 0], rows[k, 1], rows[k, 2])

@@ -1,0 +1,54 @@
+"""Observability and stability against closed forms."""
+
+import numpy as np
+import pytest
+
+from models.observer import ObserverSettings
+from models.observer.observability import observability, observability_matrix, windowed_gramian
+from models.observer.stability import common_lyapunov, overlapping_pairs, stability
+from tests.unit.models.observer.test_gains import network
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_a_sloping_curve_is_observable_and_its_spread_follows_the_slope(order: int) -> None:
+    settings = ObserverSettings(voltage_std_V=1e-9, slow_error_std_V=2e-3)
+    seen = observability(network(order), np.array([0.1, 0.9]), settings=settings)
+    assert (seen.rank == max(order, 1) + 1).all()
+    np.testing.assert_allclose(seen.slope_V, [0.4, 1.0], rtol=0.15)
+    np.testing.assert_allclose(seen.soc_std, 2e-3 / seen.slope_V, rtol=1e-6)
+
+
+def test_a_flat_curve_is_blind() -> None:
+    flat = np.array([[0.5, 0.0], [0.0, 1.0]])
+    assert np.linalg.matrix_rank(observability_matrix(flat)) == 1
+    assert windowed_gramian(flat, 100)[1, 1] == 0.0
+
+
+def test_the_gramian_of_an_integrator_seen_at_once_is_the_slope_squared_times_the_samples() -> None:
+    matrix = np.array([[0.0, 0.3], [0.0, 1.0]])
+    assert windowed_gramian(matrix, 50)[1, 1] == pytest.approx(50 * 0.09)
+
+
+def test_a_common_lyapunov_function_is_found_where_there_is_one() -> None:
+    turned = np.array([[0.6, 0.5], [-0.3, 0.6]])
+    found = common_lyapunov(np.array([turned, 0.8 * np.eye(2), 0.9 * turned.T]))
+    assert found.certified
+    assert found.contraction <= 1.0
+    assert found.margin >= -1e-12
+
+
+def test_none_is_claimed_where_switching_grows() -> None:
+    # Each map alone is stable, one after the other they grow: no common function can exist.
+    up, down = np.array([[0.5, 2.0], [0.0, 0.5]]), np.array([[0.5, 0.0], [2.0, 0.5]])
+    assert max(np.abs(np.linalg.eigvals(up @ down))) > 1.0
+    found = common_lyapunov(np.array([up, down]))
+    assert not found.certified
+    assert found.contraction > 1.0
+    assert found.spectral_radius < 1.0
+
+
+def test_the_observer_of_two_local_models_is_stable_in_pairs() -> None:
+    settings = ObserverSettings(soc_std_per_sqrt_s=1e-4)
+    found = stability(network(1), settings)
+    assert found.pairs == len(overlapping_pairs(network(1))) == 4
+    assert found.spectral_radius < 1.0
