@@ -138,6 +138,8 @@ def fit_network(
     known = [floor for floor in floors if np.isfinite(floor)]
     record["noise_floor_mV"] = 1e3 * float(np.median(known)) if known else None
     record["sums"] = _sums(fitted, refined.theta).to_json()
+    report(0.97, "noting what a diagnosis will need")
+    record |= _memory(grid, soc, capacity_Ah)
     network = with_version(
         network,
         "fit",
@@ -158,6 +160,17 @@ def fit_network(
         n_samples=n_samples,
         seconds=time.perf_counter() - started,
     )
+
+
+def _memory(grid: list[GridRun], soc: list[float], capacity_Ah: float) -> dict[str, Any]:
+    """What a diagnosis needs to know of the training runs; empty where they cannot carry its reference model."""
+    # Here and not above: a diagnosis fits networks again, so its modules need this one first.
+    from models.diagnosis import MEMORY, memory_of
+
+    try:
+        return {MEMORY: memory_of(grid, soc, capacity_Ah).to_json()}
+    except (ModelError, np.linalg.LinAlgError):
+        return {}
 
 
 def _sums(fitted: Fitted, theta: FloatArray) -> StoredSums:

@@ -22,7 +22,7 @@ _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 900, 220, 60, 24
 _COLUMNS = 800
 _METRICS = ("rmse_mV", "mae_mV", "p95_mV", "max_mV", "bias_mV", "nrmse", "n_samples")
 _WHERE = ("variable", "from", "to", "unit", "rmse_mV", "share_of_squared_error", "share_of_time")
-_STYLE = """
+STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 960px; padding: 0 1rem; color: #1b1f24 }
 table { border-collapse: collapse; margin: .5rem 0 1.5rem } td, th { padding: .2rem .8rem; text-align: right }
 th { border-bottom: 1px solid #888 } td:first-child, th:first-child { text-align: left }
@@ -53,23 +53,29 @@ def comparison_page(
     rows = [*result["runs"], {"run": "overall", **result["overall"]}]
     parts = [
         f"<h1>{escape(model)} against {len(runs)} measured run(s)</h1>",
-        f"<p>Free run: the model sees current and temperature only. {_floor(result['noise_floor_mV'])}"
+        f"<p>Free run: the model sees current and temperature only. {floor(result['noise_floor_mV'])}"
         f" {100 * result['outside_training']:.1f} % of the samples lie outside the trained domain{_by(result)}."
         f"{_band(result['band'])}{_temperature(result['temperature'])}</p>",
-        _table(("run", *_METRICS), rows),
+        table(("run", *_METRICS), rows),
         "<h2>Where it fails</h2>",
-        _table(_WHERE, result["where"]),
+        table(_WHERE, result["where"]),
     ]
     compared = simulate_runs(network, list(runs), list(initial_soc))
     found = bands(network, [each.run for each in compared], list(initial_soc))
     for number, each in enumerate(compared):
-        parts += _curves(each, None if found is None else found[number])
+        parts += curves(each, None if found is None else found[number])
     parts += readout_parts(network)
-    head = f'<meta charset="utf-8"><title>{escape(model)}: comparison</title><style>{_STYLE}</style>'
+    return page(f"{model}: comparison", parts)
+
+
+def page(title: str, parts: Sequence[str]) -> bytes:
+    """One self-contained page as UTF-8."""
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
     return f'<!doctype html>\n<html lang="en">{head}<body>{"".join(parts)}</body></html>\n'.encode()
 
 
-def _floor(noise_floor_mV: float | None) -> str:
+def floor(noise_floor_mV: float | None) -> str:
+    """Say what the noise floor is, where it is known."""
     return "" if noise_floor_mV is None else f"The measurement's noise floor is {noise_floor_mV:.2f} mV."
 
 
@@ -90,7 +96,8 @@ def _temperature(temperature: Mapping[str, Any] | None) -> str:
     return f" Temperature from current and ambient alone: RMSE {temperature['rmse_K']:.2f} K."
 
 
-def _table(keys: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> str:
+def table(keys: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> str:
+    """HTML table of rows, one column for each key."""
     head = "".join(f"<th>{escape(key)}</th>" for key in keys)
     body = "".join("<tr>" + "".join(f"<td>{_cell(row[key])}</td>" for key in keys) + "</tr>" for row in rows)
     return f"<table><tr>{head}</tr>{body}</table>"
@@ -100,7 +107,8 @@ def _cell(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else escape(str(value))
 
 
-def _curves(compared: RunComparison, band: PredictionBand | None) -> list[str]:
+def curves(compared: RunComparison, band: PredictionBand | None) -> list[str]:
+    """HTML of one run: measured and simulated voltage, and the residual with its band."""
     run, error = compared.run, [("simulated", 1e3 * compared.residual_V)]
     if band is not None:
         half = 1e3 * (band.upper_V - band.voltage_V)

@@ -81,7 +81,8 @@ def analyse_structure(
     usable = [effect for effect in effects if not effect.absorbed and visible(effect, [*train, *runs])]
     columns = {effect.name: samples.regressors(effect) for effect in usable}
     everything = evidence.solve(np.hstack(list(columns.values()))).cost / len(error)
-    comparison = Comparison(samples, tuple(usable), columns, evidence, everything, min(noise_mse(samples), everything))
+    noise = min(noise_mse(samples), everything)
+    comparison = Comparison(samples, tuple(usable), columns, evidence, everything, noise, _BIAS_ALLOWANCE)
     candidates = [try_effect(comparison, effect) for effect in usable]
     ranking = rank(comparison, candidates)
     second = _beside(comparison, ranking, usable) if ranking.significant else None

@@ -21,6 +21,7 @@ from models.timeseries import FloatArray
 # Two local models overlap where both weigh at least this much.
 _OVERLAP = 0.02
 _ROUNDS = 300
+_LEAST_EIGENVALUE = 1e-12
 _GRID = 400
 
 
@@ -94,6 +95,8 @@ def common_lyapunov(maps: FloatArray) -> Stability:
         shrunk = scaled[worst] * min(1.0, 0.999 / max(_radius(scaled[worst]), 1e-12))
         p = p + solve_discrete_lyapunov(shrunk.T, p / np.linalg.norm(p))
         p = 0.5 * (p + p.T) / np.linalg.norm(p)
+        if np.linalg.eigvalsh(p).min() < _LEAST_EIGENVALUE:
+            break  # an eigenvalue of the map is so near the unit circle that its series is lost in rounding
     p = best_p / np.linalg.norm(best_p)
     margin = min(float(np.linalg.eigvalsh(p - g.T @ p @ g).min()) for g in scaled)
     certified = bool(margin >= -1e-12 and np.linalg.eigvalsh(p).min() > 0.0)

@@ -66,7 +66,7 @@ _ITERATIONS = 500
 _STARTS_OFF = (-0.3, 0.0, 0.3)
 _BAND_FACTORS = (0.7, 8.0)
 # Factors on slow error and noise, tried around what is most likely; the first is that itself.
-_AROUND = ((1.0, 1.0), (0.3, 1.0), (3.0, 1.0), (0.3, 3.0), (1.0, 3.0), (3.0, 3.0), (1.0, 10.0))
+_AROUND = ((1.0, 1.0), (0.3, 1.0), (3.0, 1.0), (0.3, 3.0), (1.0, 3.0), (3.0, 3.0))
 _CLEARLY, _WORTH_SOC = 0.9, 0.001
 
 

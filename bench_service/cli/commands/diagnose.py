@@ -15,13 +15,6 @@ from bench_service.cli.output import Output
 if TYPE_CHECKING:
     from rich.console import Console
 
-_VERDICTS = {
-    "missing": "an effect was found",
-    "nothing_missing": "nothing is missing: the error is the model's own",
-    "ambiguous": "these data cannot tell the effects below apart",
-    "unknown_effect": "something is there that no known effect explains",
-}
-
 
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.json")
@@ -41,7 +34,8 @@ def _arguments(parser: ArgumentParser) -> None:
 def _run(options: Namespace, output: Output) -> int:
     from threadpoolctl import threadpool_limits
 
-    from bench_service.exchange.atomic import check_writable
+    from bench_service.cli.diagnosis_page import diagnosis_page
+    from bench_service.exchange.atomic import check_writable, write_atomically
     from models.diagnosis import diagnose
 
     if options.report is not None:
@@ -54,12 +48,16 @@ def _run(options: Namespace, output: Output) -> int:
     with output.progress("Diagnosing"), threadpool_limits(1):
         diagnosis = diagnose(network, runs, soc, train=train or None, train_soc=train_soc or None, mode=options.mode)
     result = diagnosis.to_json()
+    if options.report is not None:
+        write_atomically(options.report, diagnosis_page(options.model.name, network, runs, soc, result))
     output.result(result, lambda console: _show(console, result))
     return 0
 
 
 def _show(console: Console, result: dict[str, Any]) -> None:
-    console.print(f"[bold]{_VERDICTS[result['verdict']]}[/bold]")
+    from bench_service.cli.diagnosis_page import VERDICTS
+
+    console.print(f"[bold]{VERDICTS[result['verdict']]}[/bold]")
     for finding in result["findings"]:
         console.print(
             f"\n{finding['rank']}. [bold]{finding['effect']}[/bold]  confidence {100 * finding['confidence']:.0f} %  "
