@@ -16,7 +16,7 @@ from models.structure_search import Fitted, Progress, full_theta, span_V
 from models.timeseries import FloatArray
 
 # Pulls towards the shared-pole solution that are tried, from strong to weak, as long as the held-out error falls.
-_TOWARDS_START = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+_TOWARDS_START = (1e-1, 1e-2, 1e-3)
 _FEWEST_PULLS = 3
 _TRIAL_FOLDS = 2
 _TRIAL_ITERATIONS = 6

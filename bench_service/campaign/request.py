@@ -93,7 +93,7 @@ def complete(
         "capacity_Ah": capacity_Ah,
         "current_A": (max(low_A, _DISCHARGE_C_RATE * capacity_Ah), min(high_A, _CHARGE_C_RATE * capacity_Ah)),
         "soc": (max(_SOC_WINDOW[0], bench.limits.soc[0]), min(_SOC_WINDOW[1], bench.limits.soc[1])),
-        "structure": "full",
+        "structure": "auto",
     }
     stated = defaults | wanted | {"initial_soc": standing.soc, "initial_soc_from": standing.source}
     if changed is not None:

@@ -109,9 +109,10 @@ def test_a_model_from_a_file_and_a_choice_that_cannot_be(
     expect(page.get_by_label("Use of hidden: validate")).to_be_visible()
     for name, words in (("cake.json", "not"), ("broken.json", "is not JSON")):
         page.locator("#improve-file").set_input_files(tmp_path / name)
-        expect(choose.locator(".form-message")).to_contain_text(words)
+        # The first model that the service reads takes it some seconds.
+        expect(choose.locator(".form-message")).to_contain_text(words, timeout=30_000)
     page.locator("#improve-file").set_input_files(tmp_path / "mine.json")
-    expect(page.get_by_label("Model", exact=True).locator("option:checked")).to_contain_text("mine")
+    expect(page.get_by_label("Model", exact=True).locator("option:checked")).to_contain_text("mine", timeout=30_000)
     # Nobody knows what it was made from: no run is proposed.
     expect(page.get_by_label("Use of hidden: validate")).to_have_value("")
     page.get_by_role("button", name="Compare model and runs").click()

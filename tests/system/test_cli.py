@@ -270,7 +270,7 @@ def test_observe_answers_the_contract(fitted: tuple[Path, dict[str, Any]], tmp_p
     observed = answer(call(*arguments))
     assert {"runs", "innovation_rms_mV", "us_per_step"} <= set(observed)
     run = observed["runs"][0]
-    assert set(run) == {"run", "soc_rmse", "soc_max_error", "soc_end_error", "converged_after_s", "coverage_95"}
+    assert set(run) >= {"run", "soc_rmse", "soc_max_error", "soc_end_error", "converged_after_s", "coverage_95"}
     assert run["converged_after_s"] < 600.0
     assert run["soc_rmse"] < 0.02
     lines = out.read_text().splitlines()
@@ -284,7 +284,7 @@ def test_observe_needs_no_reference(fitted: tuple[Path, dict[str, Any]], tmp_pat
     done = call("observe", model, bare, "--json")
     run = answer(done)["runs"][0]
     assert run.pop("run") == "bare"
-    assert set(run.values()) == {None}
+    assert {name for name, value in run.items() if value is not None} <= {"alarms", "current_offset_A", "capacity_Ah"}
     assert "starts at 0.5" in done.stderr
 
 
