@@ -12,9 +12,7 @@ if TYPE_CHECKING:
     from models.regression import Dataset
 
 N_FOLDS = 5
-# Blocks of one run: of so many samples, but within these numbers. Shorter ones hold out what their neighbours show.
-_BLOCK_SAMPLES = 2500
-_FEWEST_GROUPS, _MOST_GROUPS = 10, 20
+_GROUPS = 20
 
 
 def groups(data: Dataset) -> np.ndarray:
@@ -28,8 +26,7 @@ def groups(data: Dataset) -> np.ndarray:
     if n_runs >= N_FOLDS:
         own = np.arange(n_runs) if data.run_group is None else data.run_group
         return own[data.run_index].astype(np.int64)
-    wanted = len(data) * data.keep_every // _BLOCK_SAMPLES
-    blocks = -(-min(max(wanted, _FEWEST_GROUPS), _MOST_GROUPS) // n_runs)
+    blocks = -(-_GROUPS // n_runs)
     out = np.empty(len(data), dtype=np.int64)
     for run in range(n_runs):
         index = np.flatnonzero(data.run_index == run)
