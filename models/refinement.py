@@ -15,9 +15,8 @@ from models.shared_poles import solve_without
 from models.structure_search import Fitted, Progress, full_theta, span_V
 from models.timeseries import FloatArray
 
-# Pulls towards the shared-pole solution that are tried, from strong to weak, as long as the held-out error falls.
+# Pulls towards the shared-pole solution that are tried, from strong to weak.
 _TOWARDS_START = (1e-1, 1e-2, 1e-3)
-_FEWEST_PULLS = 3
 _TRIAL_FOLDS = 2
 _TRIAL_ITERATIONS = 6
 _FINAL_ITERATIONS = 20
@@ -107,9 +106,6 @@ def _held_out_residuals(fitted: Fitted, progress: Progress) -> dict[float | None
             theta = start if pull is None else _trial(fitted, start, pull, held)
             residual[held] = (data.y - free_run(theta, order, validity, data))[held]
         residuals[pull] = residual
-        before = list(residuals)[-2:][0]
-        if number > _FEWEST_PULLS and not _rmse_mV(fitted, residual) < _rmse_mV(fitted, residuals[before]):
-            break
     return residuals
 
 

@@ -226,7 +226,9 @@ class Search:
         return Fitted(structure, scaling, data, partition, a, sums, chosen)
 
     def _partition(self, structure: Structure, data: Dataset, n_models: int, use: np.ndarray | None) -> Partition:
-        """Boxes; candidates that differ in their inputs alone are compared on the same ones."""
+        """Boxes; candidates without past outputs that differ in their inputs alone are compared on the same ones."""
+        if structure.output_order > 0:
+            return build_partition(structure, data, n_models, use)
         axes = tuple((a.signal.partition(":")[0], a.initial, a.splittable, a.k_sigma) for a in structure.axes)
         key = (axes, structure.kernel, n_models)
         if key not in self._boxes:
@@ -257,8 +259,9 @@ class Search:
     def _held_out_error(self, candidate: Choice, current: Choice) -> float:
         """Free-run RMSE in V on held-out samples."""
         if candidate not in self._known:
-            # The penalties that served the present choice serve its neighbours, or nearly so.
-            found = self._judge(candidate, self._strengths.get(current))
+            # The penalties that served the present choice serve its neighbours, or nearly so; with past outputs not
+            # nearly enough: candidates were then told apart by how well another's penalties happened to fit them.
+            found = self._judge(candidate, None if candidate.poles_s else self._strengths.get(current))
             row = {"n_models_built": found.partition.n_models, "held_out_rmse_mV": 1e3 * found.held_out_rmse_V}
             self.table.append(candidate.to_json() | row)
         return self._known[candidate]
