@@ -244,8 +244,9 @@ class Search:
         best = min(errors, key=errors.__getitem__)
         if not errors[best] < errors[current] * (1.0 - _WORTH):
             return current
-        # What it was compared with were the penalties of its predecessor; its neighbours start from its own.
-        self._judge(best, None)
+        if not best.poles_s:
+            # It was compared with its predecessor's penalties; its neighbours start from its own.
+            self._judge(best, None)
         return best
 
     def _judge(self, candidate: Choice, start: tuple[float, ...] | None) -> Fitted:
