@@ -59,9 +59,22 @@ class CanCodec:
         return {name: self._messages[name].frame_id for name in names}
 
     def has_signal(self, message: str, signal: str) -> bool:
-        """Whether a message has a signal."""
-        layout = self._messages.get(message)
-        return layout is not None and any(found.name == signal for found in layout.signals)
+        """Whether a message has a signal; a view of a multiplexed one only those that stand there with its values."""
+        layout, view = self._messages.get(message), self._views.get(message)
+        if layout is None:
+            return False
+        where: Mapping[str, int] = {} if view is None else view.where
+        return any(
+            found.name == signal
+            and (found.multiplexer_ids is None or where.get(found.multiplexer_signal or "") in found.multiplexer_ids)
+            for found in layout.signals
+        )
+
+    def is_settled(self, message: str) -> bool:
+        """Whether it is known which signals a message has: it is not multiplexed, or a view that says which."""
+        layout, view = self._messages[message], self._views.get(message)
+        where: Mapping[str, int] = {} if view is None else view.where
+        return all(found.name in where for found in layout.signals if found.is_multiplexer)
 
     def encode(self, name: str, values: Mapping[str, float]) -> bytes:
         """Encode physical values; signals without a value are zero.
@@ -74,6 +87,8 @@ class CanCodec:
         layout = self._messages[name]
         data: dict[str, float] = {}
         for signal in layout.signals:
+            if signal.multiplexer_ids is not None and signal.name not in values:
+                continue
             value = values.get(signal.name, 0.0)
             if not math.isfinite(value):
                 raise SetPointRefusedError(f"message '{name}': {signal.name} = {value} is no finite number; not sent")

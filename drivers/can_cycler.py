@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 
 from drivers.can_codec import CanCodec
@@ -20,11 +20,9 @@ from drivers.errors import (
     CyclerTimeoutError,
     SetPointRefusedError,
 )
+from drivers.rest import POLL_S, Step, check_cleared, come_to_rest, wait_for_output
 from drivers.setpoint_watch import SetPointWatch
 
-OUTPUT_SETTLE_S = 0.5  # a contactor takes its time; a bench must be at rest within 2 s
-POLL_S = 0.01
-REOPEN_ATTEMPTS = 2  # per `safe`
 TICK_SPAN = 1 << 32
 
 
@@ -75,18 +73,19 @@ class CanCycler:
     async def _open(self) -> None:
         """Join the bus, and make sure that it is the device that the map is about."""
         await self._link.open()
-        signal, wanted = self._map.identity
-        wanted = float(self._link.node) if wanted is None else wanted
+        signal, known = self._map.identity
+        wanted = known or (float(self._link.node),)
         try:
             found = await self._read(signal)
         except CyclerError:
             self._link.close()
             raise
-        if found != wanted:
+        if found not in wanted:
             self._link.close()
             raise CyclerProtocolError(
-                f"{self._link.address}: '{signal}' reads {found:g}, map '{self._map.name}' wants {wanted:g}: "
-                "another device, or the wrong map; nothing was changed"
+                f"{self._link.address}: '{signal}' reads {found:g}, map '{self._map.name}' wants "
+                f"{' or '.join(f'{value:g}' for value in wanted)}: another device, or the wrong map; "
+                "nothing was changed"
             )
 
     async def _constant(self, name: str, signal: SignalName) -> float:
@@ -147,12 +146,7 @@ class CanCycler:
         """See `Cycler.clear_fault`."""
         self._connected_plan()
         await self._run("clear_fault")
-        reading = await self._read_sample()
-        if reading.alarms:
-            raise CyclerProtocolError(
-                f"{self._link.address}: alarms stay after clearing: {', '.join(sorted(reading.alarms))}; "
-                "remove their cause first"
-            )
+        check_cleared(self._link.address, await self._read_sample())
 
     # --- each tick -----------------------------------------------------------------------------------------
     async def sample(self) -> Reading:
@@ -161,9 +155,7 @@ class CanCycler:
         reading = await self._read_sample()
         self._sequence = reading.sequence
         if self._watch is not None:
-            expected_A = self._watch.check(reading.setpoint_in_force_A, reading.sequence)
-            if expected_A is not None:
-                raise SetPointRefusedError(self._refusal(expected_A, reading), reading)
+            self._watch.verify(self._link.address, reading)
         return reading
 
     async def apply(self, current_A: float) -> None:
@@ -201,28 +193,8 @@ class CanCycler:
     async def safe(self) -> None:
         """See `Cycler.safe`. Commanding rest twice does no harm, so each step is tried again on a fresh bus."""
         self._forget_setpoints()
-        steps = range(len(self._map.sequences["safe"]))
-        actions: list[Callable[[], Awaitable[None]]] = [partial(self._rest, index) for index in steps]
-        actions.append(partial(self._verify_output, on=False))
-        errors: list[CyclerError] = []
-        attempts = REOPEN_ATTEMPTS
-        for action in actions:
-            for last in (False, True):
-                try:
-                    if not self._link.is_open:
-                        if not attempts:
-                            raise CyclerConnectionError(f"{self._link.address}: not connected")
-                        attempts -= 1
-                        await self._reopen()
-                    await action()
-                    break
-                except CyclerError as error:
-                    if last or self._link.is_open:  # what the device refuses it will refuse again
-                        errors.append(error)
-                        break
-        if errors:
-            text = "; ".join(dict.fromkeys(str(error) for error in errors))
-            raise type(errors[0])(f"not verified to be at rest: {text}") from errors[0]
+        steps: list[Step] = [partial(self._rest, index) for index in range(len(self._map.sequences["safe"]))]
+        await come_to_rest(self._link, [*steps, partial(self._verify_output, on=False)], self._reopen)
 
     async def _rest(self, index: int) -> None:
         await self._command(self._connected_plan().outgoing("safe", self._arguments())[index])
@@ -274,11 +246,23 @@ class CanCycler:
             raise SetPointRefusedError(f"{self._link.address}: {what}: {self._reason(refused)}")
         if command.echo is None:
             return
-        if ask is not None:
-            await self._ask(ask)
-        difference = self._connected_plan().echoes(outgoing, self._newest(command.echo)[1])
-        if difference is not None:
-            raise SetPointRefusedError(f"{self._link.address}: {what}: {difference}")
+        sent_s = time.monotonic()
+        while True:
+            if ask is not None:
+                await self._ask(ask)
+            difference = self._connected_plan().echoes(outgoing, self._newest(command.echo)[1])
+            if difference is None:
+                return
+            if ask is None or time.monotonic() - sent_s >= self._map.execution_s:
+                raise SetPointRefusedError(
+                    f"{self._link.address}: {what}: {difference}{self._refused_since(sent_s, refusals)}"
+                )
+            await asyncio.sleep(POLL_S)
+
+    def _refused_since(self, time_s: float, refusals: tuple[str, ...]) -> str:
+        """Why the device did not take a command, where it said so while something else was waited for."""
+        said = [name for name in refusals if self._link.newest.get(name, (-math.inf, b""))[0] >= time_s]
+        return f"; {self._reason(said[0])}" if said else ""
 
     async def _ask(self, ask: Ask) -> None:
         """Ask a question and wait for every part of the answer."""
@@ -321,18 +305,7 @@ class CanCycler:
 
     async def _verify_output(self, *, on: bool) -> None:
         """Wait until the status says what the output was told."""
-        deadline_s = time.monotonic() + OUTPUT_SETTLE_S
-        while True:
-            reading = await self._read_sample()
-            if reading.output_on == on:
-                return
-            if time.monotonic() >= deadline_s:
-                told, alarms = ("on" if on else "off"), ", ".join(sorted(reading.alarms)) or "none"
-                raise CyclerProtocolError(
-                    f"{self._link.address}: output was switched {told}, but the status says otherwise after "
-                    f"{OUTPUT_SETTLE_S:g} s; alarms: {alarms}"
-                )
-            await asyncio.sleep(POLL_S)
+        await wait_for_output(self._link.address, self._read_sample, on=on)
 
     def _connected_plan(self) -> CanPlan:
         if self._plan is None:
@@ -345,9 +318,3 @@ class CanCycler:
             return "refused"
         code = int(self._codec.raw(message, self._newest(message)[1])[refusal.name.signal])
         return f"refused with code {code} ({refusal.reasons.get(code, 'unknown')})"
-
-    def _refusal(self, expected_A: float, reading: Reading) -> str:
-        status, alarms = (", ".join(sorted(names)) or "none" for names in (reading.status, reading.alarms))
-        told = f"set-point {expected_A:g} A was sent, {reading.setpoint_in_force_A:g} A is in force"
-        tripped = f"the device has tripped ({alarms}): " if reading.alarms else ""
-        return f"{self._link.address}: {tripped}{told}; status: {status}"

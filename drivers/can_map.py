@@ -155,8 +155,10 @@ class CanMap:
         Between two messages; silence after a time-out where answers carry no token.
     max_age_s : float
         Oldest cyclic message that a sample may be made of.
+    execution_s : float
+        So long after a command the device may still answer with what was before.
     identity : tuple
-        A signal and what it reads; None: the number of the node.
+        A signal and the numbers that it may read; none: the number of the node.
     views : Mapping
         Answers that share an identifier, by the name that the rest of the map uses for a message.
     shared : tuple of str
@@ -177,7 +179,7 @@ class CanMap:
     worst_reply_s: float
     max_age_s: float
     positive_current: Literal["charge", "discharge"]
-    identity: tuple[SignalName, float | None]
+    identity: tuple[SignalName, tuple[float, ...]]
     constants: Mapping[str, SignalName]
     capabilities: Mapping[str, tuple[Expression, Expression]]
     asks: Mapping[str, Ask]
@@ -186,6 +188,7 @@ class CanMap:
     status: Mapping[str, Flag]
     alarms: Mapping[str, Flag]
     sequences: Mapping[str, tuple[Step, ...]]
+    execution_s: float = 0.0
     unlimited_ramp: float | None = None
     refusal: Refusal | None = None
     token: Mapping[str, str] = field(default_factory=dict)

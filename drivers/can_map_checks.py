@@ -68,8 +68,8 @@ def _check_messages(can_map: CanMap, codec: CanCodec) -> None:
             _fail(can_map, key, f"names message '{name}', which {can_map.dbc.name} does not have")
         if layout.length > TRANSPORT_BYTES[can_map.fd]:
             _fail(can_map, key, f"message '{name}' has {layout.length} bytes; longer than 8 needs fd = true")
-        if layout.is_multiplexed():
-            _fail(can_map, key, f"message '{name}' is multiplexed; write one plain message and a fixed value instead")
+        if not codec.is_settled(name):
+            _fail(can_map, key, f"message '{name}' is multiplexed; name a [view] of it that gives the multiplexer")
         if can_map.base(name) in sent and name not in can_map.shared and not key.endswith(".send"):
             reason = f"message '{name}' is sent by the bench; where the device answers with it too, name it in 'shared'"
             _fail(can_map, key, reason)

@@ -57,6 +57,7 @@ def read_can_map(file: Path, content: Mapping[str, Any]) -> CanMap:
         min_gap_s=top.not_negative("min_gap_s", 0.0),
         worst_reply_s=top.not_negative("worst_reply_s", DEFAULT_WORST_REPLY_S),
         max_age_s=top.not_negative("max_age_s", DEFAULT_MAX_AGE_S),
+        execution_s=top.not_negative("execution_s", 0.0),
         positive_current=top.choose("positive_current", ("charge", "discharge")),
         identity=(_signal(identity, "signal"), _identity(identity)),
         constants=constants,
@@ -122,11 +123,15 @@ def _view(_name: str, table: Table) -> View:
     return View(table.take("message", str), MappingProxyType(where), table.integer("length", 1, 64, None))
 
 
-def _identity(table: Table) -> float | None:
+def _identity(table: Table) -> tuple[float, ...]:
     value = table.any_value("equals")
-    if value != "node" and type(value) not in (int, float):
-        table.fail("equals", f'must be a number, or "node" for the node\'s own number, not {value!r}')
-    return None if value == "node" else float(value)
+    if value == "node":
+        return ()
+    numbers = value if isinstance(value, list) else [value]
+    if not numbers or any(type(number) not in (int, float) for number in numbers):
+        reason = f'must be a number, a list of numbers, or "node" for the node\'s own number, not {value!r}'
+        table.fail("equals", reason)
+    return tuple(float(number) for number in numbers)
 
 
 def _names(table: Table, key: str) -> tuple[str, ...]:

@@ -204,6 +204,7 @@ class CanPlan:
             has_sequence="sequence" in self.map.roles,
             has_device_limits=set(LIMIT_ROLES) <= told,
             has_ramp="ramp" in told,
+            has_temperature="temperature" in self.map.roles,
         )
 
     def _interval(self, name: str, otherwise: tuple[float, float]) -> tuple[float, float]:

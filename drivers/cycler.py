@@ -53,7 +53,10 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What the connected device can do; intervals are (low, high)."""
+    """What the connected device can do; intervals are (low, high).
+
+    `has_temperature`: it measures the temperature of the cell.
+    """
 
     name: str
     serial: str
@@ -64,6 +67,7 @@ class Capabilities:
     has_sequence: bool
     has_device_limits: bool
     has_ramp: bool
+    has_temperature: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -142,10 +142,13 @@ def _can() -> dict[str, Any]:
         fd=_FLAG,
         node_step=_whole(0, 0x1FFFFFFF),
         max_age_s=_TIME,
+        execution_s=_TIME,
         unlimited_ramp=_NUMBER,
         shared=_list(_TEXT),
         view=_table_of(view),
-        identity=_object(("signal", "equals"), signal=_SIGNAL, equals={"anyOf": [_NUMBER, {"const": "node"}]}),
+        identity=_object(
+            ("signal", "equals"), signal=_SIGNAL, equals={"anyOf": [_NUMBER, _list(_NUMBER), {"const": "node"}]}
+        ),
         const=_table_of(_SIGNAL),
         capabilities=_object(current=_INTERVAL, voltage=_INTERVAL, watchdog=_INTERVAL),
         token=_table_of(_TEXT),

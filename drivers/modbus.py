@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 
 from drivers.codec import Value, bind
@@ -15,11 +14,8 @@ from drivers.errors import CyclerConnectionError, CyclerError, CyclerProtocolErr
 from drivers.modbus_link import ModbusLink
 from drivers.modbus_plan import DevicePlan
 from drivers.read_plan import ReadPlan
+from drivers.rest import Step, check_cleared, come_to_rest, wait_for_output
 from drivers.setpoint_watch import SetPointWatch
-
-OUTPUT_SETTLE_S = 0.5  # a contactor takes its time; a bench must be at rest within 2 s
-POLL_S = 0.01
-REOPEN_ATTEMPTS = 2  # per `safe`: each may take as long as a connect
 
 
 class ModbusCycler:
@@ -150,12 +146,7 @@ class ModbusCycler:
         """See `Cycler.clear_fault`."""
         plan = self._connected_plan()
         await self._run("clear_fault")
-        reading = await self._read_sample(plan)
-        if reading.alarms:
-            raise CyclerProtocolError(
-                f"{self._link.address}: alarms stay after clearing: {', '.join(sorted(reading.alarms))}; "
-                "remove their cause first"
-            )
+        check_cleared(self._link.address, await self._read_sample(plan))
 
     # --- each tick -----------------------------------------------------------------------------------------
     async def sample(self) -> Reading:
@@ -168,9 +159,7 @@ class ModbusCycler:
             reading = plan.sample.reading(ahead[0], self._sequence + 1, [ahead[1]])
         self._sequence = reading.sequence
         if self._watch is not None:
-            expected_A = self._watch.check(reading.setpoint_in_force_A, reading.sequence)
-            if expected_A is not None:
-                raise SetPointRefusedError(self._refusal(expected_A, reading), reading)
+            self._watch.verify(self._link.address, reading)
         return reading
 
     async def apply(self, current_A: float) -> None:
@@ -214,30 +203,11 @@ class ModbusCycler:
     async def safe(self) -> None:
         """See `Cycler.safe`. Writing rest twice does no harm, so each step is tried again on a fresh link."""
         self._read_ahead = None
-        actions: list[Callable[[], Awaitable[None]]] = [
-            partial(self._write, step.write, step.value) for step in self._map.sequences["safe"]
-        ]
-        actions.append(self._verify_off)
-        errors: list[CyclerError] = []
-        attempts = REOPEN_ATTEMPTS
-        for action in actions:
-            for last in (False, True):
-                try:
-                    if not self._link.is_open:
-                        if not attempts:
-                            raise CyclerConnectionError(f"{self._link.address}: not connected")
-                        attempts -= 1
-                        await self._reopen()
-                    await action()
-                    break
-                except CyclerError as error:
-                    if last or self._link.is_open:  # what the device refuses it will refuse again
-                        errors.append(error)
-                        break
-        self._forget_setpoints()
-        if errors:
-            text = "; ".join(dict.fromkeys(str(error) for error in errors))
-            raise type(errors[0])(f"not verified to be at rest: {text}") from errors[0]
+        steps: list[Step] = [partial(self._write, step.write, step.value) for step in self._map.sequences["safe"]]
+        try:
+            await come_to_rest(self._link, [*steps, self._verify_off], self._reopen)
+        finally:
+            self._forget_setpoints()
 
     async def _reopen(self) -> None:
         """Open a lost link again, without resuming anything: what was acquired is gone with the link."""
@@ -283,18 +253,7 @@ class ModbusCycler:
 
     async def _verify_output(self, plan: DevicePlan, *, on: bool) -> None:
         """Wait until the status says what the output was told."""
-        deadline_s = time.monotonic() + OUTPUT_SETTLE_S
-        while True:
-            reading = await self._read_sample(plan)
-            if reading.output_on == on:
-                return
-            if time.monotonic() >= deadline_s:
-                told, alarms = ("on" if on else "off"), ", ".join(sorted(reading.alarms)) or "none"
-                raise CyclerProtocolError(
-                    f"{self._link.address}: output was switched {told}, but the status says otherwise after "
-                    f"{OUTPUT_SETTLE_S:g} s; alarms: {alarms}"
-                )
-            await asyncio.sleep(POLL_S)
+        await wait_for_output(self._link.address, partial(self._read_sample, plan), on=on)
 
     async def _read_sample(self, plan: DevicePlan) -> Reading:
         blocks = [await self._read(read) for read in plan.sample.reads]
@@ -311,12 +270,6 @@ class ModbusCycler:
     def _next_heartbeat(self, plan: DevicePlan) -> int:
         self._heartbeat = (self._heartbeat + 1) % plan.command.heartbeat_modulus
         return self._heartbeat
-
-    def _refusal(self, expected_A: float, reading: Reading) -> str:
-        status, alarms = (", ".join(sorted(names)) or "none" for names in (reading.status, reading.alarms))
-        told = f"set-point {expected_A:g} A was written, {reading.setpoint_in_force_A:g} A is in force"
-        tripped = f"the device has tripped ({alarms}): " if reading.alarms else ""
-        return f"{self._link.address}: {tripped}{told}; status: {status}"
 
 
 def _words(values: tuple[int, ...]) -> str:

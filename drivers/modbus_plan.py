@@ -261,6 +261,7 @@ class DevicePlan:
             has_sequence=self.sample.has_sequence,
             has_device_limits=all(self.map.by_role(role) for role in LIMIT_ROLES),
             has_ramp=self.map.by_role("ramp") is not None,
+            has_temperature=self.map.by_role("temperature") is not None,
         )
 
     def _interval(self, name: str, otherwise: tuple[float, float]) -> tuple[float, float]:

@@ -20,7 +20,9 @@ from dataclasses import dataclass
 from pymodbus.exceptions import ConnectionException, ModbusIOException
 
 QUICK_S = 0.0015
-VAIN_ATTEMPTS, PAUSE = 20, 100  # so many waits in vain, and so many requests go to the loop at once
+# After so many waits in vain, so many requests go to the loop at once; where it stays in vain, ever more.
+VAIN_ATTEMPTS, AGAIN_ATTEMPTS = 20, 3
+PAUSE, LONGEST_PAUSE = 100, 1600
 MBAP = struct.Struct(">HHHB")
 MOST_BYTES = 254  # length field: unit identifier and a PDU of at most 253 bytes
 RECEIVE_BYTES = 4096
@@ -59,7 +61,7 @@ class TcpClient:
         self._poll = select.poll()
         self._received = bytearray()
         self._transaction = self._unit = 0
-        self._vain = self._paused = 0
+        self._patience, self._pause, self._paused = VAIN_ATTEMPTS, PAUSE, 0
 
     @property
     def connected(self) -> bool:
@@ -174,11 +176,12 @@ class TcpClient:
             self._paused -= 1
             return None
         if not self._poll.poll(1000.0 * QUICK_S):
-            self._vain += 1
-            if self._vain >= VAIN_ATTEMPTS:
-                self._vain, self._paused = 0, PAUSE
+            self._patience -= 1
+            if self._patience <= 0:
+                self._paused, self._patience = self._pause, AGAIN_ATTEMPTS
+                self._pause = min(2 * self._pause, LONGEST_PAUSE)
             return None
-        self._vain = 0
+        self._patience, self._pause = VAIN_ATTEMPTS, PAUSE
         self._take(made.recv(RECEIVE_BYTES))
         return self._next(transaction)
 

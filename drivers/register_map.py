@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from drivers.can_map import CanMap, Send
+from drivers.can_map import CanMap, Flag, Send
 from drivers.can_map_checks import check_can_map
 from drivers.can_map_reader import read_can_map
 from drivers.device_map import (
@@ -36,6 +36,7 @@ __all__ = [
     "DeviceMap",
     "Expression",
     "ExpressionError",
+    "Flag",
     "Frame",
     "Identity",
     "ReadPlan",

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 
+from drivers.cycler import Reading
+from drivers.errors import SetPointRefusedError
+
 # A device tick may pass between a sample and the set-point that follows it, so only the second later
 # measurement is sure to come after the set-point.
 WHOLE_TICKS = 2
@@ -30,6 +33,22 @@ class SetPointWatch:
         if self._exact:
             self._written.clear()
         self._written.append((value_A, tolerance_A, sequence))
+
+    def verify(self, address: str, reading: Reading) -> None:
+        """See that a sample shows the set-point that should be in force.
+
+        Raises
+        ------
+        SetPointRefusedError
+            With the sample, if it shows another one.
+        """
+        expected_A = self.check(reading.setpoint_in_force_A, reading.sequence)
+        if expected_A is None:
+            return
+        status, alarms = (", ".join(sorted(names)) or "none" for names in (reading.status, reading.alarms))
+        told = f"set-point {expected_A:g} A was written, {reading.setpoint_in_force_A:g} A is in force"
+        tripped = f"the device has tripped ({alarms}): " if reading.alarms else ""
+        raise SetPointRefusedError(f"{address}: {tripped}{told}; status: {status}", reading)
 
     def check(self, in_force_A: float, sequence: int) -> float | None:
         """Return None if the sample is as it should be, else the set-point that should be in force, in A."""

@@ -20,7 +20,7 @@ from simulators.cell import Cell, TruthCell
 from simulators.clocks import LockStepClock, SimulatedClock, WallClock
 from simulators.cycler import Cycler, CyclerSettings
 from simulators.device import MapDevice
-from simulators.ea_psb import EaPsb
+from simulators.ea_psb import EaPsb, EaPsbCan
 from simulators.effects import apply_effects
 from simulators.fault_hooks import CanFaults, ModbusFaults
 from simulators.faults import FaultEngine, FaultyCell, FaultySensors, parse_faults
@@ -35,6 +35,7 @@ __all__ = ["PROTOCOLS", "SimulatorError", "SimulatorSettings", "build_can_device
 PROTOCOLS = ("modbus-tcp", "modbus-rtu", "can")
 HOUSEKEEPING_S = 0.05
 PERSONALITIES: Mapping[str, type[MapDevice]] = {"ea_psb": EaPsb}
+CAN_PERSONALITIES: Mapping[str, type[CanDevice]] = {"ea_psb_can": EaPsbCan}
 MOST_DEVICES = 64
 MAX_SPEED = 1e5  # the work of a wall second grows with it; above, signals would wait for its end
 
@@ -162,7 +163,8 @@ def build_can_device(
 ) -> CanDevice:
     """Put a bench for CAN together without serving it; otherwise as `build_device`."""
     can_map = load_can_map(settings.map_name)
-    return CanDevice(can_map, *_behind(_rated(settings, can_map), cell, now, engine))
+    make = CAN_PERSONALITIES.get(can_map.name, CanDevice)
+    return make(can_map, *_behind(_rated(settings, can_map), cell, now, engine))
 
 
 def _rated(settings: SimulatorSettings, device_map: DeviceMap | CanMap) -> SimulatorSettings:

@@ -2,7 +2,7 @@
 
 The drivers read the same file with another library, so that one mistake cannot agree with itself. Layout after the
 "DBC File Format Documentation" of Vector Informatik: Intel signals count up from their lowest bit, Motorola signals
-are given by their highest.
+are given by their highest. Which signals of a multiplexed message are there its user must know.
 """
 
 import re
@@ -15,7 +15,8 @@ __all__ = ["Layout", "SignalLayout", "read_dbc"]
 
 _MESSAGE = re.compile(r"^BO_ (\d+) (\w+) *: *(\d+) (\w+)")
 _SIGNAL = re.compile(
-    r"^ SG_ (\w+) *: *(\d+)\|(\d+)@([01])([+-]) *\(([^,]+),([^)]+)\) *\[([^|]+)\|([^\]]+)\] *\"([^\"]*)\""
+    r"^ SG_ (\w+) *(?:M|m\d+M?)? *: *(\d+)\|(\d+)@([01])([+-]) *\(([^,]+),([^)]+)\)"
+    r" *\[([^|]+)\|([^\]]+)\] *\"([^\"]*)\""
 )
 _VALUE_TYPE = re.compile(r"^SIG_VALTYPE_ (\d+) (\w+) *: *([0-3]) *;")
 EXTENDED = 1 << 31
@@ -64,6 +65,8 @@ class SignalLayout:
                 (-(1 << self.length - 1), (1 << self.length - 1) - 1) if self.signed else (0, (1 << self.length) - 1)
             )
             whole = min(max(round(raw), low), high) & ((1 << self.length) - 1)
+        if self.intel:
+            return whole << self.start
         return sum((whole >> index & 1) << position for index, position in enumerate(self.bits()))
 
 

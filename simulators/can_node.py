@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import can
 
-from drivers.register_map import CanMap, Send
+from drivers.register_map import CanMap, Flag, Send
 from simulators.can_bus import CanAction, CanBusSettings, CanPort, free_udp_port
 from simulators.can_dbc import Layout, read_dbc
 from simulators.clocks import SimulatedClock
@@ -21,7 +21,6 @@ from simulators.cycler import Cycler, StateRefusedError, ValueRefusedError
 __all__ = ["CanDevice", "CanNode", "OnFrame"]
 
 SENT_REMEMBERED = 256
-NO_SUCH_ITEM, WRONG_STATE, OUT_OF_RANGE = 1, 2, 3
 OnFrame = Callable[[str, Mapping[str, float]], CanAction | None]
 # Alarms of the simulated cycler under the names that some devices have for them.
 _OTHER_NAMES = {
@@ -30,7 +29,11 @@ _OTHER_NAMES = {
     "communication": frozenset(("watchdog", "client_gone")),
     "over_current": frozenset(("over_current",)),
     "temperature": frozenset(("over_temperature", "under_temperature")),
-}
+    "alarm": frozenset(
+        ("over_voltage", "under_voltage", "over_current", "over_temperature", "under_temperature", "watchdog",
+         "client_gone", "internal")
+    ),
+}  # fmt: skip
 Answer = list[tuple[str, bytes]]
 _CURRENTS = ("set_current", "limit_current_high", "limit_current_low")
 
@@ -43,7 +46,14 @@ class CanDevice:
     can_map : CanMap
     cycler : Cycler
     clock : SimulatedClock
+
+    Attributes
+    ----------
+    no_such_item, wrong_state, out_of_range : int
+        Codes by which the device says no.
     """
+
+    no_such_item, wrong_state, out_of_range = 1, 2, 3
 
     def __init__(self, can_map: CanMap, cycler: Cycler, clock: SimulatedClock) -> None:
         self.map, self.cycler, self.clock = can_map, cycler, clock
@@ -59,6 +69,7 @@ class CanDevice:
         sends = [command.send for command in can_map.commands.values()] + [ask.send for ask in can_map.asks.values()]
         told = [self.layouts[send.message] for send in sends]
         self._told = {(layout.id, layout.extended): layout for layout in told}
+        self._lengths = {(send.message, send.length or layout.length) for send, layout in zip(sends, told, strict=True)}
         s = cycler.settings
         self._constants = {
             "i_nom": s.nominal_current_A,
@@ -86,8 +97,7 @@ class CanDevice:
 
     def takes(self, layout: Layout, length: int) -> bool:
         """Whether a message of the bench may be so long."""
-        sends = [c.send for c in self.map.commands.values()] + [a.send for a in self.map.asks.values()]
-        return any(s.message == layout.name and length == (s.length or layout.length) for s in sends)
+        return (layout.name, length) in self._lengths
 
     def answer(self, message: str, raws: Mapping[str, float], length: int) -> Answer:
         """Execute a message of the bench and return what the device answers."""
@@ -106,7 +116,7 @@ class CanDevice:
                     return self.refused(code)
                 told_at_once = command.echo and command.ask is None
                 return [(command.echo, self._repeated(command.echo, raws))] if command.echo and told_at_once else []
-        return self.refused(NO_SUCH_ITEM)
+        return self.refused(self.no_such_item)
 
     def _physical(self, message: str, name: str, raw: float) -> float:
         signal = self.layouts[message].signals[name]
@@ -137,7 +147,9 @@ class CanDevice:
         if refusal is None:
             return []
         name = refusal.name
-        return [(name.message, self.layouts[name.message].encode_raw({name.signal: code}))]
+        view = self.map.views.get(name.message)
+        fixed: Mapping[str, float] = {} if view is None else view.where
+        return [(name.message, self.layouts[name.message].encode_raw({**fixed, name.signal: code}))]
 
     def _repeated(self, echo: str, raws: Mapping[str, float]) -> bytes:
         layout = self.layouts[echo]
@@ -153,15 +165,15 @@ class CanDevice:
             sides = told.pop("charge", max(now_A, 0.0)), told.pop("discharge", max(-now_A, 0.0))
             told["set_current"] = sides[0] - sides[1]
         if not all(math.isfinite(value) for value in told.values()):
-            return OUT_OF_RANGE
+            return self.out_of_range
         if "clear_alarms" not in self._arguments:
             self.cycler.alarms.clear()  # some devices forget an error with the next valid frame
         try:
             self._check(told)
         except ValueRefusedError:
-            return OUT_OF_RANGE
+            return self.out_of_range
         except StateRefusedError:
-            return WRONG_STATE
+            return self.wrong_state
         for name in ("clear_alarms", "remote", "output", "set_current", "heartbeat"):
             if name in told:
                 self._take(name, told[name])
@@ -215,7 +227,7 @@ class CanDevice:
             raws[token] = arguments.get("token", 0.0)
         identity, equals = self.map.identity
         if identity.message == name:
-            raws[identity.signal] = self._raw(name, identity.signal, self.node if equals is None else equals)
+            raws[identity.signal] = self._raw(name, identity.signal, equals[0] if equals else self.node)
         for constant, signal in self.map.constants.items():
             if signal.message == name:
                 raws[signal.signal] = self._raw(name, signal.signal, self._constants[constant])
@@ -223,13 +235,12 @@ class CanDevice:
             if role.name.message == name:
                 raws[role.name.signal] = self._role_raw(key)
             if role.negative is not None and role.negative.name.message == name and self._role_value(key) < 0.0:
-                raws[role.negative.name.signal] = min(role.negative.values, default=1)
+                _raise_flag(raws, role.negative)
         status = self._status()
         for flags, names in ((self.map.status, status), (self.map.alarms, self.cycler.alarms)):
             for flag, where in flags.items():
                 if where.name.message == name and (flag in names or _OTHER_NAMES.get(flag, frozenset()) & names):
-                    signal, before = where.name.signal, int(raws.get(where.name.signal, 0.0))
-                    raws[signal] = min(where.values, default=1) if where.bit is None else before | 1 << where.bit
+                    _raise_flag(raws, where)
         return layout.encode_raw(raws)
 
     def _held(self, name: str) -> dict[str, float]:
@@ -291,6 +302,12 @@ class CanDevice:
             "lock_step_available": float(self.clock.lock_step),
             "lock_step": float(self.clock.tick),
         }[key]
+
+
+def _raise_flag(raws: dict[str, float], flag: Flag) -> None:
+    """Put a flag into the raw values of its message."""
+    signal = flag.name.signal
+    raws[signal] = min(flag.values, default=1) if flag.bit is None else int(raws.get(signal, 0.0)) | 1 << flag.bit
 
 
 class CanNode:

@@ -1,6 +1,8 @@
 """A cycler seen through its device map: registers and coils in front, set-points and measurements behind."""
 
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
@@ -26,6 +28,17 @@ class RefusedError(Exception):
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)
         self.code = code
+
+
+@dataclass(slots=True)
+class _Published:
+    """A register that shows something of the cycler, where it stands, and the value that it shows."""
+
+    codec: RegisterCodec
+    getter: Callable[[], float]
+    image: bytearray
+    first: int
+    value: float = math.nan
 
 
 class MapDevice:
@@ -70,7 +83,10 @@ class MapDevice:
         one_type = (block for block in device_map.blocks if block.one_type)
         self._one_type = {(b.space, address) for b in one_type for address in range(b.first, b.last + 1)}
         self._heartbeat = 0.0
-        self._getters = self._bind_getters()
+        self._bits = {role: self._bits_of(role) for role in ("status", "alarms")}
+        current = device_map.by_role("actual_current")
+        self._sink = current.negative if current else None  # flag that stands for the sign of an unsigned current
+        self._published = self._bind_getters()
         self._setters = self._bind_setters()
         self._coils = {coil.address: coil for coil in device_map.coils.values()}
         self._plain_coils: dict[int, bool] = {}
@@ -169,11 +185,13 @@ class MapDevice:
 
     def publish(self) -> None:
         """Bring the image up to date with the cycler."""
-        image = self._image
-        for codec, getter in self._getters:
-            register = codec.register
-            data = codec.encode(self._house_sign(register.role, getter()))
-            image[register.space][2 * register.address : 2 * register.address + codec.size] = data
+        for entry in self._published:
+            value = entry.getter()
+            if value != entry.value or value == 0.0:  # NaN is never the same, and 0 may have changed its sign
+                entry.value = value
+                codec = entry.codec
+                data = codec.encode(self._house_sign(codec.register.role, value))
+                entry.image[entry.first : entry.first + codec.size] = data
 
     def _command(self, roles: Mapping[str, bool]) -> None:
         cycler = self.cycler
@@ -256,7 +274,7 @@ class MapDevice:
         for name, value in fixed.items():
             self._store(self._codecs[name], value)
 
-    def _bind_getters(self) -> list[tuple[RegisterCodec, Callable[[], float]]]:
+    def _bind_getters(self) -> list[_Published]:
         cycler, clock = self.cycler, self.clock
         shared = self.map.by_role("status") is self.map.by_role("output")
         by_role: dict[str, Callable[[], float]] = {
@@ -270,11 +288,11 @@ class MapDevice:
             "set_discharge": lambda: max(-cycler.requested_A, 0.0),
             "set_voltage": lambda: self._directions["set_voltage"],
             "remote": lambda: float(cycler.remote),
-            "output": lambda: float(_bit_sum(self._bits_of("status"), self._status()) if shared else cycler.output_on),
+            "output": lambda: float(_bit_sum(self._bits["status"], self._status()) if shared else cycler.output_on),
             "clear_alarms": lambda: 0.0,
             "setpoint_in_force": lambda: cycler.set_point_A,
-            "status": lambda: _bit_sum(self._bits_of("status"), self._status()),
-            "alarms": lambda: _bit_sum(self._bits_of("alarms"), cycler.alarms),
+            "status": lambda: _bit_sum(self._bits["status"], self._status()),
+            "alarms": lambda: _bit_sum(self._bits["alarms"], cycler.alarms),
             "heartbeat": lambda: self._heartbeat,
             "lock_step": lambda: clock.tick,
             "lock_step_available": lambda: float(clock.lock_step),
@@ -285,7 +303,11 @@ class MapDevice:
         }
         by_role |= {f"limit_{name}": partial(cycler.limits.__getitem__, name) for name in cycler.limits}
         codecs = self._codecs.values()
-        return [(c, by_role[c.register.role]) for c in codecs if c.register.role in by_role]
+        return [
+            _Published(c, by_role[c.register.role], self._image[c.register.space], 2 * c.register.address)
+            for c in codecs
+            if c.register.role in by_role
+        ]
 
     def _bind_setters(self) -> Mapping[str, Callable[[float], None]]:
         cycler, clock = self.cycler, self.clock
@@ -311,9 +333,8 @@ class MapDevice:
         return self.map.bits.get(register.name, {}) if register else {}
 
     def _actual_current(self) -> float:
-        current = self.map.by_role("actual_current")
         seen_A = self.cycler.measurement.current_A
-        return abs(seen_A) if current and current.negative else seen_A
+        return abs(seen_A) if self._sink else seen_A
 
     def _set_direction(self, role: str, value: float) -> None:
         self._directions[role] = value
@@ -322,9 +343,8 @@ class MapDevice:
 
     def _status(self) -> frozenset[str]:
         status = self.cycler.status
-        current = self.map.by_role("actual_current")
-        if current and current.negative and self.cycler.measurement.current_A < 0.0:
-            status |= {current.negative}
+        if self._sink and self.cycler.measurement.current_A < 0.0:
+            status |= {self._sink}
         if self.cycler.alarms:
             status |= set(self.map.alarm_bits)
         return status | {"lock_step"} if self.clock.lock_step else status

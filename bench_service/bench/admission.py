@@ -29,6 +29,12 @@ def check_start(settings: BenchSettings, capabilities: Capabilities, request: Ru
     """
     _check_request(request)
     _check_watchdog(settings, capabilities)
+    if not capabilities.has_temperature:
+        low, high = request.limits.temperature_degC
+        raise RefusedError(
+            f"{capabilities.name} measures no temperature of the cell, so limits of {low:g} to {high:g} degC cannot "
+            "be watched; use a cycler, or a map of it, with a sensor at the cell (role 'temperature')"
+        )
     if outside := request.limits.wider_than(settings.limits):
         raise RefusedError(f"the run's limits leave the bench's: {outside}; narrow them")
     if settings.lock_step and not capabilities.lock_step:

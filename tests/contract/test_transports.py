@@ -116,7 +116,7 @@ async def test_the_clock_must_be_one_that_both_have(transport):
     for lock_step in (True, False):
         async with rig(transport, lock_step=lock_step) as made:
             await made.driver.connect()
-            with pytest.raises(CyclerProtocolError, match="lock-step"):
+            with pytest.raises(CyclerProtocolError, match="only in lock-step" if lock_step else "no lock-step"):
                 await made.driver.acquire(LIMITS, 1.0, None if lock_step else 0.1)
 
 
@@ -129,6 +129,7 @@ async def test_nothing_without_control(transport):
         for call in (made.driver.apply(1.0), made.driver.output(True)):
             with pytest.raises(CyclerProtocolError, match="acquire first"):
                 await call
+        assert made.at_rest and not made.device.cycler.remote
 
 
 @every

@@ -16,10 +16,12 @@ from simulators.can_node import CanNode
 from simulators.modbus_server import ModbusServer
 from simulators.rtu_server import RtuServer
 from simulators.serial_line import SerialSettings
+from tests.protocol.tcp_proxy import Proxy
 
 LIMITS = DeviceLimits((2.5, 4.25), (-10.0, 10.0), (-10.0, 60.0), None)
 TIMEOUT_S = 0.25
 PERIOD_S = 0.1
+FAST_LINE = SerialSettings(baud=921_600)
 TRANSPORTS = ("modbus-tcp", "modbus-rtu", "can-virtual", "can-udp")
 
 
@@ -34,6 +36,9 @@ class Rig:
     address: str
     map_name: str
     lock_step: bool
+    timeout_s: float = TIMEOUT_S
+    proxy: Any = None  # of Modbus TCP, where there is one between driver and device
+    port: str = ""  # of Modbus RTU
 
     async def acquired(self, limits: DeviceLimits = LIMITS, watchdog_s: float = 1.0) -> None:
         """Take control."""
@@ -50,7 +55,7 @@ class Rig:
 
     def another(self, options: str = "") -> Cycler:
         """One more driver for the same device."""
-        return open_cycler(self.address + options, self.map_name, TIMEOUT_S)
+        return open_cycler(self.address + options, self.map_name, self.timeout_s)
 
     @property
     def at_rest(self) -> bool:
@@ -59,13 +64,24 @@ class Rig:
 
 
 @contextlib.asynccontextmanager
-async def rig(transport: str, *, lock_step: bool = True, map_name: str = "", **settings: Any) -> AsyncIterator[Rig]:
-    """Serve a simulated cycler and make a driver for it."""
+async def rig(
+    transport: str,
+    *,
+    lock_step: bool = True,
+    map_name: str = "",
+    timeout_s: float = TIMEOUT_S,
+    proxied: bool = False,
+    line: SerialSettings = FAST_LINE,
+    options: str = "",
+    **settings: Any,
+) -> AsyncIterator[Rig]:
+    """Serve a simulated cycler and make a driver for it; `options` are added to the address."""
     is_can = transport.startswith("can")
     name = map_name or ("generic_can" if is_can else "generic")
     made = SimulatorSettings(map_name=name, lock_step=lock_step, **settings)
     device: Any
     server: Any
+    proxy, port = None, ""
     if is_can:
         bus = CanBusSettings()
         if transport == "can-virtual":
@@ -75,15 +91,22 @@ async def rig(transport: str, *, lock_step: bool = True, map_name: str = "", **s
         address = await server.start()
     elif transport == "modbus-rtu":
         device = build_device(made)
-        server = RtuServer(device, SerialSettings(baud=921_600))
-        address = f"modbus-rtu://{await server.start()}?baud=921600"
+        server = RtuServer(device, line)
+        port = await server.start()
+        address = f"modbus-rtu://{port}?baud={line.baud}"
     else:
         device = build_device(made)
         server = ModbusServer(device)
-        address = f"modbus-tcp://127.0.0.1:{await server.start('127.0.0.1', 0)}"
-    driver = open_cycler(address, name, TIMEOUT_S)
+        tcp_port = await server.start("127.0.0.1", 0)
+        if proxied:
+            proxy = Proxy(tcp_port)
+            tcp_port = await proxy.start()
+        address = f"modbus-tcp://127.0.0.1:{tcp_port}"
+    driver = open_cycler(address + options, name, timeout_s)
     try:
-        yield Rig(transport, device, server, driver, address, name, lock_step)
+        yield Rig(transport, device, server, driver, address, name, lock_step, timeout_s, proxy, port)
     finally:
         await driver.close()
+        if proxy is not None:
+            await proxy.stop()
         await server.close()

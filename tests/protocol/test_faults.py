@@ -62,7 +62,7 @@ async def test_the_judge_sees_a_wrong_sample_that_is_not_marked(monkeypatch):
     assert any("stored as good" in complaint for complaint in outcome.complaints)
 
 
-@settings(max_examples=12, deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=8, deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow])
 @given(seed=st.integers(0, 2**32 - 1))
 def test_random_faults_end_safely(seed):
     outcome = asyncio.run(play_case(seed))

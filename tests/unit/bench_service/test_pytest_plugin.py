@@ -21,7 +21,7 @@ def test_the_example_project_passes(project: pytest.Pytester) -> None:
     project.runpytest_subprocess("-q", "-p", "no:cacheprovider").assert_outcomes(passed=9)
 
 
-def test_two_runs_of_a_test_are_equal_to_the_bit(project: pytest.Pytester) -> None:
+def test_equal_runs_asynchronous_tests_and_mistakes(project: pytest.Pytester) -> None:
     project.makepyfile(
         """
         import hashlib
@@ -40,15 +40,6 @@ def test_two_runs_of_a_test_are_equal_to_the_bit(project: pytest.Pytester) -> No
 
         async def test_in_an_asynchronous_test_too(bench):
             assert bench.play([0.0, 1.0], [1.0, 0.0], dt_s=0.1).state == "completed"
-        """
-    )
-    project.runpytest_subprocess("-q", "-p", "no:cacheprovider", "-o", "asyncio_mode=auto").assert_outcomes(passed=3)
-
-
-def test_mistakes_are_told(project: pytest.Pytester) -> None:
-    project.makepyfile(
-        """
-        import pytest
 
         @pytest.mark.emulated(protocol="smoke")
         def test_protocol(emulated_cycler):
@@ -63,8 +54,8 @@ def test_mistakes_are_told(project: pytest.Pytester) -> None:
             pass
         """
     )
-    result = project.runpytest_subprocess("-q", "-p", "no:cacheprovider")
-    result.assert_outcomes(errors=3)
+    result = project.runpytest_subprocess("-q", "-p", "no:cacheprovider", "-o", "asyncio_mode=auto")
+    result.assert_outcomes(passed=3, errors=3)
     result.stdout.fnmatch_lines(["*'smoke'; choose one of modbus-tcp*"])
     result.stdout.fnmatch_lines(["*unknown kind 'earthquake'*"])
     result.stdout.fnmatch_lines(["*unknown cell 'lead'*"])

@@ -151,3 +151,26 @@ def test_flags():
     assert Flag(name).is_set(2) and not Flag(name).is_set(0)
     assert Flag(name, bit=2).is_set(0b101) and not Flag(name, bit=1).is_set(0b101) and Flag(name, bit=15).is_set(-1)
     assert Flag(name, frozenset((0,))).is_set(0) and not Flag(name, frozenset((0,))).is_set(1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "reason"),
+    [
+        ('signal = "Voltage.Value"', 'signal = "Answer.Value"', "role.actual_voltage", r"multiplexed; name a \[view\]"),
+        ('signal = "Voltage.Value"', 'signal = "Voltage.Status"', "role.actual_voltage", "does not have"),
+        ("where = { Register = 507 }", "where = { Value = 507 }", "view.Voltage.where.Value", "no such signal"),
+        ("where = { Register = 507 }", "where = { Register = 504 }", "role.actual_voltage", "does not have"),
+        ("equals = [58, 66, 83]", "equals = []", "identity.equals", "a list of numbers"),
+        ("equals = [58, 66, 83]", 'equals = ["node"]', "identity.equals", "a list of numbers"),
+        ("execution_s = 0.05", "execution_s = -1", "execution_s", "negative"),
+    ],
+)
+def test_a_multiplexed_message_is_read_through_views_that_say_what_is_in_it(tmp_path, old, new, key, reason):
+    text = (MAPS / "ea_psb_can.toml").read_text()
+    assert text.count(old) == 1
+    (tmp_path / "ea_psb_can.dbc").write_text((MAPS / "ea_psb_can.dbc").read_text())
+    path = tmp_path / "changed.toml"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(BadMapError, match=reason) as caught:
+        load_can_map(path)
+    assert key in caught.value.key, str(caught.value)

@@ -80,4 +80,22 @@ def test_signals_of_the_maps_that_come_with_the_program():
                 message.frame_id, message.length, message.is_extended_frame,
             )  # fmt: skip
             data = bytes(range(3, 3 + message.length))
-            assert layout.decode_raw(data) == pytest.approx(message.decode(data, scaling=False, decode_choices=False))
+            for chosen in variants(layout, message, data):
+                decoded = layout.decode_raw(chosen)
+                there = message.decode(chosen, scaling=False, decode_choices=False)
+                assert {name: decoded[name] for name in there} == pytest.approx(there)
+                assert set(there) == set(decoded) or message.is_multiplexed()
+
+
+def variants(layout, message, data):
+    """The data, with every value of the multiplexer where the message has one."""
+    selector = next((signal for signal in message.signals if signal.is_multiplexer), None)
+    if selector is None:
+        return [data]
+    chosen = sorted({number for signal in message.signals for number in signal.multiplexer_ids or ()})
+    mask = int.from_bytes(layout.encode_raw({selector.name: (1 << selector.length) - 1}), "little")
+    kept = int.from_bytes(data, "little") & ~mask
+    return [
+        (kept | int.from_bytes(layout.encode_raw({selector.name: number}), "little")).to_bytes(message.length, "little")
+        for number in chosen
+    ]

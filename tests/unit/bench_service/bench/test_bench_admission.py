@@ -60,6 +60,11 @@ def test_without_a_short_watchdog_an_interlock_is_needed(settings: BenchSettings
     start(replace(settings, external_interlock=True), device)
 
 
+def test_without_a_temperature_of_the_cell_nothing_starts() -> None:
+    with pytest.raises(RefusedError, match=r"measures no temperature of the cell, so limits of 0 to 45 degC"):
+        start(device=replace(DEVICE, has_temperature=False))
+
+
 def test_watchdog_out_of_the_devices_range() -> None:
     with pytest.raises(RefusedError, match="outside the device's 1.5 to 60 s"):
         start(SETTINGS, replace(DEVICE, watchdog_s=(1.5, 60.0)))
