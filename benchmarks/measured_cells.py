@@ -26,9 +26,9 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from bench_service.exchange.read import read_run
-from models.comparison import simulate_runs
 from models.identification import FitResult, fit_network, start_soc
 from models.local_model_network import LocalModelNetwork
+from models.simulated_runs import simulate_runs
 from models.structure import Structure
 from models.timeseries import TimeSeries
 

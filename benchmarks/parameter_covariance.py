@@ -122,9 +122,9 @@ def one_case(kind: Kind, n_samples: int, rng: np.random.Generator) -> tuple[Floa
     sums = moments(partition, data, a, groups(data))
     fitted = Fitted(structure, scaling, data, partition, a, sums, fit(sums, penalties(structure, partition, data, a)))
     refined = Refined(fitted.theta, {}) if kind.shared else refined_theta(fitted, lambda share, text: None)
-    if refined.pull is None and not kind.shared:
+    if refined.penalties is None and not kind.shared:
         return None
-    parameters = fit_uncertainty(fitted, refined.theta, refined.pull, refined.held_out).parameters
+    parameters = fit_uncertainty(fitted, refined.theta, refined.penalties, refined.held_out).parameters
     error = (refined.theta - truth).ravel()
     score = error / np.sqrt(np.diag(parameters.covariance))
     if kind.shared:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,9 @@ _TIME_CONSTANTS_S = (
     (2.0, 8.0, 30.0, 120.0, 500.0),
 )
 _ACTIVATION_K = (0.0, 1500.0, 2500.0, 3500.0, 5000.0)
+# Activations of a part of the resistance beside one that temperature does not move, and of one more part.
+_PART_ACTIVATION_K = (4000.0, 7000.0, 11000.0)
+_SECOND_ACTIVATION_K = (2500.0, 7500.0)
 _EXCHANGE_C_RATE = (None, 0.02, 0.2, 0.6, 2.0, 6.0)
 _SURFACE_DEPTH = (0.02, 0.05, 0.1)
 _SURFACE_S = (100.0, 400.0, 1500.0, 4000.0)
@@ -37,11 +39,12 @@ _HYSTERESIS_RATES = ((), (10.0,), (40.0,), (150.0,), (20.0, 100.0))
 _SOC_K_SIGMA = (0.5, 0.7, 1.0)
 _TEMPERATURE_K_SIGMA = (0.7, 1.0, 1.5, 2.0)
 _SIZES = (8, 12, 16, 24, 32, 48)
-# Last, numbers that were found on a coarse grid are moved by these factors.
-_FINER = (0.6, 1.0 / 0.6)
 # Low-passes that are held against the state of charge; of what is offered at most this share may be a function of it.
 _SLOW_S = (3000.0, 2000.0, 1500.0, 1000.0, 600.0, 400.0, 200.0, 100.0)
 _LARGEST_SHARE = 0.5
+_LARGEST_FITTED_SHARE = 0.7
+# How far towards its ends, at 1 and -1, a hysteresis must move.
+_LEAST_SIDE = 0.5
 _SOC_PIECES = 24
 # Temperatures that differ by less than this cannot show what temperature does.
 _TEMPERATURE_RANGE_K = 3.0
@@ -57,6 +60,7 @@ class AutoCandidate:
     time_constants_s : of the low-passes of the current
     activation_K : scaling of the current by temperature; 0: none
     unscaled : whether the low-passes of the unscaled current are there too
+    second_activation_K : of one more set of low-passes; 0: none
     entropic : whether temperature is an input of its own
     exchange_c_rate : exchange current of the charge-transfer term as a C-rate; None: no such term
     surface : (depth, time constant in s, activation in K) of the surface's state of charge; None: the mean one
@@ -72,6 +76,7 @@ class AutoCandidate:
     time_constants_s: tuple[float, ...] = _TIME_CONSTANTS_S[0]
     activation_K: float = 0.0
     unscaled: bool = False
+    second_activation_K: float = 0.0
     entropic: bool = False
     exchange_c_rate: float | None = None
     surface: tuple[float, float, float] | None = None
@@ -102,9 +107,10 @@ class AutoCandidate:
 
     def _overvoltage(self, dt_s: float) -> Iterator[str]:
         constants = [tau for tau in self.time_constants_s if tau >= 1.5 * dt_s]
-        if self.activation_K:
-            yield f"scaled_current:{self.activation_K:g}"
-            yield from (f"low_pass:{tau:g}/{self.activation_K:g}" for tau in constants)
+        for scaling_K in dict.fromkeys((self.activation_K, self.second_activation_K)):
+            if scaling_K:
+                yield f"scaled_current:{scaling_K:g}"
+                yield from (f"low_pass:{tau:g}/{scaling_K:g}" for tau in constants)
         if not self.activation_K or self.unscaled:
             yield "current"
             yield from (f"low_pass:{tau:g}" for tau in constants)
@@ -141,7 +147,7 @@ class Offer:
     ----------
     temperature_range_K : of all runs together; 0 where temperature is not known throughout
     longest_s : slowest low-pass of the current that is not nearly a function of the state of charge
-    hysteresis_rates : sets of one-state hysteresis signals of which the same holds
+    hysteresis_rates : sets of one-state hysteresis signals that the runs show, see `shows_hysteresis`
     """
 
     temperature_range_K: float
@@ -159,7 +165,7 @@ def find_offer(bank: SignalBank) -> Offer:
     known = np.concatenate([run.temperature_degC for run in bank.runs])
     apart = [tau_s for tau_s in _SLOW_S if share_of_soc(bank, f"low_pass:{tau_s:g}") <= _LARGEST_SHARE]
     every = sorted({rate for rates in _HYSTERESIS_RATES for rate in rates})
-    rates = [rate for rate in every if share_of_soc(bank, f"hysteresis_state:{rate:g}") <= _LARGEST_SHARE]
+    rates = [rate for rate in every if shows_hysteresis(bank, rate)]
     return Offer(
         temperature_range_K=0.0 if np.isnan(known).any() else float(np.ptp(known)),
         longest_s=max(apart, default=_SLOW_S[-1]),
@@ -179,6 +185,29 @@ def share_of_soc(bank: SignalBank, name: str) -> float:
     piece = np.clip(np.searchsorted(edges, soc, side="right") - 1, 0, _SOC_PIECES - 1)
     level = np.bincount(piece, values, _SOC_PIECES) / np.maximum(np.bincount(piece, minlength=_SOC_PIECES), 1)
     return 1.0 - float(np.mean((values - level[piece]) ** 2)) / max(float(np.var(values)), 1e-30)
+
+
+def shows_hysteresis(bank: SignalBank, rate: float) -> bool:
+    """Whether a one-state hysteresis moves to both sides and is not nearly a function of the state of charge.
+
+    Runs that only ever discharge, with short charging pulses, leave it at one side: what it would take up there is the
+    shape of those pulses, and their resistance would be missing in the rest of the model.
+    """
+    name = f"hysteresis_state:{rate:g}"
+    values = np.concatenate(bank.values(name))
+    if min(values.max(), -values.min()) < _LEAST_SIDE:
+        return False
+    return share_of_soc(bank, name) <= _LARGEST_SHARE
+
+
+def stands_apart(candidate: AutoCandidate, bank: SignalBank) -> bool:
+    """Whether the runs tell the slowest low-pass and the hysteresis of a candidate from the open-circuit curve.
+
+    A candidate for which they do not is exact on these runs and far off at another load, see `share_of_soc`. A time
+    constant that fits better than its neighbours may be a little closer to the curve than one that is offered.
+    """
+    slow = share_of_soc(bank, f"low_pass:{max(candidate.time_constants_s):g}") <= _LARGEST_FITTED_SHARE
+    return slow and all(shows_hysteresis(bank, rate) for rate in candidate.hysteresis_rates)
 
 
 def first_candidate(capacity_Ah: float, offer: Offer) -> AutoCandidate:
@@ -214,7 +243,7 @@ def alternatives(best: AutoCandidate, offer: Offer, stage: int) -> list[AutoCand
             *(replace(best, surface=(d, s, surface_K[0])) for d in _SURFACE_DEPTH for s in _SURFACE_S),
         ],
         lambda: [replace(best, surface=(*best.surface[:2], k)) for k in surface_K] if best.surface else [],
-        lambda: [replace(best, activation_K=k) for k in _ACTIVATION_K] if warm else [],
+        lambda: _activations(best) if warm else [],
         lambda: [replace(best, exchange_c_rate=rate) for rate in _EXCHANGE_C_RATE],
         lambda: [
             replace(best, squared=None),
@@ -223,29 +252,30 @@ def alternatives(best: AutoCandidate, offer: Offer, stage: int) -> list[AutoCand
         lambda: [replace(best, hysteresis_rates=rates) for rates in offer.hysteresis_rates],
         lambda: [replace(best, direction=not best.direction)],
         lambda: [replace(best, entropic=not best.entropic)] if warm else [],
-        lambda: [replace(best, unscaled=not best.unscaled)] if best.activation_K else [],
+        lambda: [replace(best, unscaled=not best.unscaled), *_second(best)] if best.activation_K else [],
         lambda: [replace(best, soc_k_sigma=k) for k in _SOC_K_SIGMA],
         lambda: [replace(best, temperature_k_sigma=k) for k in _TEMPERATURE_K_SIGMA] if best.temperature_parts else [],
         lambda: [replace(best, n_models=size) for size in _SIZES],
-        *(partial(_finer, best, name) for name in _FINER_FIELDS),
     )
     # A stage without a choice still counts: the present best stands for it.
     return (stages[stage]() or [best]) if stage < len(stages) else []
 
 
-_FINER_FIELDS = ("activation_K", "exchange_c_rate", "surface/0", "surface/1", "surface/2", "squared/0", "squared/1")
+def _activations(best: AutoCandidate) -> list[AutoCandidate]:
+    """One activation for all resistances, or parts that temperature moves unlike, with the open-circuit voltage moving.
+
+    These are tried together: a single resistance that rises with cold takes up what each of the others would show.
+    """
+    apart = replace(best, unscaled=True, entropic=True)
+    return [
+        *(replace(best, activation_K=k) for k in _ACTIVATION_K),
+        *(replace(apart, activation_K=k) for k in _PART_ACTIVATION_K),
+        replace(apart, activation_K=_SECOND_ACTIVATION_K[0], second_activation_K=_SECOND_ACTIVATION_K[1]),
+    ]
 
 
-def _finer(best: AutoCandidate, name: str) -> list[AutoCandidate]:
-    """Candidates with one number moved a little."""
-    attribute, _, position = name.partition("/")
-    value = getattr(best, attribute)
-    if not value or (position and not value[int(position)]):
-        return []
-    if not position:
-        return [replace(best, **{attribute: factor * value}) for factor in _FINER]
-    at = int(position)
-    return [replace(best, **{attribute: (*value[:at], factor * value[at], *value[at + 1 :])}) for factor in _FINER]
+def _second(best: AutoCandidate) -> list[AutoCandidate]:
+    return [replace(best, second_activation_K=k) for k in (0.0, *_SECOND_ACTIVATION_K) if k != best.activation_K]
 
 
 def _up_to(longest_s: float) -> list[tuple[float, ...]]:

@@ -12,8 +12,7 @@ from threadpoolctl import threadpool_limits
 from models.free_run import initial_samples
 from models.holdout import folds, groups
 from models.local_model_network import free_run
-from models.output_error import normal_equations, on_inputs, stabilised
-from models.parameter_covariance import ParameterCovariance, Pull, parameter_covariance
+from models.parameter_covariance import ParameterCovariance, Penalty, parameter_covariance
 from models.prediction_band import NORMAL_95, parameter_variance, sensitivities
 from models.residual_correlation import ResidualCorrelation, fit_correlation
 from models.shared_poles import solve_without
@@ -29,7 +28,7 @@ _PRIOR_SAMPLES = 10.0
 
 
 def fit_uncertainty(
-    fitted: Fitted, theta: FloatArray, towards_start: float | None = None, held_out: FloatArray | None = None
+    fitted: Fitted, theta: FloatArray, penalties: list[Penalty] | None = None, held_out: FloatArray | None = None
 ) -> Uncertainty:
     """Learn what a network does not know.
 
@@ -37,7 +36,7 @@ def fit_uncertainty(
     ----------
     fitted : the shared-pole fit that it comes from
     theta : (M, p) final parameters
-    towards_start : pull of the refinement towards the shared-pole fit; None: there was no refinement
+    penalties : of the refinement; None: there was none
     held_out : (N,) error of refined fits on samples that they did not see (measured minus simulated, normalised), NaN
         elsewhere; by default that of shared-pole fits
     """
@@ -51,15 +50,14 @@ def fit_uncertainty(
     independent = near.sum(axis=0) / fit_correlation(error, data.starts).inflation
     seen = (data.y - free_run(theta, order, validity, data))[known] ** 2
     least = _local_mean(near, seen, independent)
-    pull = None if towards_start is None else _pull(fitted, theta, towards_start)
 
     def level2(of_parameters: FloatArray) -> FloatArray:
         # Held-out error is noise, structure and the error of the parameters: the last does not belong to the level.
         return np.maximum(_local_mean(near, squared - of_parameters, independent), least)
 
-    first, _ = _parameters(fitted, theta, np.sqrt(validity @ level2(np.zeros(len(squared)))), error, pull)
+    first, _ = _parameters(fitted, theta, np.sqrt(validity @ level2(np.zeros(len(squared)))), error, penalties)
     too_much = (growth * parameter_variance(first, theta, order, validity, data))[known]
-    parameters, correlation = _parameters(fitted, theta, np.sqrt(validity @ level2(too_much)), error, pull)
+    parameters, correlation = _parameters(fitted, theta, np.sqrt(validity @ level2(too_much)), error, penalties)
     now = parameter_variance(parameters, theta, order, validity, data)[known]
     of_parameters = growth[known] * now
     level = level2(of_parameters)
@@ -79,19 +77,18 @@ def fit_uncertainty(
 
 
 def _parameters(
-    fitted: Fitted, theta: FloatArray, level: FloatArray, error: FloatArray, pull: Pull | None
+    fitted: Fitted, theta: FloatArray, level: FloatArray, error: FloatArray, penalties: list[Penalty] | None
 ) -> tuple[ParameterCovariance, ResidualCorrelation]:
-    order, penalty = fitted.structure.output_order, fitted.fit.penalty
     correlation = fit_correlation(error / level, fitted.data.starts)
     parameters = parameter_covariance(
         theta,
-        order,
+        fitted.structure.output_order,
         fitted.partition,
         fitted.data,
         level=level,
         correlation=correlation,
-        penalty=penalty if pull is None else on_inputs(penalty, theta.shape, order),
-        pull=pull,
+        penalties=[Penalty(fitted.fit.penalty, fitted.fit.b)] if penalties is None else penalties,
+        shared=penalties is None,
     )
     return parameters, correlation
 
@@ -143,10 +140,3 @@ def held_out_error(fitted: Fitted, validity: FloatArray) -> FloatArray:
         error[held] = (data.y - simulated)[held]
     error[initial_samples(len(data), data.starts, order) > 0] = np.nan
     return error
-
-
-def _pull(fitted: Fitted, theta: FloatArray, towards_start: float) -> Pull:
-    """Pull towards the shared-pole fit that refinement worked with."""
-    start = stabilised(fitted.theta, fitted.structure.output_order)
-    information = normal_equations(start, fitted.structure.output_order, fitted.partition, fitted.data).information
-    return Pull(towards_start * np.diag(information), (theta - start).ravel())

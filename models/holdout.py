@@ -22,14 +22,19 @@ def groups(data: Dataset) -> np.ndarray:
     spans operating points which the rest of its fold has not seen. The free run passes through held-out samples, so
     the error there is one of simulation, not of prediction from measured voltage.
     """
-    n_runs = int(data.run_index.max()) + 1
+    return group_numbers(data.run_index, data.run_group)
+
+
+def group_numbers(run_index: np.ndarray, run_group: np.ndarray | None) -> np.ndarray:
+    """(N,) what `groups` says of samples of which only the run is given, and each run's own group."""
+    n_runs = int(run_index.max()) + 1
     if n_runs >= N_FOLDS:
-        own = np.arange(n_runs) if data.run_group is None else data.run_group
-        return own[data.run_index].astype(np.int64)
+        own = np.arange(n_runs) if run_group is None else run_group
+        return own[run_index].astype(np.int64)
     blocks = -(-_GROUPS // n_runs)
-    out = np.empty(len(data), dtype=np.int64)
+    out = np.empty(len(run_index), dtype=np.int64)
     for run in range(n_runs):
-        index = np.flatnonzero(data.run_index == run)
+        index = np.flatnonzero(run_index == run)
         out[index] = run * blocks + (np.arange(len(index)) * blocks) // len(index)
     return out
 

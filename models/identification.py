@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from models.cell_temperature import thermal_record
-from models.comparison import RunComparison, simulate_runs
 from models.errors import ModelError
 from models.excitation import check_excitation, check_known_from_start, check_series, fit_reservations
 from models.held_out_uncertainty import fit_uncertainty
@@ -23,6 +22,7 @@ from models.regression import CellContext
 from models.resampling import GridRun, to_grid, typical_interval_s
 from models.residual_statistics import residual_statistics
 from models.signals import soc_by_counting
+from models.simulated_runs import RunComparison, simulate_runs
 from models.stored_sums import StoredSums
 from models.structure import Structure
 from models.structure_search import Choice, Fitted, Progress, Search
@@ -118,7 +118,7 @@ def fit_network(
     record["refinement"] = refined.record
     network = LocalModelNetwork(fitted.structure, fitted.partition, refined.theta, fitted.scaling, cell, record)
     report(0.9, "estimating what the model does not know")
-    uncertainty = fit_uncertainty(fitted, refined.theta, refined.pull, refined.held_out)
+    uncertainty = fit_uncertainty(fitted, refined.theta, refined.penalties, refined.held_out)
     record["uncertainty"] = uncertainty.to_json()
     report(0.95, "reading out tables")
     record["tables"] = read_out(network)

@@ -74,7 +74,13 @@ class _Products:
         step = len(self.y) // _DECIDING
         if step < 2:
             return self
-        return replace(self, phi=self.phi[::step].copy(), y=self.y[::step].copy(), z=self.z[::step].copy(), weight=step)
+        return replace(
+            self,
+            phi=self.phi[::step].copy(),
+            y=self.y[::step].copy(),
+            z=self.z[::step].copy(),
+            weight=step * self.weight,
+        )
 
 
 @dataclass(frozen=True)
@@ -140,7 +146,7 @@ def construct(
         First the prepartition, then each larger network; ends early where no box has enough data to be split. Of long
         records every n-th sample decides on the splits; the last network is fitted to all of them.
     """
-    every = _prepare(structure, data, use)
+    every = _prepare(one_step_regressors(data, structure.output_order), data.y, data.z, use)
     thinned = every.thinned()
     if thinned is every:
         yield from _grown(structure, every, max_models)
@@ -150,10 +156,23 @@ def construct(
     yield _fit(last.partition, _Kernels.of(last.partition, every.z), every)
 
 
-def build_partition(structure: Structure, data: Dataset, max_models: int, use: np.ndarray | None = None) -> Partition:
-    """Boxes of the last network that `construct` grows, without its parameters."""
-    *_, last = _grown(structure, _prepare(structure, data, use).thinned(), max_models)
-    return last.partition
+def grow_partitions(
+    structure: Structure, inputs: FloatArray, target: FloatArray, z: FloatArray, max_models: int, weight: int = 1
+) -> Iterator[Partition]:
+    """Boxes of networks whose local models have regressors of their own making, from the prepartition on.
+
+    Parameters
+    ----------
+    structure : which axes may be split, and the prepartition
+    inputs : (N, q) regressors; passed through a common filter for boxes that suit the free run
+    target : (N,) what they are to explain
+    z : (N, n_axes) partition variables
+    max_models : largest number of local models
+    weight : how many samples of the record each one stands for: a thinned record allows as many boxes
+    """
+    products = replace(_prepare(inputs, target, z, None), weight=weight)
+    for fit in _grown(structure, products.thinned(), max_models):
+        yield fit.partition
 
 
 def _grown(structure: Structure, products: _Products, max_models: int) -> Iterator[LocalFit]:
@@ -170,9 +189,8 @@ def _grown(structure: Structure, products: _Products, max_models: int) -> Iterat
         yield current
 
 
-def _prepare(structure: Structure, data: Dataset, use: np.ndarray | None) -> _Products:
-    phi = one_step_regressors(data, structure.output_order)
-    known = ~(np.isnan(data.y) | np.isnan(phi).any(axis=1))
+def _prepare(phi: FloatArray, y: FloatArray, z: FloatArray, use: np.ndarray | None) -> _Products:
+    known = ~(np.isnan(y) | np.isnan(phi).any(axis=1))
     if use is not None:
         known &= use
     if known.sum() < 2 * phi.shape[1]:
@@ -180,7 +198,7 @@ def _prepare(structure: Structure, data: Dataset, use: np.ndarray | None) -> _Pr
             f"{int(known.sum())} usable samples for {phi.shape[1]} parameters of one local model; "
             "record a longer run or use the minimal structure"
         )
-    phi, y, z = phi[known], data.y[known], data.z[known]
+    phi, y, z = phi[known], y[known], z[known]
     p = phi.shape[1]
     total = phi.T @ phi
     ridge = _RIDGE * np.trace(total) / p * np.eye(p)

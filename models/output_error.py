@@ -1,4 +1,4 @@
-"""Refinement on the free-run error: Levenberg-Marquardt with exact sensitivities, regularised, kept stable."""
+"""Refinement on the free-run error: Gauss-Newton with exact sensitivities, regularised, kept stable."""
 
 from __future__ import annotations
 
@@ -10,12 +10,23 @@ from threadpoolctl import threadpool_limits
 
 from models.free_run import initial_samples, run_recursion, sensitivity_block
 from models.local_model_network import blend, free_run
+from models.parameter_covariance import Penalty
 from models.partition import Partition
+from models.penalty_strengths import Factored, StrengthJudge
 from models.regression import Dataset
 from models.timeseries import FloatArray
 
 _BLOCK = 2048
 _POLE_LIMIT = 0.9995
+# Powers of ten of the pull of poles towards their start, with which its choice begins; and of how many linearisations
+# the strengths are chosen anew.
+_FIRST_PULLS = (-1.0, -4.0, -7.0)
+_CHOOSING = 5
+# The choice begins from weak penalties too: those of shared poles are often far too strong, and held-out error can have
+# a hollow there.
+_WEAK = -8.0
+# Shares of a step that are tried until the cost falls.
+_SHARES = (1.0, 0.5, 0.2, 0.05, 0.01)
 
 
 @dataclass(frozen=True)
@@ -25,12 +36,18 @@ class Refinement:
     Attributes
     ----------
     theta : (M, p) refined parameters
+    without : (M, p) for each fold, refined parameters that it had no part in
+    log_strengths : powers of ten of the penalties; the last is that of the pull of the poles towards their start
+    penalties : what was added to the information
     rmse : free-run RMSE on the refined data, normalised units
     iterations : accepted steps
     converged : whether the last step was small rather than the budget spent
     """
 
     theta: FloatArray
+    without: list[FloatArray]
+    log_strengths: tuple[float, ...]
+    penalties: list[Penalty]
     rmse: float
     iterations: int
     converged: bool
@@ -41,37 +58,47 @@ def refine(
     order: int,
     partition: Partition,
     data: Dataset,
-    penalty: FloatArray,
-    towards_start: float,
-    weights: FloatArray | None = None,
-    max_iterations: int = 30,
+    forms: list[FloatArray],
+    fold: np.ndarray,
+    log_strengths: tuple[float, ...],
+    max_iterations: int = 20,
     on_iteration: Callable[[int, float], None] | None = None,
 ) -> Refinement:
-    """Minimise the squared free-run error.
+    """Minimise the squared free-run error with penalties whose strengths held-out samples choose.
+
+    At each linearisation the error of any strengths on any fold is explicit, as in a linear fit, so that penalties
+    which served shared poles are not kept where they would bend the freed ones.
 
     Parameters
     ----------
     theta : (M, p) start values
     order : output order n
     partition : validity functions' boxes
-    data : training samples
-    penalty : (M q, M q) quadratic penalty on the input parameters, as the shared-pole fit has it
-    towards_start : pull of every parameter towards its start, relative to the information that the data have of it
-    weights : (N,) weight of each sample; missing voltages always count 0
+    data : training samples; missing voltages do not count
+    forms : (M q, M q) quadratic penalties on the input parameters; one that holds the poles at their start is added
+    fold : (N,) which fold holds a sample out
+    log_strengths : powers of ten with which the search for those of `forms` begins
     max_iterations : budget of steps
     on_iteration : called with the number of accepted steps and the RMSE
 
     Returns
     -------
     Refinement
-        Never worse than the start on the penalised cost.
+        Never worse than the start on the penalised cost of the last strengths.
     """
     with threadpool_limits(1, user_api="blas"):
-        problem = _Problem(order, partition, data, weights)
+        problem = _Problem(order, partition, data)
         start = stabilised(theta, order)
-        information = problem.normal_equations(start).information
-        ridge = towards_start * np.diag(np.diag(information))
-        return _iterate(problem, start, ridge, on_inputs(penalty, theta.shape, order), max_iterations, on_iteration)
+        held = [*(on_inputs(form, theta.shape, order) for form in forms), _of_poles(start, order)]
+        return _iterate(problem, start, held, fold, log_strengths, max_iterations, on_iteration)
+
+
+def _of_poles(theta: FloatArray, order: int) -> FloatArray:
+    """Penalty on output coefficients, in terms of the static voltage that they change."""
+    gain = 1.0 / np.maximum(1.0 - theta[:, :order].sum(axis=1), 1.0 - _POLE_LIMIT)
+    each = np.zeros(theta.shape)
+    each[:, :order] = gain[:, None] ** 2
+    return np.diag(each.ravel())
 
 
 def on_inputs(penalty: FloatArray, shape: tuple[int, int], order: int) -> FloatArray:
@@ -86,37 +113,53 @@ def on_inputs(penalty: FloatArray, shape: tuple[int, int], order: int) -> FloatA
 def _iterate(
     problem: _Problem,
     start: FloatArray,
-    ridge: FloatArray,
-    smooth: FloatArray,
+    forms: list[FloatArray],
+    fold: np.ndarray,
+    log_strengths: tuple[float, ...],
     max_iterations: int,
     on_iteration: Callable[[int, float], None] | None,
 ) -> Refinement:
     shape, x0 = start.shape, start.ravel()
+    centres = [*(np.zeros(len(x0)) for _ in forms[1:]), x0]
+    weak = np.full(len(forms), _WEAK)
+    tried = [weak, *(np.array([*log_strengths, pull]) for pull in _FIRST_PULLS)]
+    x, accepted, converged, strengths = x0, 0, False, weak
+    while True:
+        sums = problem.sums(x.reshape(shape), fold)
+        judge = StrengthJudge.of(*sums, forms, [centre - x for centre in centres])
+        if accepted <= _CHOOSING:
+            begin = tried if accepted == 0 else [strengths, weak]
+            strengths = min((judge.best(tuple(each)) for each in begin), key=lambda pair: pair[1])[0]
+        weight = float(sums[3].sum()) * 10.0**strengths
+        penalty = np.tensordot(weight, judge.forms, axes=1)
+        if converged or accepted >= max_iterations:
+            break
 
-    def penalised(x: FloatArray) -> float:
-        away = x - x0
-        return problem.cost(x.reshape(shape)) + float(away @ ridge @ away + x @ smooth @ x)
+        def penalised(at: FloatArray, weight: FloatArray = weight) -> float:
+            apart = sum(
+                w * float((at - c) @ form @ (at - c)) for w, form, c in zip(weight, forms, centres, strict=True)
+            )
+            return problem.cost(at.reshape(shape)) + apart
 
-    x, cost, damping, accepted, converged = x0, penalised(x0), 1e-4, 0, False
-    while accepted < max_iterations and not converged:
-        equations = problem.normal_equations(x.reshape(shape))
-        hessian = equations.information + ridge + smooth
-        gradient = equations.gradient - ridge @ (x - x0) - smooth @ x
-        for _ in range(12):
-            damped = hessian + damping * np.diag(np.diag(hessian) + 1e-12 * np.trace(hessian))
-            candidate = stabilised((x + np.linalg.solve(damped, gradient)).reshape(shape), problem.order).ravel()
+        gradient = sums[1].sum(axis=0) + weight @ judge.aims
+        step = Factored.of(sums[0].sum(axis=0) + penalty).solve(gradient)
+        cost = penalised(x)
+        for share in _SHARES:
+            candidate = stabilised((x + share * step).reshape(shape), problem.order).ravel()
             candidate_cost = penalised(candidate)
             if np.isfinite(candidate_cost) and candidate_cost < cost:
                 break
-            damping *= 8.0
         else:
             converged = True
-            break
+            continue
         converged = cost - candidate_cost < 1e-4 * cost
-        x, cost, damping, accepted = candidate, candidate_cost, max(damping / 6.0, 1e-10), accepted + 1
+        x, accepted = candidate, accepted + 1
         if on_iteration is not None:
             on_iteration(accepted, problem.rmse(x.reshape(shape)))
-    return Refinement(x.reshape(shape), problem.rmse(x.reshape(shape)), accepted, converged)
+    without = [stabilised((x + step).reshape(shape), problem.order) for step in judge.fitted(strengths)]
+    theta = x.reshape(shape)
+    used = [Penalty(w * form, x - centre) for w, form, centre in zip(weight, forms, centres, strict=True)]
+    return Refinement(theta, without, tuple(strengths.tolist()), used, problem.rmse(theta), accepted, converged)
 
 
 @dataclass(frozen=True)
@@ -132,7 +175,7 @@ class NormalEquations:
 class _Problem:
     """The data of one refinement; validity functions are computed once."""
 
-    def __init__(self, order: int, partition: Partition, data: Dataset, weights: FloatArray | None) -> None:
+    def __init__(self, order: int, partition: Partition, data: Dataset, weights: FloatArray | None = None) -> None:
         self.order = order
         self._data = data
         self._validity = partition.validity(data.z)
@@ -151,23 +194,32 @@ class _Problem:
     def rmse(self, theta: FloatArray) -> float:
         return float(np.sqrt(self.cost(theta) / max(self._weight.sum(), 1e-12)))
 
-    def normal_equations(self, theta: FloatArray) -> NormalEquations:
+    def sums(self, theta: FloatArray, fold: np.ndarray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """J'WJ (F, P, P), J'We (F, P), e'We and weight (F,) of each fold."""
         a, f = blend(theta, self.order, self._validity, self._data)
         y_sim = run_recursion(a, f, self._data.y, self._data.starts)
-        size = theta.size
-        information, gradient = np.zeros((size, size)), np.zeros(size)
-        carry = np.zeros((max(self.order, 1), size))
-        block = np.empty((_BLOCK, size))
+        size, n_folds = theta.size, int(fold.max()) + 1
+        xx, xy = np.zeros((n_folds, size, size)), np.zeros((n_folds, size))
+        carry, block = np.zeros((max(self.order, 1), size)), np.empty((_BLOCK, size))
         error = self._target - y_sim
-        for first in range(0, len(self._data), _BLOCK):
-            rows = block[: min(_BLOCK, len(self._data) - first)]
-            sensitivity_block(first, self._validity, self._data.u, y_sim, a, self._is_start, carry, rows)
-            # One array times itself is a symmetric product, which takes half the time of a general one.
-            root = np.sqrt(self._weight[first : first + len(rows)])
-            rows *= root[:, None]
-            information += rows.T @ rows
-            gradient += rows.T @ (root * error[first : first + len(rows)])
-        return NormalEquations(information, gradient, float(self._weight @ error**2), float(self._weight.sum()))
+        cuts = np.flatnonzero(np.diff(fold)) + 1
+        for first, end in zip([0, *cuts], [*cuts, len(fold)], strict=True):
+            for begin in range(first, end, _BLOCK):
+                part = slice(begin, min(begin + _BLOCK, end))
+                rows = block[: part.stop - begin]
+                sensitivity_block(begin, self._validity, self._data.u, y_sim, a, self._is_start, carry, rows)
+                # One array times itself is a symmetric product, which takes half the time of a general one.
+                root = np.sqrt(self._weight[part])
+                rows *= root[:, None]
+                xx[fold[first]] += rows.T @ rows
+                xy[fold[first]] += rows.T @ (root * error[part])
+        squared = np.asarray(np.bincount(fold, self._weight * error**2, n_folds), dtype=np.float64)
+        weight = np.asarray(np.bincount(fold, self._weight, n_folds), dtype=np.float64)
+        return xx, xy, squared, weight
+
+    def normal_equations(self, theta: FloatArray) -> NormalEquations:
+        xx, xy, squared, weight = self.sums(theta, np.zeros(len(self._data), dtype=np.int64))
+        return NormalEquations(xx[0], xy[0], float(squared[0]), float(weight[0]))
 
 
 def normal_equations(

@@ -4,10 +4,9 @@ The estimate solves (X'X + L) theta = X'y + ..., with X the sensitivities of the
 covariance is (X'X + L)^-1 (X' O X + k L) (X'X + L)^-1 with O the covariance of the residuals. k L stands for the
 systematic error that the penalties bring: they act like a prior that held-out data chose, and intervals that take
 them as one hold on average over the parameters, while the variance alone is too small (Wahba, J. Roy. Stat. Soc. B 45,
-1983; Nychka, J. Am. Stat. Assoc. 83, 1988). k is the mean ratio of X' O X to X'X in the metric of X'X + L.
-Penalties of a refined network were chosen before its poles were freed, and the pull towards the start coarsely: both
-are weighed by how far the parameters went against them, one step of expectation and maximisation for the spread that
-they stand for.
+1983; Nychka, J. Am. Stat. Assoc. 83, 1988). k is the mean ratio of X' O X to X'X in the metric of X'X + L. Held-out
+data choose strengths only roughly, and for where they extrapolate: where an estimate with a penalty all but taken away
+goes further against it than k tells, that penalty counts with the spread that it was found to stand for.
 """
 
 from __future__ import annotations
@@ -30,6 +29,8 @@ _BLOCK = 8192
 # Blocks beyond this many samples are left out evenly: they would tell the same, and the products cost N P^2.
 _MOST_SAMPLES = 262_144
 _RIDGE = 1e-10
+# Shares to which a penalty is weakened to see what it hides.
+_WEAKENED = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 
 
 @dataclass(frozen=True)
@@ -65,17 +66,17 @@ class ParameterCovariance:
 
 
 @dataclass(frozen=True)
-class Pull:
-    """A quadratic pull towards start values.
+class Penalty:
+    """A quadratic penalty that an estimate was found with.
 
     Attributes
     ----------
-    strength : (M p,) of each parameter
-    away : (M p,) estimate minus start value
+    matrix : (P, P) that was added to the information
+    apart : (P,) estimate less the parameters at which the penalty is least
     """
 
-    strength: FloatArray
-    away: FloatArray
+    matrix: FloatArray
+    apart: FloatArray
 
 
 def free_index(n_models: int, order: int, n_free: int, n_shared: int) -> np.ndarray:
@@ -93,8 +94,8 @@ def parameter_covariance(
     *,
     level: FloatArray,
     correlation: ResidualCorrelation,
-    penalty: FloatArray,
-    pull: Pull | None = None,
+    penalties: list[Penalty],
+    shared: bool = True,
 ) -> ParameterCovariance:
     """Covariance of the parameters of a fitted network.
 
@@ -105,37 +106,54 @@ def parameter_covariance(
     partition, data : what it was fitted to
     level : (N,) standard deviation of the residual at each sample, normalised units
     correlation : of the residuals divided by their level
-    penalty : (P, P) that was added to the information; over the input parameters of all local models without `pull`,
-        else over all parameters
-    pull : of the refinement towards its start; None: no refinement, all local models share their output coefficients
+    penalties : over the input parameters of all local models where they share their output coefficients, else over all
+        parameters
+    shared : whether they do
     """
     n_models, p = theta.shape
-    n_shared = order if pull is None else 0
+    n_shared = order if shared else 0
     with threadpool_limits(1, user_api="blas"):
         information, meat = _sums(theta, order, partition, data, level, correlation, n_shared)
         size = len(information)
-        whole = np.zeros((size, size))
-        whole[n_shared:, n_shared:] = penalty
-        whole += _RIDGE * np.trace(information) / size * np.eye(size)
-        against = np.zeros(size) if pull is None else pull.strength
-        solved = cho_factor(information + whole + np.diag(against))
+        ridge = _RIDGE * np.trace(information) / size * np.eye(size)
+        whole = ridge.copy()
+        whole[n_shared:, n_shared:] += np.sum([penalty.matrix for penalty in penalties], axis=0)
+        solved = cho_factor(information + whole)
         data_part = np.diag(cho_solve(solved, information))
         scale = np.trace(cho_solve(solved, meat)) / max(float(data_part.sum()), 1e-300)
-        meat += scale * whole
-        if pull is not None:
-            meat += _against(theta.ravel(), whole, pull, scale, cho_solve(solved, np.eye(size)))
+        own = [_over_all(penalty, size) for penalty in penalties]
+        spread = [max(scale, _spread(penalty, information + whole, meat, scale)) for penalty in own]
+        meat += scale * ridge + np.sum([k * each.matrix for k, each in zip(spread, own, strict=True)], axis=0)
         centre = _root(meat)
         factor = np.ascontiguousarray(np.asarray(qr(cho_solve(solved, centre).T, mode="r")[0]).T)
-    own = data_part[n_shared:].reshape(n_models, -1)
-    return ParameterCovariance(factor, n_shared, n_models, order, np.clip(own.mean(axis=1), 0.0, 1.0))
+    determined = data_part[n_shared:].reshape(n_models, -1)
+    return ParameterCovariance(factor, n_shared, n_models, order, np.clip(determined.mean(axis=1), 0.0, 1.0))
 
 
-def _against(theta: FloatArray, penalty: FloatArray, pull: Pull, scale: float, inverse: FloatArray) -> FloatArray:
-    """What a refined fit's penalties add beyond `scale`: they were chosen for shared poles, the pull coarsely."""
-    spread = scale * inverse
-    smooth = (theta @ penalty @ theta + np.sum(penalty * spread)) / np.linalg.matrix_rank(penalty)
-    away = np.mean(pull.strength * (pull.away**2 + np.diag(spread)))
-    return max(0.0, float(smooth) - scale) * penalty + max(scale, float(away)) * np.diag(pull.strength)
+def _spread(penalty: Penalty, regular: FloatArray, meat: FloatArray, scale: float) -> float:
+    """Variance of the parameters' differences that a penalty stands for, found where it is all but taken away.
+
+    The penalised estimate has itself been pulled; one with the penalty weakened is less so, and its own variance is
+    known. The penalty is weakened as far as that variance stays below what the penalty takes for granted.
+    """
+    rank = int(np.linalg.matrix_rank(penalty.matrix, hermitian=True))
+    if rank == 0:
+        return 0.0
+    push = penalty.matrix @ penalty.apart
+    for share in _WEAKENED:
+        solved = cho_factor(regular - (1.0 - share) * penalty.matrix)
+        noise = float(np.sum(cho_solve(solved, penalty.matrix) * cho_solve(solved, meat).T))
+        if share == _WEAKENED[-1] or noise < rank * scale:
+            apart = penalty.apart + (1.0 - share) * cho_solve(solved, push)
+            return (float(apart @ penalty.matrix @ apart) - noise) / rank
+    return 0.0
+
+
+def _over_all(penalty: Penalty, size: int) -> Penalty:
+    """A penalty on the last parameters as one on all; shared output coefficients are the first and free of it."""
+    matrix, apart, n = np.zeros((size, size)), np.zeros(size), len(penalty.apart)
+    matrix[size - n :, size - n :], apart[size - n :] = penalty.matrix, penalty.apart
+    return Penalty(matrix, apart)
 
 
 def _root(matrix: FloatArray) -> FloatArray:

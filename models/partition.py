@@ -55,7 +55,10 @@ class Partition:
         """
         z = np.ascontiguousarray(z)
         if self.kernel == "gaussian":
-            return _gaussian_validity(z, self.centres, 1.0 / self.widths)
+            out = np.asarray(_relative_exponents(z, self.centres, 1.0 / self.widths))
+            np.exp(out, out=out)
+            out /= out.sum(axis=1, keepdims=True)
+            return out
         return _normalised(self._bounded_kernel(z), z, self.centres, self.widths)
 
     def split(self, model: int, axis: int) -> Partition:
@@ -69,14 +72,11 @@ class Partition:
 
     def neighbours(self) -> list[tuple[int, int]]:
         """Pairs of boxes that share a face."""
-        pairs = []
-        for i in range(self.n_models):
-            for j in range(i + 1, self.n_models):
-                overlap = np.minimum(self.upper[i], self.upper[j]) - np.maximum(self.lower[i], self.lower[j])
-                touching = np.abs(overlap) < 1e-12
-                if touching.sum() == 1 and (overlap[~touching] > 1e-12).all():
-                    pairs.append((i, j))
-        return pairs
+        low, high = self.lower, self.upper
+        overlap = np.minimum(high[:, None], high[None]) - np.maximum(low[:, None], low[None])
+        touching = np.abs(overlap) < 1e-12
+        face = (touching.sum(axis=2) == 1) & (touching | (overlap > 1e-12)).all(axis=2)
+        return [(int(i), int(j)) for i, j in zip(*np.nonzero(np.triu(face, 1)), strict=True)]
 
     def _bounded_kernel(self, z: FloatArray) -> FloatArray:
         distance = np.abs(z[:, None, :] - self.centres[None]) / (self.widths[None])
@@ -95,7 +95,8 @@ def initial_partition(axes: tuple[PartitionAxis, ...], kernel: str = "gaussian")
 
 
 @njit(cache=True, fastmath=False)
-def _gaussian_validity(z: np.ndarray, centres: np.ndarray, inverse_widths: np.ndarray) -> np.ndarray:
+def _relative_exponents(z: np.ndarray, centres: np.ndarray, inverse_widths: np.ndarray) -> np.ndarray:
+    """(N, M) exponents less the largest of each row, so that far outside all boxes the sum does not underflow to 0."""
     n, n_axes = z.shape
     n_models = centres.shape[0]
     out = np.empty((n, n_models))
@@ -108,13 +109,8 @@ def _gaussian_validity(z: np.ndarray, centres: np.ndarray, inverse_widths: np.nd
                 exponent -= 0.5 * scaled * scaled
             out[k, i] = exponent
             largest = max(largest, exponent)
-        total = 0.0
         for i in range(n_models):
-            # Relative to the largest, so that far outside all boxes the sum does not underflow to 0.
-            out[k, i] = np.exp(out[k, i] - largest)
-            total += out[k, i]
-        for i in range(n_models):
-            out[k, i] /= total
+            out[k, i] -= largest
     return out
 
 

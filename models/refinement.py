@@ -6,22 +6,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
-from models.holdout import folds, groups
+from models.free_run import initial_samples
+from models.holdout import N_FOLDS, folds, groups
 from models.local_model_network import free_run
 from models.output_error import refine
-from models.shared_poles import solve_without
+from models.parameter_covariance import Penalty
+from models.shared_poles import penalties, solve_without
 from models.structure_search import Fitted, Progress, full_theta, span_V
 from models.timeseries import FloatArray
 
-# Pulls towards the shared-pole solution that are tried, from strong to weak.
-_TOWARDS_START = (1e-1, 1e-2, 1e-3)
-_TRIAL_FOLDS = 2
-_TRIAL_ITERATIONS = 6
-_FINAL_ITERATIONS = 20
 # Refinement must lower the held-out error by this share, or the shared-pole solution stays.
 _WORTH = 0.01
+_MOST_ITERATIONS = 20
 
 
 @dataclass(frozen=True)
@@ -31,15 +28,15 @@ class Refined:
     Attributes
     ----------
     theta : (M, p)
-    record : what was tried: held-out RMSE in mV without and with each pull towards the start
-    pull : the one chosen; None: the result is the shared-pole fit itself
-    held_out : (N,) measured minus simulated, normalised, of trial refinements on samples that they did not see, NaN
-        elsewhere; None without refinement
+    record : what was tried: held-out RMSE in mV without and with refinement, and the strengths of its penalties
+    penalties : that were added to the information; None: the result is the shared-pole fit itself
+    held_out : (N,) measured minus simulated, normalised, of refined parameters on samples that they did not see; None
+        without refinement
     """
 
     theta: FloatArray
     record: dict[str, Any]
-    pull: float | None = None
+    penalties: list[Penalty] | None = None
     held_out: FloatArray | None = None
 
 
@@ -60,64 +57,44 @@ def refined_theta(fitted: Fitted, progress: Progress) -> Refined:
     if order == 0:
         reason = "no past outputs: the shared-pole fit is the optimum"
         return Refined(fitted.theta, {"chosen": None, "reason": reason})
-    with threadpool_limits(1, user_api="blas"):
-        residuals = _held_out_residuals(fitted, progress)
-    errors = {pull: _rmse_mV(fitted, residual) for pull, residual in residuals.items()}
-    tried = {("none" if pull is None else f"{pull:g}"): error for pull, error in errors.items()}
-    best = min(errors, key=errors.__getitem__)
-    base = errors[None]
-    if best is None or errors[best] > base * (1.0 - _WORTH):
-        return Refined(fitted.theta, {"chosen": None, "held_out_rmse_mV": tried})
-    progress(0.7, "refining on the free run")
+    data, partition = fitted.data, fitted.partition
+    fold, forms = groups(data) % N_FOLDS, penalties(fitted.structure, partition, data, fitted.a)
     result = refine(
         fitted.theta,
         order,
-        fitted.partition,
-        fitted.data,
-        fitted.fit.penalty,
-        best,
-        max_iterations=_FINAL_ITERATIONS,
-        on_iteration=lambda step, rmse: progress(0.7 + 0.3 * step / _FINAL_ITERATIONS, f"refining, step {step}"),
+        partition,
+        data,
+        forms,
+        fold,
+        fitted.fit.log_strengths,
+        max_iterations=_MOST_ITERATIONS,
+        on_iteration=lambda step, rmse: progress(0.9 * step / _MOST_ITERATIONS, f"freeing the poles, step {step}"),
     )
-    record = {"chosen": best, "held_out_rmse_mV": tried, "iterations": result.iterations}
-    return Refined(result.theta, record, best, residuals[best])
+    progress(0.9, "comparing on held-out samples")
+    shared = [
+        full_theta(fitted.a, solve_without(fitted.sums, fitted.fit.penalty, held), partition.n_models)
+        for held in folds(len(fitted.sums.count))
+    ]
+    before, after = (_held_out(fitted, fold, without) for without in (shared, result.without))
+    errors_mV = {"none": _rmse_mV(fitted, before), "refined": _rmse_mV(fitted, after)}
+    record = {"held_out_rmse_mV": errors_mV, "iterations": result.iterations}
+    if not errors_mV["refined"] < errors_mV["none"] * (1.0 - _WORTH):
+        return Refined(fitted.theta, record | {"chosen": None})
+    record |= {"chosen": 10.0 ** result.log_strengths[-1], "log_strengths": list(result.log_strengths)}
+    return Refined(result.theta, record, result.penalties, after)
+
+
+def _held_out(fitted: Fitted, fold: np.ndarray, without: list[FloatArray]) -> FloatArray:
+    """(N,) measured minus simulated, each sample by parameters that its fold had no part in."""
+    data, order = fitted.data, fitted.structure.output_order
+    validity, residual = fitted.partition.validity(data.z), np.full(len(data), np.nan)
+    for number, theta in enumerate(without):
+        held = fold == number
+        residual[held] = (data.y - free_run(theta, order, validity, data))[held]
+    residual[initial_samples(len(data), data.starts, order) > 0] = np.nan
+    return residual
 
 
 def _rmse_mV(fitted: Fitted, residual: FloatArray) -> float:
     known = residual[~np.isnan(residual)]
     return float(np.sqrt(known @ known / max(len(known), 1))) * 1e3 * span_V(fitted.scaling)
-
-
-def _held_out_residuals(fitted: Fitted, progress: Progress) -> dict[float | None, FloatArray]:
-    """Measured minus simulated on held-out samples for each pull towards the start; None: no refinement."""
-    data, order = fitted.data, fitted.structure.output_order
-    group = groups(data)
-    validity = fitted.partition.validity(data.z)
-    trials = [np.isin(group, held_groups) for held_groups in folds(len(fitted.sums.count))[:_TRIAL_FOLDS]]
-    starts = []
-    for held_groups in folds(len(fitted.sums.count))[:_TRIAL_FOLDS]:
-        b = solve_without(fitted.sums, fitted.fit.penalty, held_groups)
-        starts.append(full_theta(fitted.a, b, fitted.partition.n_models))
-    residuals: dict[float | None, FloatArray] = {}
-    for number, pull in enumerate((None, *_TOWARDS_START)):
-        progress(0.7 * number / (1 + len(_TOWARDS_START)), "freeing the local poles on trial")
-        residual = np.full(len(data), np.nan)
-        for held, start in zip(trials, starts, strict=True):
-            theta = start if pull is None else _trial(fitted, start, pull, held)
-            residual[held] = (data.y - free_run(theta, order, validity, data))[held]
-        residuals[pull] = residual
-    return residuals
-
-
-def _trial(fitted: Fitted, start: FloatArray, pull: float, held: np.ndarray) -> FloatArray:
-    """Refine without the held-out samples."""
-    return refine(
-        start,
-        fitted.structure.output_order,
-        fitted.partition,
-        fitted.data,
-        (1.0 - held.mean()) * fitted.fit.penalty,
-        pull,
-        weights=(~held).astype(np.float64),
-        max_iterations=_TRIAL_ITERATIONS,
-    ).theta

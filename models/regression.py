@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -70,6 +71,7 @@ class SignalBank:
     initial_soc: list[float]
     cell: CellContext
     _known: dict[str, list[FloatArray]] = field(default_factory=dict)
+    _bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def values(self, name: str) -> list[FloatArray]:
         """(n,) values of a named signal over each run, in its physical unit."""
@@ -79,6 +81,19 @@ class SignalBank:
                 for run, soc in zip(self.runs, self.initial_soc, strict=True)
             ]
         return self._known[name]
+
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Range of a signal, or of the measured voltage, that is mapped to 0..1."""
+        if name not in self._bounds:
+            measured = name == VOLTAGE
+            parts = [run.voltage_V[run.measured] for run in self.runs] if measured else self.values(name)
+            self._bounds[name] = _bounds(name, parts)
+        return self._bounds[name]
+
+    def forget(self, names: Iterable[str]) -> None:
+        """Drop signals that are not asked for again; they are made anew if they are."""
+        for name in names:
+            self._known.pop(name, None)
 
 
 def run_source(run: GridRun, initial_soc: float, cell: CellContext) -> signals.RunSignals:
@@ -96,16 +111,15 @@ def find_scaling(
 ) -> Scaling:
     """Ranges that map every signal of the training runs to 0..1; a constant signal gets a range of 1 unit around it."""
     known = bank or SignalBank(runs, initial_soc, cell)
-    collected = {name: known.values(name) for name in structure.signals}
-    collected[VOLTAGE] = [run.voltage_V[run.measured] for run in runs]
-    scaling = {}
-    for name, parts in collected.items():
-        low = min(float(p.min()) for p in parts)
-        high = max(float(p.max()) for p in parts)
-        if name == "hysteresis":
-            low, high = -1.0, 1.0
-        scaling[name] = (low, high) if high - low > 1e-9 * max(1.0, abs(low)) else (low - 0.5, low + 0.5)
-    return scaling
+    return {name: known.bounds(name) for name in (*structure.signals, VOLTAGE)}
+
+
+def _bounds(name: str, parts: list[FloatArray]) -> tuple[float, float]:
+    """Range of 0..1; a constant signal gets a range of 1 unit around it."""
+    if name == "hysteresis":
+        return -1.0, 1.0
+    low, high = min(float(p.min()) for p in parts), max(float(p.max()) for p in parts)
+    return (low, high) if high - low > 1e-9 * max(1.0, abs(low)) else (low - 0.5, low + 0.5)
 
 
 def normalise(values: FloatArray, bounds: tuple[float, float]) -> FloatArray:
@@ -139,10 +153,10 @@ def build_dataset(
     for number, run in enumerate(runs):
         kept = slice(None, None, keep_every)
         scaled = {name: normalise(known.values(name)[number], scaling[name]) for name in structure.signals}
-        columns = [_tap(scaled[signal], lag)[kept] for signal, lag in structure.taps()]
+        columns = [delayed(scaled[signal], lag)[kept] for signal, lag in structure.taps()]
         count = len(columns[0])
         parts_u.append(np.column_stack([*columns, np.ones(count)]))
-        parts_z.append(np.column_stack([_tap(scaled[a.signal], axis_lag(a.signal))[kept] for a in structure.axes]))
+        parts_z.append(np.column_stack([delayed(scaled[a.signal], axis_lag(a.signal))[kept] for a in structure.axes]))
         parts_y.append(normalise(run.voltage_V[kept], scaling[VOLTAGE]))
         starts.extend(offset + -(-s // keep_every) for s in run.segment_starts)
         index.append(np.full(count, number))
@@ -157,7 +171,7 @@ def build_dataset(
     )
 
 
-def _tap(values: FloatArray, lag: int) -> FloatArray:
+def delayed(values: FloatArray, lag: int) -> FloatArray:
     """Return values(k - lag), with the first value before the start."""
     if lag == 0:
         return values

@@ -12,22 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.linalg import cho_factor, cho_solve
+from scipy.signal import lfilter
 
 from models.free_run import samples_since_start
-from models.holdout import folds
 from models.partition import Partition
+from models.penalty_strengths import Factored, StrengthJudge
 from models.regression import Dataset
 from models.structure import Structure
 from models.timeseries import FloatArray
 
 _BLOCK = 4096
-# Keeps directions that no sample excites solvable; far below any information in the data.
-_RIDGE = 1e-10
-# Range and steps, in powers of ten, of the penalties' strengths relative to the mean squared output.
-_STRENGTH = (-10.0, 1.0)
-_STEPS = (1.0, 0.5)
-_FIRST_LEVELS = (-7.0, -5.0, -3.0)
 
 
 @dataclass(frozen=True)
@@ -85,7 +79,7 @@ def moments(partition: Partition, data: Dataset, a: FloatArray, group: np.ndarra
         return _static_moments(partition, data, usable, group)
     validity = partition.validity(data.z)
     since = samples_since_start(len(data), data.starts)
-    target = data.y - _initial_response(np.nan_to_num(data.y), a, since)
+    target = data.y - initial_response(np.nan_to_num(data.y), a, since)
     usable = ~np.isnan(data.y) & (since >= len(a)) & (np.arange(len(data)) % keep_every == 0)
     size, n_groups = validity.shape[1] * data.u.shape[1], int(group.max()) + 1
     xx, xy = np.zeros((n_groups, size, size)), np.zeros((n_groups, size))
@@ -122,6 +116,22 @@ def _static_moments(partition: Partition, data: Dataset, usable: np.ndarray, gro
     return Moments(xx, xy, yy, count)
 
 
+def filtered(data: Dataset, a: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N, q) inputs after the common filter, and (N,) outputs less what the measured initial values bring.
+
+    A local model's part in the free run is nearly its validity times these inputs, as validity changes slowly.
+    """
+    if len(a) == 0:
+        return data.u, data.y
+    since = samples_since_start(len(data), data.starts)
+    target = data.y - initial_response(np.nan_to_num(data.y), a, since)
+    inputs = np.where((since < len(a))[:, None], 0.0, data.u)
+    for part in np.split(np.arange(len(data)), data.starts[1:]):
+        inputs[part] = lfilter([1.0], [1.0, *-a], inputs[part], axis=0)
+    target[since < len(a)] = np.nan
+    return inputs, target
+
+
 def penalties(structure: Structure, partition: Partition, data: Dataset, a: FloatArray) -> list[FloatArray]:
     """Quadratic forms that pull neighbouring local models together, in terms of their static voltage.
 
@@ -139,28 +149,30 @@ def penalties(structure: Structure, partition: Partition, data: Dataset, a: Floa
     gain = 1.0 / (1.0 - float(np.sum(a)))
     scale = np.sqrt(np.mean(data.u**2, axis=0))
     soc_axis = structure.soc_axis
-    forms: list[FloatArray] = [np.zeros((n_models * q, n_models * q)) for _ in range(4)]
+    apart = np.zeros(q)
+    apart[other] = (gain * scale[other]) ** 2
+    rows: list[list[FloatArray]] = [[], []]
+    linked = np.zeros((2, n_models, n_models))
     for i, j in partition.neighbours():
-        along_soc = _shared_axis(partition, i, j) == soc_axis
-        probes = np.array(_probes(partition, i, j, soc_axis, along_soc))
-        rows = np.zeros((len(probes), q))
-        rows[:, q - 1] = gain
-        rows[:, line] = gain * probes[:, None]
-        _add_difference(forms[0 if along_soc else 1], i, j, rows.T @ rows)
-        apart = np.zeros(q)
-        apart[other] = (gain * scale[other]) ** 2
-        _add_difference(forms[2 if along_soc else 3], i, j, np.diag(apart))
-    return forms
+        across = int(_shared_axis(partition, i, j) != soc_axis)
+        linked[across, [i, j], [j, i]] = 1.0
+        for probe in _probes(partition, i, j, soc_axis, across == 0):
+            row = np.zeros((n_models, q))
+            row[i, line], row[i, q - 1] = gain * probe, gain
+            row[j] = -row[i]
+            rows[across].append(row.ravel())
+    size = n_models * q
+    lines = [np.array(found).reshape(-1, size) for found in rows]
+    others = [np.kron(np.diag(links.sum(axis=1)) - links, np.diag(apart)) for links in linked]
+    return [*(found.T @ found for found in lines), *others]
 
 
-def _add_difference(form: FloatArray, i: int, j: int, block: FloatArray) -> None:
-    """Add the quadratic form `block` of the difference between the parameters of two local models."""
-    q = len(block)
-    first, second = slice(i * q, (i + 1) * q), slice(j * q, (j + 1) * q)
-    form[first, first] += block
-    form[second, second] += block
-    form[first, second] -= block
-    form[second, first] -= block
+def compare(
+    sums: Moments, forms: list[FloatArray], start: tuple[float, ...] | None, hopeless_mse: float
+) -> tuple[tuple[float, ...], float]:
+    """Strengths near `start` and the held-out error, less exactly where that stays above `hopeless_mse`."""
+    strengths, mse = StrengthJudge.of(sums.xx, sums.xy, sums.yy, sums.count, forms).best(start, hopeless_mse)
+    return tuple(strengths.tolist()), mse
 
 
 def fit(sums: Moments, forms: list[FloatArray], start: tuple[float, ...] | None = None) -> SharedPoleFit:
@@ -170,87 +182,20 @@ def fit(sums: Moments, forms: list[FloatArray], start: tuple[float, ...] | None 
     ----------
     sums : moments of each group
     forms : penalties
-    start : strengths that served a similar candidate: only these, all weaker and all stronger are tried, which will do
-        to compare candidates
+    start : powers of ten that served a similar candidate, near which the search begins
     """
-    judge = _Judge.of(sums, forms)
-    if start is not None:
-        best, strengths = min((judge.error(level), level) for level in _near(list(start)))
-    else:
-        best, strengths = min((judge.error(level), level) for level in [[v] * len(forms) for v in _FIRST_LEVELS])
-        best, strengths = _descend(judge, best, strengths)
-    penalty = _weighted(forms, strengths) * sums.count.sum()
-    b = _solve(judge.xx + penalty, judge.xy)
-    return SharedPoleFit(b, tuple(strengths), best, penalty)
+    strengths, mse = StrengthJudge.of(sums.xx, sums.xy, sums.yy, sums.count, forms).best(start)
+    weighted = [10.0**s * form for s, form in zip(strengths, forms, strict=True)]
+    penalty = np.add.reduce(weighted) * float(sums.count.sum())
+    b = Factored.of(sums.xx.sum(axis=0) + penalty).solve(sums.xy.sum(axis=0))
+    return SharedPoleFit(b, tuple(strengths.tolist()), mse, penalty)
 
 
 def solve_without(sums: Moments, penalty: FloatArray, held: np.ndarray) -> FloatArray:
     """Parameters fitted to all groups but those in `held`, with the penalty in proportion."""
     kept = np.setdiff1d(np.arange(len(sums.count)), held)
     share = sums.count[kept].sum() / max(sums.count.sum(), 1.0)
-    return _solve(sums.xx[kept].sum(axis=0) + share * penalty, sums.xy[kept].sum(axis=0))
-
-
-def _near(start: list[float]) -> list[list[float]]:
-    low, high = _STRENGTH
-    return [[min(max(v + shift, low), high) for v in start] for shift in (0.0, -1.0, 1.0)]
-
-
-def _descend(judge: _Judge, best: float, strengths: list[float]) -> tuple[float, list[float]]:
-    """One strength after the other, with finer steps in the second round."""
-    for step in _STEPS:
-        for i in range(len(strengths)):
-            for signed in (step, -step):
-                while _STRENGTH[0] <= strengths[i] + signed <= _STRENGTH[1]:
-                    trial = [*strengths[:i], strengths[i] + signed, *strengths[i + 1 :]]
-                    error = judge.error(trial)
-                    if not error < best * (1.0 - 1e-4):
-                        break
-                    best, strengths = error, trial
-    return best, strengths
-
-
-def _weighted(forms: list[FloatArray], log_strengths: list[float]) -> FloatArray:
-    return np.sum([10.0**s * form for s, form in zip(log_strengths, forms, strict=True)], axis=0)
-
-
-@dataclass(frozen=True)
-class _Judge:
-    """Held-out error of any strengths; sums over all groups and over each fold are made once."""
-
-    forms: list[FloatArray]
-    xx: FloatArray
-    xy: FloatArray
-    count: float
-    folds: list[tuple[FloatArray, FloatArray, float, float]]
-
-    @classmethod
-    def of(cls, sums: Moments, forms: list[FloatArray]) -> _Judge:
-        parts = [
-            (sums.xx[f].sum(axis=0), sums.xy[f].sum(axis=0), float(sums.yy[f].sum()), float(sums.count[f].sum()))
-            for f in folds(len(sums.count))
-        ]
-        return cls(forms, sums.xx.sum(axis=0), sums.xy.sum(axis=0), float(sums.count.sum()), parts)
-
-    def error(self, log_strengths: list[float]) -> float:
-        """Mean squared error over all held-out groups."""
-        penalty = _weighted(self.forms, log_strengths)
-        total, judged = 0.0, 0.0
-        for xx, xy, yy, count in self.folds:
-            b = _solve(self.xx - xx + (self.count - count) * penalty, self.xy - xy)
-            total += max(float(yy - 2.0 * b @ xy + b @ xx @ b), 0.0)
-            judged += count
-        return total / max(judged, 1.0)
-
-
-def _solve(information: FloatArray, right: FloatArray) -> FloatArray:
-    size = len(information)
-    ridge = _RIDGE * np.trace(information) / size
-    regular = information + ridge * np.eye(size)
-    try:
-        return cho_solve(cho_factor(regular), right)
-    except np.linalg.LinAlgError:
-        return np.linalg.lstsq(regular, right, rcond=None)[0]
+    return Factored.of(sums.xx[kept].sum(axis=0) + share * penalty).solve(sums.xy[kept].sum(axis=0))
 
 
 def _shared_axis(partition: Partition, i: int, j: int) -> int:
@@ -303,7 +248,7 @@ def _filtered_regressors(
 
 
 @njit(cache=True)
-def _initial_response(y: np.ndarray, a: np.ndarray, since: np.ndarray) -> np.ndarray:
+def initial_response(y: np.ndarray, a: np.ndarray, since: np.ndarray) -> np.ndarray:
     """What the measured initial values of each part contribute to the free run."""
     order = a.shape[0]
     out = np.zeros(y.shape[0])

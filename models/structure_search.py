@@ -6,7 +6,7 @@ choices are made one after the other, each with the best of those before; the ta
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -14,15 +14,17 @@ from typing import Any, TypeVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from models.auto_structure import AutoCandidate, alternatives, find_offer, first_candidate
-from models.circuit_start import circuit_alternatives, circuit_candidate, stands_apart
+from models.auto_structure import AutoCandidate, alternatives, find_offer, first_candidate, stands_apart
+from models.circuit_start import circuit_alternatives, circuit_starts
 from models.given_structure import GivenCandidate, pole_alternatives, poles_for, size_alternatives
 from models.holdout import groups
-from models.lolimot import build_partition
+from models.lolimot import grow_partitions
+from models.moved_constants import held_out_errors, moved
 from models.partition import Partition
 from models.regression import VOLTAGE, CellContext, Dataset, Scaling, SignalBank, build_dataset, find_scaling
 from models.resampling import GridRun
-from models.shared_poles import Moments, SharedPoleFit, fit, moments, output_coefficients, penalties
+from models.search_samples import KeptSamples, SampleBank
+from models.shared_poles import Moments, SharedPoleFit, compare, filtered, fit, moments, output_coefficients, penalties
 from models.structure import Structure, full_structure, minimal_structure
 from models.timeseries import FloatArray
 
@@ -40,9 +42,11 @@ _FASTEST_SAMPLES = 2.0
 # A change must lower the held-out error by this share to be made.
 _WORTH = 0.005
 # Held-out errors that differ by less than this share are alike: errors hang together over hundreds of samples.
-_ALIKE = 0.02
-# Samples in the sums while candidates are compared; all samples pass through the filters.
-_SEARCH_SAMPLES = 12_000
+_ALIKE = 0.04
+# Samples in the sums while candidates are compared.
+_SEARCH_SAMPLES = 6_000
+# More local models than any candidate asks for.
+_MOST_MODELS = 1000
 # Samples in the sums of the final fit where there are no past outputs; more of them tell nothing new.
 _STATIC_SAMPLES = 400_000
 
@@ -117,6 +121,24 @@ class Fitted:
 
 
 @dataclass
+class _Growing:
+    """Ever larger partitions, each the one before with one box split; made as far as they are asked for."""
+
+    source: Iterator[Partition]
+    made: list[Partition] = field(default_factory=list)
+
+    def of(self, n_models: int) -> Partition:
+        """Return the partition with as many boxes, or the largest that the data allow."""
+        while not self.made or self.made[-1].n_models < n_models:
+            larger = next(self.source, None)
+            if larger is None:
+                break
+            self.made.append(larger)
+        fitting = [partition for partition in self.made if partition.n_models <= n_models]
+        return fitting[-1] if fitting else self.made[0]
+
+
+@dataclass
 class Search:
     """The search over candidates on one set of training runs."""
 
@@ -124,15 +146,27 @@ class Search:
     initial_soc: list[float]
     cell: CellContext
     progress: Progress
-    table: list[dict[str, Any]] = field(default_factory=list)
+    _rows: dict[Choice, dict[str, Any]] = field(default_factory=dict)
     _known: dict[Choice, float] = field(default_factory=dict)
-    _boxes: dict[Any, Partition] = field(default_factory=dict)
+    _boxes: dict[tuple[object, ...], _Growing] = field(default_factory=dict)
     _strengths: dict[Choice, tuple[float, ...]] = field(default_factory=dict)
+    _apart: dict[tuple[object, ...], bool] = field(default_factory=dict)
 
     @cached_property
     def bank(self) -> SignalBank:
         """Signals of the runs, shared by all candidates."""
         return SignalBank(self.runs, self.initial_soc, self.cell)
+
+    @cached_property
+    def _samples(self) -> SampleBank:
+        """Samples that candidates are compared on."""
+        n_samples = sum(len(run) for run in self.runs)
+        return SampleBank(self.bank, max(1, round(n_samples / _SEARCH_SAMPLES)))
+
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """What was tried, with its held-out error."""
+        return list(self._rows.values())
 
     @property
     def dt_s(self) -> float:
@@ -141,19 +175,31 @@ class Search:
 
     def best(self, family: str) -> Choice:
         """Choose one thing after the other, twice, and return the best candidate."""
-        if family == "auto":
-            return self._best_auto()
-        best = Candidate(family, poles_s=(self._slow_enough(25.0),))
-        best = self._pass(best, 0.0)
-        return self._pass(best, 0.6)
+        with threadpool_limits(1, user_api="blas"):
+            if family == "auto":
+                return self._best_auto()
+            best = Candidate(family, poles_s=(self._slow_enough(25.0),))
+            slow = sorted({self._slow_enough(pole) for pole in _POLES_S})
+            relaxations = _RELAXATION_S if family == "full" else (best.relaxation_s,)
+            # A curve that few local models do not resolve would be mistaken for slow relaxation.
+            best = self._choose(best, [replace(best, n_models=size) for size in _SIZES], 0.0)
+            best = self._choose(
+                best, [replace(best, relaxation_s=r, poles_s=(p,)) for r in relaxations for p in slow], 0.0
+            )
+            best = self._pass(best, 0.2)
+            # The boxes were those of where the search began.
+            self._boxes.clear()
+            self._known.clear()
+            return self._pass(best, 0.6)
 
     def best_within(self, given: Structure) -> GivenCandidate:
         """Choose poles and size for a structure that is given."""
         fastest_s = _FASTEST_SAMPLES * self.dt_s
         best = GivenCandidate(given, poles_for(given.output_order, 25.0, fastest_s))
-        for done in (0.0, 0.5):
-            best = self._choose(best, pole_alternatives(best, fastest_s), done)
-            best = self._choose(best, size_alternatives(best), done + 0.25)
+        with threadpool_limits(1, user_api="blas"):
+            for done in (0.0, 0.5):
+                best = self._choose(best, pole_alternatives(best, fastest_s), done)
+                best = self._choose(best, size_alternatives(best), done + 0.25)
         return best
 
     def _best_auto(self) -> AutoCandidate:
@@ -164,33 +210,61 @@ class Search:
             while tried := alternatives(best, offer, stage):
                 best = self._choose(best, tried, done + 0.02 * stage)
                 stage += 1
+            best = self._moved(best)
             if best == before:
                 break
         return self._from_circuit(best, offer.warm)
 
     def _from_circuit(self, best: AutoCandidate, warm: bool) -> AutoCandidate:
         """Search once more from an equivalent circuit's terms; the better of both ends."""
-        circuit, stage = circuit_candidate(self.cell.capacity_Ah, warm), 0
-        if not stands_apart(circuit, self.bank):
+        starts = [each for each in circuit_starts(self.cell.capacity_Ah, warm) if self._stands_apart(each)]
+        if not starts:
             return best
+        circuit, stage = min((self._moved(each) for each in starts), key=self._known.__getitem__), 0
         while (tried := circuit_alternatives(circuit, warm, stage)) is not None:
             self.progress(0.9, f"trying {circuit}")
             # No change is too small: constants are moved, not terms added.
-            apart = [each for each in tried if stands_apart(each, self.bank)]
+            apart = [each for each in tried if self._stands_apart(each)]
             errors = {each: self._held_out_error(each, circuit) for each in dict.fromkeys([circuit, *apart])}
-            circuit, stage = min(errors, key=errors.__getitem__), stage + 1
-        # Both with their own penalties: those of a neighbour, which do among neighbours, blur the difference. Of two
-        # that simulate alike the circuit, whose few constants were moved until they fit.
-        better = self.fitted(circuit).held_out_rmse_V < (1.0 + _ALIKE) * self.fitted(best).held_out_rmse_V
+            chosen = min(errors, key=errors.__getitem__)
+            circuit, stage = self._moved(chosen) if chosen != circuit else circuit, stage + 1
+        # Of two that simulate alike the circuit, whose few constants were moved until they fit.
+        better = self._known[circuit] < (1.0 + _ALIKE) * self._known[best]
         return circuit if better else best
+
+    def _moved(self, best: AutoCandidate) -> AutoCandidate:
+        """Move the constants of the signals to where the held-out error is least."""
+        self.progress(0.9, f"moving the constants of {best}")
+        self._held_out_error(best, best)
+        strengths, own = self._strengths[best], set(best.structure(self.dt_s).signals)
+
+        def errors(candidate: AutoCandidate) -> FloatArray | None:
+            # The candidate itself was offered; what it is moved to must be such that it could have been.
+            if candidate != best and not self._stands_apart(candidate):
+                return None
+            structure = candidate.structure(self.dt_s)
+            kept = self._samples.take(structure, ())
+            partition = self._boxes_of(structure, kept, candidate.n_models)
+            forms = penalties(structure, partition, kept.data, output_coefficients((), self.dt_s))
+            self.bank.forget(set(structure.signals) - own)
+            return held_out_errors(kept, partition, forms, strengths)
+
+        found = moved(best, errors)
+        return found if self._held_out_error(found, best) < self._known[best] else best
+
+    def _stands_apart(self, candidate: AutoCandidate) -> bool:
+        key = (max(candidate.time_constants_s), candidate.hysteresis_rates)
+        if key not in self._apart:
+            self._apart[key] = stands_apart(candidate, self.bank)
+        return self._apart[key]
 
     def _pass(self, best: Candidate, done: float) -> Candidate:
         full = best.family == "full"
         slow = sorted({self._slow_enough(pole) for pole in _POLES_S})
-        relaxations = _RELAXATION_S if full else (best.relaxation_s,)
-        grid = [replace(best, relaxation_s=r, poles_s=(*best.poles_s[:-1], p)) for r in relaxations for p in slow]
-        best = self._choose(best, grid, done)
         best = self._choose(best, [replace(best, n_models=size) for size in _SIZES], done + 0.2)
+        if full:
+            best = self._choose(best, [replace(best, relaxation_s=r) for r in _RELAXATION_S], done + 0.22)
+        best = self._choose(best, [replace(best, poles_s=(*best.poles_s[:-1], pole)) for pole in slow], done + 0.24)
         best = self._choose(best, [replace(best, current_order=m) for m in _CURRENT_ORDERS], done + 0.25)
         fast = self._slow_enough(best.poles_s[-1] / 8.0)
         if fast < 0.5 * best.poles_s[-1]:
@@ -204,36 +278,28 @@ class Search:
         return self._choose(best, slower, done + 0.38)
 
     def fitted(self, candidate: Choice) -> Fitted:
-        """Construct and fit a candidate with its poles shared."""
-        n_samples = sum(len(run) for run in self.runs)
-        self._boxes.clear()
-        return self._fitted(candidate, 1 if candidate.poles_s else max(1, n_samples // _STATIC_SAMPLES), None)
-
-    def _fitted(self, candidate: Choice, keep_every: int, start: tuple[float, ...] | None) -> Fitted:
-        """Fit with every n-th sample in the sums, and with penalties near `start` where that is known."""
-        structure = candidate.structure(self.dt_s)
-        scaling = find_scaling(structure, self.runs, self.initial_soc, self.cell, self.bank)
+        """Construct and fit a candidate with its poles shared, on all samples."""
+        structure, n_samples = candidate.structure(self.dt_s), sum(len(run) for run in self.runs)
         # Without past outputs a sample stands for itself, and those that do not count need not be made.
-        thinned = keep_every if structure.output_order == 0 else 1
-        data = build_dataset(structure, scaling, self.runs, self.initial_soc, self.cell, self.bank, thinned)
-        left = keep_every // thinned
-        use = None if left == 1 else np.arange(len(data)) % left == 0
-        partition = self._partition(structure, data, candidate.n_models, use)
+        keep_every = 1 if candidate.poles_s else max(1, n_samples // _STATIC_SAMPLES)
+        scaling = find_scaling(structure, self.runs, self.initial_soc, self.cell, self.bank)
+        data = build_dataset(structure, scaling, self.runs, self.initial_soc, self.cell, self.bank, keep_every)
         a = output_coefficients(candidate.poles_s, self.dt_s)
         with threadpool_limits(1, user_api="blas"):
-            sums = moments(partition, data, a, groups(data), left)
-            chosen = fit(sums, penalties(structure, partition, data, a), start)
+            inputs, target = filtered(data, a)
+            *_, partition = grow_partitions(structure, inputs, target, data.z, candidate.n_models, keep_every)
+            sums = moments(partition, data, a, groups(data))
+            chosen = fit(sums, penalties(structure, partition, data, a), self._strengths.get(candidate))
         return Fitted(structure, scaling, data, partition, a, sums, chosen)
 
-    def _partition(self, structure: Structure, data: Dataset, n_models: int, use: np.ndarray | None) -> Partition:
-        """Boxes; candidates without past outputs that differ in their inputs alone are compared on the same ones."""
-        if structure.output_order > 0:
-            return build_partition(structure, data, n_models, use)
-        axes = tuple((a.signal.partition(":")[0], a.initial, a.splittable, a.k_sigma) for a in structure.axes)
-        key = (axes, structure.kernel, n_models)
+    def _boxes_of(self, structure: Structure, kept: KeptSamples, n_models: int) -> Partition:
+        """Boxes; candidates that differ in their inputs, poles, sharpness and size alone are compared on the same."""
+        key = (tuple((a.signal.partition(":")[0], a.initial, a.splittable) for a in structure.axes), structure.kernel)
         if key not in self._boxes:
-            self._boxes[key] = build_partition(structure, data, n_models, use)
-        return self._boxes[key]
+            weight = self._samples.keep_every
+            source = grow_partitions(structure, kept.inputs, kept.target, kept.data.z, _MOST_MODELS, weight)
+            self._boxes[key] = _Growing(source)
+        return replace(self._boxes[key].of(n_models), k_sigma=np.array([axis.k_sigma for axis in structure.axes]))
 
     def _choose(self, current: ChoiceT, candidates: list[ChoiceT], share_done: float) -> ChoiceT:
         """Return the best; the present choice stays unless another is worth the change."""
@@ -242,29 +308,23 @@ class Search:
             self.progress(share_done, f"trying {candidate}")
             errors[candidate] = self._held_out_error(candidate, current)
         best = min(errors, key=errors.__getitem__)
-        if not errors[best] < errors[current] * (1.0 - _WORTH):
-            return current
-        if not best.poles_s:
-            # It was compared with its predecessor's penalties; its neighbours start from its own.
-            self._judge(best, None)
-        return best
-
-    def _judge(self, candidate: Choice, start: tuple[float, ...] | None) -> Fitted:
-        """Fit to fewer samples; note the held-out error and the penalties."""
-        n_samples = sum(len(run) for run in self.runs)
-        found = self._fitted(candidate, max(1, n_samples // _SEARCH_SAMPLES), start)
-        self._known[candidate] = min(found.held_out_rmse_V, self._known.get(candidate, np.inf))
-        self._strengths[candidate] = found.fit.log_strengths
-        return found
+        return best if errors[best] < errors[current] * (1.0 - _WORTH) else current
 
     def _held_out_error(self, candidate: Choice, current: Choice) -> float:
-        """Free-run RMSE in V on held-out samples."""
+        """Free-run RMSE in V on held-out samples, of a fit to fewer samples."""
         if candidate not in self._known:
-            # The penalties that served the present choice serve its neighbours, or nearly so; with past outputs not
-            # nearly enough: candidates were then told apart by how well another's penalties happened to fit them.
-            found = self._judge(candidate, None if candidate.poles_s else self._strengths.get(current))
-            row = {"n_models_built": found.partition.n_models, "held_out_rmse_mV": 1e3 * found.held_out_rmse_V}
-            self.table.append(candidate.to_json() | row)
+            structure, poles_s = candidate.structure(self.dt_s), candidate.poles_s
+            kept = self._samples.take(structure, poles_s)
+            partition = self._boxes_of(structure, kept, candidate.n_models)
+            forms = penalties(structure, partition, kept.data, output_coefficients(poles_s, self.dt_s))
+            # The penalties that serve the present choice are near those of its neighbours.
+            span = span_V({VOLTAGE: self.bank.bounds(VOLTAGE)})
+            hopeless_mse = (self._known.get(current, np.inf) / span) ** 2
+            found = compare(kept.moments(partition), forms, self._strengths.get(current), hopeless_mse)
+            self._strengths[candidate] = found[0]
+            self._known[candidate] = float(np.sqrt(found[1])) * span
+            row = {"n_models_built": partition.n_models, "held_out_rmse_mV": 1e3 * self._known[candidate]}
+            self._rows[candidate] = candidate.to_json() | row
         return self._known[candidate]
 
     def _slow_enough(self, time_constant_s: float) -> float:

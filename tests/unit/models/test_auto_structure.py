@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.auto_structure import alternatives, find_offer, first_candidate, share_of_soc
+from models.auto_structure import alternatives, find_offer, first_candidate, share_of_soc, shows_hysteresis
 from models.regression import CellContext, SignalBank
 from models.structure import Structure
 from tests.unit.models.hand_network import grid_run
@@ -42,6 +42,23 @@ def test_temperature_is_offered_only_where_it_varies() -> None:
     assert first_candidate(2.0, varied).activation_K > 0.0
     tried = [c for stage in range(22) for c in alternatives(first_candidate(2.0, constant), constant, stage)]
     assert all(c.temperature_parts == 0 and not c.entropic for c in tried)
+
+
+def test_hysteresis_is_offered_only_where_it_moves_to_both_sides() -> None:
+    both_ways = np.repeat(np.tile([-2.0, 2.0], 10), 300)
+    short_charging = np.tile(np.concatenate([np.full(590, -0.5), np.full(10, 1.0)]), 10)
+    assert shows_hysteresis(_bank(both_ways), 40.0)
+    assert not shows_hysteresis(_bank(short_charging), 40.0)
+
+
+def test_parts_of_the_resistance_that_temperature_moves_unlike_are_offered() -> None:
+    offer = find_offer(_bank(_pulses(), np.linspace(10.0, 30.0, 6000)))
+    tried = [c for stage in range(22) for c in alternatives(first_candidate(2.0, offer), offer, stage)]
+    apart = next(c for c in tried if c.second_activation_K and c.unscaled)
+    signals = apart.structure(1.0).signals
+    assert {"current", f"scaled_current:{apart.activation_K:g}", f"scaled_current:{apart.second_activation_K:g}"} <= {
+        *signals
+    }
 
 
 def test_unknown_temperature_counts_as_none() -> None:

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from models.circuit_start import circuit_alternatives, circuit_candidate, stands_apart
+from models.auto_structure import stands_apart
+from models.circuit_start import circuit_alternatives, circuit_candidate, circuit_starts
 from models.regression import CellContext, SignalBank
 from models.resampling import to_grid
 from models.timeseries import TimeSeries
@@ -9,18 +10,20 @@ from tests.unit.models import synthetic
 
 
 @pytest.mark.parametrize("warm", [True, False])
-def test_constants_are_moved_until_the_search_ends(warm: bool) -> None:
-    best, stage, tried = circuit_candidate(2.0, warm), 0, []
+def test_the_search_begins_on_both_sides_and_ends(warm: bool) -> None:
+    starts = circuit_starts(2.0, warm)
+    rates = [candidate.hysteresis_rates[0] for candidate in starts]
+    assert min(rates) < 12.0 and max(rates) > 40.0
+    best, stage, tried = starts[0], 0, []
     while (found := circuit_alternatives(best, warm, stage)) is not None:
         tried += found
         stage += 1
     assert stage < 20
-    rates = {candidate.hysteresis_rates for candidate in tried}
-    assert () in rates and len(rates) > 9
-    assert len({candidate.time_constants_s[-1] for candidate in tried}) >= 9
-    assert all(candidate.time_constants_s[0] == 2.0 and candidate.surface is None for candidate in tried)
-    assert {candidate.activation_K > 0.0 for candidate in tried} == {warm}
-    for candidate in tried:
+    assert () in {candidate.hysteresis_rates for candidate in tried}
+    assert None in {candidate.exchange_c_rate for candidate in tried}
+    assert all(candidate.surface is None for candidate in [*starts, *tried])
+    assert {candidate.activation_K > 0.0 for candidate in [*starts, *tried]} == {warm}
+    for candidate in [*starts, *tried]:
         candidate.structure(1.0)
 
 

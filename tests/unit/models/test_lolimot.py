@@ -3,7 +3,7 @@ import pytest
 
 from models.errors import NotIdentifiableError
 from models.local_model_network import one_step_regressors
-from models.lolimot import build_partition, construct
+from models.lolimot import construct, grow_partitions
 from models.partition import Partition
 from models.regression import Dataset
 from models.structure import InputChannel, PartitionAxis, Structure
@@ -69,12 +69,22 @@ def test_long_records_decide_on_fewer_samples_and_are_fitted_to_all(monkeypatch:
     np.testing.assert_allclose(thinned.samples, exact.samples)
 
 
-def test_the_partition_alone_is_that_of_the_construction() -> None:
+def test_partitions_alone_are_those_of_the_construction() -> None:
     data = curved(5000)
-    *_, last = construct(STRUCTURE, data, 8)
-    alone = build_partition(STRUCTURE, data, 8)
-    np.testing.assert_array_equal(alone.lower, last.partition.lower)
-    np.testing.assert_array_equal(alone.upper, last.partition.upper)
+    sizes = [fit.partition for fit in construct(STRUCTURE, data, 8)]
+    phi = one_step_regressors(data, 1)
+    alone = list(grow_partitions(STRUCTURE, phi, data.y, data.z, 8))
+    for built, grown in zip(sizes, alone, strict=True):
+        np.testing.assert_array_equal(grown.lower, built.lower)
+        np.testing.assert_array_equal(grown.upper, built.upper)
+
+
+def test_a_thinned_record_allows_as_many_boxes_as_the_whole_one() -> None:
+    data, step = curved(2000), 8
+    few = (data.u[::step], data.y[::step], data.z[::step])
+    whole = list(grow_partitions(STRUCTURE, data.u, data.y, data.z, 20))[-1]
+    assert list(grow_partitions(STRUCTURE, *few, 20))[-1].n_models < whole.n_models
+    assert list(grow_partitions(STRUCTURE, *few, 20, weight=step))[-1].n_models == whole.n_models
 
 
 def test_boxes_without_enough_data_are_not_split() -> None:

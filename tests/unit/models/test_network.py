@@ -68,7 +68,8 @@ def test_refinement_never_worsens_the_training_error_and_reaches_the_noise() -> 
     validity = local.partition.validity(data.z)
     before = np.sqrt(np.mean((data.y - free_run(stabilised(local.theta, 1), 1, validity, data)) ** 2)) * span_mV
     size = local.partition.n_models * (structure.n_regressors - 1)
-    refined = refine(local.theta, 1, local.partition, data, np.zeros((size, size)), 1e-9)
+    fold = np.arange(len(data)) * 5 // len(data)
+    refined = refine(local.theta, 1, local.partition, data, [np.zeros((size, size))], fold, (-8.0,))
     assert refined.rmse * span_mV <= before
     assert refined.rmse * span_mV < 1.3
 

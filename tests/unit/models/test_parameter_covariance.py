@@ -8,7 +8,7 @@ from models.free_run import initial_samples, run_recursion, sensitivity_block
 from models.holdout import groups
 from models.local_model_network import blend
 from models.lolimot import construct
-from models.parameter_covariance import Pull, parameter_covariance
+from models.parameter_covariance import Penalty, parameter_covariance
 from models.regression import CellContext, build_dataset, find_scaling
 from models.resampling import to_grid
 from models.residual_correlation import ResidualCorrelation
@@ -63,10 +63,17 @@ def dense_covariance(order, partition, data, theta, penalty, level, shared: bool
     return inverse @ (meat + np.trace(inverse @ meat) / np.trace(inverse @ information) * whole) @ inverse
 
 
+def least_here(penalty: np.ndarray) -> list[Penalty]:
+    """A penalty that the estimate did not go against."""
+    return [Penalty(penalty, np.zeros(len(penalty)))]
+
+
 def test_blocks_give_what_whole_matrices_give(problem) -> None:
     order, partition, data, theta, penalty = problem
     level = 0.01 * (1.0 + np.linspace(0.0, 1.0, len(data)))
-    found = parameter_covariance(theta, order, partition, data, level=level, correlation=CORRELATION, penalty=penalty)
+    found = parameter_covariance(
+        theta, order, partition, data, level=level, correlation=CORRELATION, penalties=least_here(penalty)
+    )
     expected = dense_covariance(order, partition, data, theta, penalty, level, shared=True)
     size = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(
@@ -80,22 +87,24 @@ def test_blocks_give_what_whole_matrices_give(problem) -> None:
 def test_shared_poles_vary_together(problem) -> None:
     order, partition, data, theta, penalty = problem
     found = parameter_covariance(
-        theta, order, partition, data, level=np.full(len(data), 0.01), correlation=CORRELATION, penalty=penalty
+        theta,
+        order,
+        partition,
+        data,
+        level=np.full(len(data), 0.01),
+        correlation=CORRELATION,
+        penalties=least_here(penalty),
     )
     if order:
         poles = found.covariance.reshape(*theta.shape, *theta.shape)[:, 0, :, 0]
         np.testing.assert_allclose(poles, poles[0, 0])
 
 
-def test_a_pull_that_the_estimate_went_far_against_is_not_taken_for_knowledge(problem) -> None:
-    order, partition, data, theta, penalty = problem
-    m, p = theta.shape
-    index = np.concatenate([np.arange(order, p) + i * p for i in range(m)])
-    spread = np.zeros((m * p, m * p))
-    spread[np.ix_(index, index)] = penalty
+def test_a_penalty_that_the_estimate_went_far_against_is_not_taken_for_knowledge(problem) -> None:
+    order, partition, data, theta, _ = problem
+    size = theta.size
     stds = []
     for away in (0.0, 10.0):
-        pull = Pull(np.full(m * p, 1e3), np.full(m * p, away))
         found = parameter_covariance(
             theta,
             order,
@@ -103,8 +112,8 @@ def test_a_pull_that_the_estimate_went_far_against_is_not_taken_for_knowledge(pr
             data,
             level=np.full(len(data), 0.01),
             correlation=CORRELATION,
-            penalty=spread,
-            pull=pull,
+            penalties=[Penalty(1e3 * np.eye(size), np.full(size, away))],
+            shared=False,
         )
         assert found.n_shared == 0
         stds.append(np.sqrt(np.diag(found.covariance)))
@@ -130,7 +139,7 @@ def test_too_small_a_level_would_be_seen(problem) -> None:
             replace(data),
             level=np.full(len(data), s),
             correlation=CORRELATION,
-            penalty=penalty,
+            penalties=least_here(penalty),
         ).factor
         for s in (0.01, 0.02)
     )

@@ -6,8 +6,8 @@ from models.local_model_network import free_run
 from models.lolimot import construct
 from models.regression import CellContext, build_dataset, find_scaling
 from models.resampling import to_grid
-from models.shared_poles import fit, moments, output_coefficients, penalties, solve_without
-from models.structure import full_structure
+from models.shared_poles import Moments, filtered, fit, moments, output_coefficients, penalties, solve_without
+from models.structure import full_structure, minimal_structure
 from models.structure_search import full_theta
 from tests.unit.models import synthetic
 
@@ -65,7 +65,33 @@ def test_strengths_are_chosen_on_held_out_groups(problem) -> None:
     forms = penalties(structure, partition, data, a)
     chosen = fit(sums, forms)
     assert chosen.held_out_mse < 0.3 * np.nanvar(data.y)
-    assert chosen.held_out_mse <= fit(sums, forms, start=(-7.0, -7.0, -7.0, -7.0)).held_out_mse
+    for level in (-8.0, -6.0, -4.0, -2.0):
+        assert chosen.held_out_mse <= 1.01 * held_out_mse(sums, forms, level)
+
+
+def held_out_mse(sums: Moments, forms: list[np.ndarray], level: float) -> float:
+    """Mean squared error with all penalties of one strength, each fold by a fit that did not see it."""
+    penalty = 10.0**level * np.sum(forms, axis=0) * sums.count.sum()
+    squared = 0.0
+    for held in folds(len(sums.count)):
+        b = solve_without(sums, penalty, held)
+        xx, xy = sums.xx[held].sum(axis=0), sums.xy[held].sum(axis=0)
+        squared += sums.yy[held].sum() - 2.0 * b @ xy + b @ xx @ b
+    return squared / sums.count.sum()
+
+
+def test_a_filter_of_the_inputs_is_the_free_run_of_one_local_model() -> None:
+    structure = minimal_structure(1.0, 2, 1)
+    run = to_grid(synthetic.run(400, seed=3, noise_V=1e-3), 1.0)
+    cell = CellContext(synthetic.CAPACITY_AH)
+    scaling = find_scaling(structure, [run, run], [0.6, 0.6], cell)
+    data = build_dataset(structure, scaling, [run, run], [0.6, 0.6], cell)
+    a, b = output_coefficients((3.0, 20.0), 1.0), np.array([0.02, 0.01, -0.01, 0.005])
+    inputs, target = filtered(data, a)
+    simulated = free_run(full_theta(a, b, 1), 2, np.ones((len(data), 1)), data)
+    known = ~np.isnan(target)
+    assert known.sum() == len(data) - 4
+    np.testing.assert_allclose(data.y[known] - simulated[known], (target - inputs @ b)[known], atol=1e-12)
 
 
 def test_output_coefficients_have_the_poles_asked_for() -> None:
