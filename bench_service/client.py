@@ -2,42 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any, Self
-from urllib.parse import quote
+from typing import Self
 
-import httpx
+from bench_service.connection import ClientError, Connection, Record, part, wait_until
 
-Record = dict[str, Any]
+__all__ = ["ENDED_CAMPAIGN_STATES", "ENDED_RUN_STATES", "BenchClient", "ClientError"]
+
 ENDED_RUN_STATES = frozenset({"completed", "stopped", "fault", "interrupted"})
 ENDED_CAMPAIGN_STATES = frozenset({"completed", "failed", "stopped", "interrupted"})
 _API = "/api/v1"
-# Within one wait the service may be restarted; longer silence is an error.
-_LONGEST_SILENCE_S = 30.0
-
-
-class ClientError(Exception):
-    """The service refused a request, or did not answer; the message is the service's own.
-
-    Parameters
-    ----------
-    message : str
-        One line for a person.
-    status : int or None
-        HTTP status; None where there was no answer.
-    code : str
-        The service's name for the kind of error.
-    where : list
-        Path to the offending part of the request.
-    """
-
-    def __init__(self, message: str, status: int | None = None, code: str = "no_answer", where: Any = None) -> None:
-        super().__init__(message)
-        self.status = status
-        self.code = code
-        self.where = where or []
 
 
 class BenchClient:
@@ -52,9 +27,8 @@ class BenchClient:
     """
 
     def __init__(self, url: str, timeout_s: float = 30.0) -> None:
-        # trust_env=False: a proxy from the environment must not stand between a client and its bench.
         self.url = url.rstrip("/")
-        self._http = httpx.Client(base_url=url.rstrip("/"), timeout=timeout_s, trust_env=False)
+        self._connection = Connection(self.url, timeout_s)
 
     def __enter__(self) -> Self:
         """Give itself."""
@@ -68,44 +42,48 @@ class BenchClient:
 
     def close(self) -> None:
         """Close the connections."""
-        self._http.close()
+        self._connection.close()
 
     # --- service and benches -------------------------------------------------------------------------------
 
     def health(self) -> Record:
         """Version of the service, state of recorder and benches."""
-        return self._get("/healthz")
+        return self._connection.get("/healthz")
 
     def benches(self) -> list[Record]:
         """All benches."""
-        return self._get(f"{_API}/benches")["benches"]
+        return self._connection.get(f"{_API}/benches")["benches"]
 
     def bench(self, name: str) -> Record:
         """One bench: state, capabilities, limits, last live values."""
-        return self._get(f"{_API}/benches/{_part(name)}")
+        return self._connection.get(f"{_API}/benches/{part(name)}")
 
     def stop_bench(self, name: str) -> Record:
         """Stop the bench's run, if there is one."""
-        return self._post(f"{_API}/benches/{_part(name)}/stop")
+        return self._connection.post(f"{_API}/benches/{part(name)}/stop")
+
+    def open_seal(self, name: str) -> Record:
+        """Tell which effect is hidden in a bench's simulated cell: ``{"sha256", "opened"}``."""
+        return self._connection.post(f"{_API}/benches/{part(name)}/seal/open")
 
     def acknowledge(self, name: str) -> Record:
         """Clear a latched fault."""
-        return self._post(f"{_API}/benches/{_part(name)}/acknowledge")
+        return self._connection.post(f"{_API}/benches/{part(name)}/acknowledge")
 
     # --- profiles and runs ---------------------------------------------------------------------------------
 
     def upload_profile(self, name: str, time_s: Sequence[float], current_A: Sequence[float]) -> Record:
         """Store a profile (forward hold, positive current charges); give its record."""
         body = {"name": name, "time_s": [float(t) for t in time_s], "current_A": [float(i) for i in current_A]}
-        return self._post(f"{_API}/profiles", body)
+        return self._connection.post(f"{_API}/profiles", body)
 
     def profiles(self) -> list[Record]:
         """All profiles."""
-        return self._get(f"{_API}/profiles")["profiles"]
+        return self._connection.get(f"{_API}/profiles")["profiles"]
 
     def profile(self, profile_id: str, points: bool = False) -> Record:
         """One profile; ``points`` adds ``time_s`` and ``current_A``."""
-        return self._get(f"{_API}/profiles/{_part(profile_id)}", points=points)
+        return self._connection.get(f"{_API}/profiles/{part(profile_id)}", points=points)
 
     def start_run(
         self,
@@ -132,19 +110,19 @@ class BenchClient:
             "name": name,
             "seed": seed,
         }
-        return self._post(f"{_API}/runs", {key: value for key, value in body.items() if value is not None})
+        return self._connection.post(f"{_API}/runs", {key: value for key, value in body.items() if value is not None})
 
     def runs(self, **filters: object) -> list[Record]:
         """Runs, newest first; filters are bench, state, campaign_id, limit, offset."""
-        return self._get(f"{_API}/runs", **filters)["runs"]
+        return self._connection.get(f"{_API}/runs", **filters)["runs"]
 
     def run(self, run_id: str) -> Record:
         """One run."""
-        return self._get(f"{_API}/runs/{_part(run_id)}")
+        return self._connection.get(f"{_API}/runs/{part(run_id)}")
 
     def stop_run(self, run_id: str) -> Record:
         """Stop a run; its end is waited for with `wait_run`."""
-        return self._post(f"{_API}/runs/{_part(run_id)}/stop")
+        return self._connection.post(f"{_API}/runs/{part(run_id)}/stop")
 
     def wait_run(
         self,
@@ -175,7 +153,7 @@ class BenchClient:
                 on_progress(run, live if live and live["run_id"] == run_id else None)
             return run
 
-        return _wait(look, lambda run: run["state"] in ENDED_RUN_STATES, f"run {run_id}", timeout_s, poll_s)
+        return wait_until(look, lambda run: run["state"] in ENDED_RUN_STATES, f"run {run_id}", timeout_s, poll_s)
 
     def samples(
         self,
@@ -187,17 +165,17 @@ class BenchClient:
         max_points: int | None = None,
     ) -> Record:
         """Columns of a run's samples, or with ``stream="observer"`` of its observer; None is a missing value."""
-        address = f"{_API}/runs/{_part(run_id)}/{_part(stream)}"
-        return self._get(address, from_s=from_s, to_s=to_s, max_points=max_points)
+        address = f"{_API}/runs/{part(run_id)}/{part(stream)}"
+        return self._connection.get(address, from_s=from_s, to_s=to_s, max_points=max_points)
 
     def export(self, run_id: str, format: str = "bdf") -> bytes:  # noqa: A002  # the option's public name
         """Give the run as the bytes of a file."""
-        return self._send("GET", f"{_API}/runs/{_part(run_id)}/export", params={"format": format}).content
+        return self._connection.send("GET", f"{_API}/runs/{part(run_id)}/export", params={"format": format}).content
 
     def events(self, run_id: str | None = None, limit: int | None = None) -> list[Record]:
         """Events of a run, or the latest of all."""
-        address = f"{_API}/events" if run_id is None else f"{_API}/runs/{_part(run_id)}/events"
-        return self._get(address, limit=limit)["events"]
+        address = f"{_API}/events" if run_id is None else f"{_API}/runs/{part(run_id)}/events"
+        return self._connection.get(address, limit=limit)["events"]
 
     # --- models, comparisons, campaigns --------------------------------------------------------------------
 
@@ -222,7 +200,7 @@ class BenchClient:
             "structure": structure,
             "seed": seed,
         }
-        job = self.wait_job(self._post(f"{_API}/models", body)["id"], on_progress, timeout_s=timeout_s)
+        job = self.wait_job(self._connection.post(f"{_API}/models", body)["id"], on_progress, timeout_s=timeout_s)
         return self.model(job["result"]["model_id"])
 
     def wait_job(
@@ -231,35 +209,35 @@ class BenchClient:
         """Wait for a job and give its record; raises `ClientError` with the job's own words if it failed."""
 
         def look() -> Record:
-            job = self._get(f"{_API}/jobs/{_part(job_id)}")
+            job = self._connection.get(f"{_API}/jobs/{part(job_id)}")
             if on_progress is not None:
                 on_progress(job)
             return job
 
-        job = _wait(look, lambda job: job["state"] in ("done", "failed"), f"job {job_id}", timeout_s, 0.2)
+        job = wait_until(look, lambda job: job["state"] in ("done", "failed"), f"job {job_id}", timeout_s, 0.2)
         if job["state"] == "failed":
             raise ClientError(job["error"], code="job_failed")
         return job
 
     def models(self) -> list[Record]:
         """All models, without their documents."""
-        return self._get(f"{_API}/models")["models"]
+        return self._connection.get(f"{_API}/models")["models"]
 
     def model(self, model_id: str) -> Record:
         """One model with its metrics."""
-        return self._get(f"{_API}/models/{_part(model_id)}")
+        return self._connection.get(f"{_API}/models/{part(model_id)}")
 
     def model_document(self, model_id: str) -> Record:
         """The model itself, as MODEL.json."""
-        return self._get(f"{_API}/models/{_part(model_id)}/document")
+        return self._connection.get(f"{_API}/models/{part(model_id)}/document")
 
     def model_tables(self, model_id: str) -> Record:
         """Open-circuit voltage, resistance and step responses with bands, heat, and what the model does not know."""
-        return self._get(f"{_API}/models/{_part(model_id)}/tables")
+        return self._connection.get(f"{_API}/models/{part(model_id)}/tables")
 
     def import_model(self, document: Record) -> Record:
         """Store a MODEL.json; give its record."""
-        return self._post(f"{_API}/models/import", document)
+        return self._connection.post(f"{_API}/models/import", document)
 
     def design(
         self,
@@ -274,30 +252,30 @@ class BenchClient:
         The keys of `request` are those of a REQUEST file, with the ids of a stored model, profile (as load cycle) and
         runs in place of files.
         """
-        job = self._post(f"{_API}/designs", {"name": name, "request": request})
+        job = self._connection.post(f"{_API}/designs", {"name": name, "request": request})
         return self.wait_job(job["id"], on_progress, timeout_s=timeout_s)["result"]
 
     def compare(self, model_id: str, run_ids: Sequence[str], initial_soc: float | None = None) -> Record:
         """Compare a model with runs."""
         body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc}
-        return self._post(f"{_API}/comparisons", body)
+        return self._connection.post(f"{_API}/comparisons", body)
 
     def comparison(self, comparison_id: str) -> Record:
         """One comparison."""
-        return self._get(f"{_API}/comparisons/{_part(comparison_id)}")
+        return self._connection.get(f"{_API}/comparisons/{part(comparison_id)}")
 
     def comparison_series(self, comparison_id: str, max_points: int | None = None) -> list[Record]:
         """Curves behind a comparison: of each run time, measured and modelled voltage, residual; None is missing."""
-        address = f"{_API}/comparisons/{_part(comparison_id)}/series"
-        return self._get(address, max_points=max_points)["runs"]
+        address = f"{_API}/comparisons/{part(comparison_id)}/series"
+        return self._connection.get(address, max_points=max_points)["runs"]
 
     def comparison_where(self, comparison_id: str) -> Record:
         """Where the model of a comparison is off: regions in words, maps, profiles."""
-        return self._get(f"{_API}/comparisons/{_part(comparison_id)}/where")
+        return self._connection.get(f"{_API}/comparisons/{part(comparison_id)}/where")
 
     def effects(self) -> list[Record]:
         """Every effect that a diagnosis knows."""
-        return self._get(f"{_API}/effects")["effects"]
+        return self._connection.get(f"{_API}/effects")["effects"]
 
     def diagnose(
         self,
@@ -313,8 +291,8 @@ class BenchClient:
         """Diagnose runs with a model, wait for it, and give the record; without `train_run_ids` the model's own."""
         body = {"model_id": model_id, "run_ids": list(run_ids), "mode": mode, "initial_soc": initial_soc}
         body["train_run_ids"] = None if train_run_ids is None else list(train_run_ids)
-        job = self.wait_job(self._post(f"{_API}/diagnoses", body)["id"], on_progress, timeout_s=timeout_s)
-        return self._get(f"{_API}/diagnoses/{_part(job['result']['diagnosis_id'])}")
+        job = self.wait_job(self._connection.post(f"{_API}/diagnoses", body)["id"], on_progress, timeout_s=timeout_s)
+        return self._connection.get(f"{_API}/diagnoses/{part(job['result']['diagnosis_id'])}")
 
     def add_effect(
         self,
@@ -329,28 +307,43 @@ class BenchClient:
         """Add an effect to a model, wait for the refit, and give ``{"model", "parent", "error_before_mV", ...}``."""
         named = {"train_run_ids": train_run_ids, "validate_run_ids": validate_run_ids}
         body = {"effect": effect} | {key: list(value) for key, value in named.items() if value is not None}
-        job = self._post(f"{_API}/models/{_part(model_id)}/effects", body)
+        job = self._connection.post(f"{_API}/models/{part(model_id)}/effects", body)
+        return self.wait_job(job["id"], on_progress, timeout_s=timeout_s)["result"]
+
+    def refit(
+        self,
+        model_id: str,
+        train_run_ids: Sequence[str],
+        *,
+        validate_run_ids: Sequence[str] | None = None,
+        on_progress: Callable[[Record], None] | None = None,
+        timeout_s: float | None = None,
+    ) -> Record:
+        """Fit a model's parameters again to new runs; give ``{"model", "parent", "error_before_mV", ...}``."""
+        body: Record = {"train_run_ids": list(train_run_ids)}
+        body |= {} if validate_run_ids is None else {"validate_run_ids": list(validate_run_ids)}
+        job = self._connection.post(f"{_API}/models/{part(model_id)}/refit", body)
         return self.wait_job(job["id"], on_progress, timeout_s=timeout_s)["result"]
 
     def model_chain(self, model_id: str) -> Record:
         """Versions from the first to this one, everything tried beside them, and the held-out error of each."""
-        return self._get(f"{_API}/models/{_part(model_id)}/chain")
+        return self._connection.get(f"{_API}/models/{part(model_id)}/chain")
 
     def start_campaign(self, request: Record) -> Record:
         """Start a campaign; give its record."""
-        return self._post(f"{_API}/campaigns", request)
+        return self._connection.post(f"{_API}/campaigns", request)
 
     def campaigns(self) -> list[Record]:
         """All campaigns."""
-        return self._get(f"{_API}/campaigns")["campaigns"]
+        return self._connection.get(f"{_API}/campaigns")["campaigns"]
 
     def campaign(self, campaign_id: str) -> Record:
         """One campaign."""
-        return self._get(f"{_API}/campaigns/{_part(campaign_id)}")
+        return self._connection.get(f"{_API}/campaigns/{part(campaign_id)}")
 
     def stop_campaign(self, campaign_id: str) -> Record:
         """Stop a campaign and the run that it has started."""
-        return self._post(f"{_API}/campaigns/{_part(campaign_id)}/stop")
+        return self._connection.post(f"{_API}/campaigns/{part(campaign_id)}/stop")
 
     def wait_campaign(
         self,
@@ -369,59 +362,4 @@ class BenchClient:
             return campaign
 
         what = f"campaign {campaign_id}"
-        return _wait(look, lambda found: found["state"] in ENDED_CAMPAIGN_STATES, what, timeout_s, poll_s)
-
-    # --- transport -----------------------------------------------------------------------------------------
-
-    def _get(self, address: str, **params: Any) -> Any:
-        given = {name: value for name, value in params.items() if value is not None}
-        return self._send("GET", address, params=given).json()
-
-    def _post(self, address: str, body: Record | None = None) -> Any:
-        return self._send("POST", address, json=body).json()
-
-    def _send(self, method: str, address: str, **content: Any) -> httpx.Response:
-        try:
-            answer = self._http.request(method, address, **content)
-        except httpx.HTTPError as error:
-            raise ClientError(f"no answer from {self._http.base_url}: {error}") from error
-        except ValueError as error:  # a number that JSON has no form for
-            raise ClientError(f"the request cannot be written as JSON: {error}", code="bad_request") from error
-        if answer.is_success:
-            return answer
-        raise _refusal(answer)
-
-
-def _refusal(answer: httpx.Response) -> ClientError:
-    try:
-        error = answer.json()["error"]
-        return ClientError(error["message"], answer.status_code, error["code"], error["where"])
-    except (ValueError, KeyError, TypeError):
-        shown = f"{answer.status_code} {answer.reason_phrase}"
-        return ClientError(f"{answer.url} answered {shown}; is it a bench-service?", answer.status_code, "error")
-
-
-def _part(name: str) -> str:
-    return quote(name, safe="")
-
-
-def _wait(
-    look: Callable[[], Record],
-    ended: Callable[[Record], bool],
-    what: str,
-    timeout_s: float | None,
-    poll_s: float,
-) -> Record:
-    start_s = heard_s = time.monotonic()
-    while True:
-        try:
-            record = look()
-            heard_s = time.monotonic()
-            if ended(record):
-                return record
-        except ClientError as error:
-            if error.status is not None or time.monotonic() - heard_s > _LONGEST_SILENCE_S:
-                raise
-        if timeout_s is not None and time.monotonic() - start_s > timeout_s:
-            raise ClientError(f"{what} has not ended within {timeout_s:g} s; it goes on", code="timeout")
-        time.sleep(poll_s)
+        return wait_until(look, lambda found: found["state"] in ENDED_CAMPAIGN_STATES, what, timeout_s, poll_s)

@@ -105,12 +105,15 @@ class SimulateConfig(_Table):
     ``speed`` counts simulated seconds per second and has a meaning only on the wall clock
     (``lock_step = false``). ``capacity_Ah`` replaces the true capacity of the simulated cell; ``baud`` is
     the pace of a simulated serial line, ``faults`` a script of what goes wrong when (docs/cyclers.md).
+    ``hidden_effect`` names one more effect, or "random", whose size the seed draws; both stay sealed until the
+    bench's seal is opened.
     """
 
     protocol: Literal["modbus-tcp", "modbus-rtu", "can"] = "modbus-tcp"
     baud: int = Field(default=115200, ge=300, le=4_000_000, strict=True)
     cell: Literal["nmc", "lfp", "nimh"] = "nmc"
     effects: dict[str, Number] = {}
+    hidden_effect: str | None = None
     faults: str = ""
     seed: int = Field(default=1, ge=0, strict=True)
     lock_step: bool = Field(default=True, strict=True)
@@ -317,6 +320,8 @@ baud = 115200
 cell = "nmc"
 # Physical effects of the simulated cell on top of its own, for example { hysteresis = 0.02 }.
 effects = {}
+# One more effect that nobody is told: "random" or a name; the page looks for it and opens the seal.
+# hidden_effect = "random"
 # What goes wrong when, for example "silence@sample:30; nan.voltage@t:12.5+3" (docs/cyclers.md).
 faults = ""
 seed = 1

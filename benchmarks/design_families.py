@@ -127,7 +127,9 @@ def judge(
     bounded = DesignRequest(limits, arguments.duration_s, soc_levels=LEVELS, cycle_A=cycle_A, seed=seed)
     add(BOUNDED, design(experiment, bounded), 2)
     for number, name in enumerate(arguments.families or find_families()):
-        asked = DesignRequest(limits, arguments.duration_s, signal=name, cycle_A=cycle_A, seed=seed)
+        asked = DesignRequest(
+            limits, arguments.duration_s, signal=name, cycle_A=cycle_A, final_rest_s=arguments.family_rest_s, seed=seed
+        )
         add(name, design(experiment, asked), 10 + number)
     return rows
 
@@ -246,6 +248,12 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--structure", default=SIX.name, help="six: the judging network's; or full, minimal, auto")
     parser.add_argument("--duration-s", type=float, default=14_000.0)
+    parser.add_argument(
+        "--family-rest-s",
+        type=float,
+        default=0.0,
+        help="rest that ends the literature families, part of their time",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     return parser.parse_args()
 

@@ -5,7 +5,6 @@ parameters moved at random around a default one, a training run, and one or more
 in the cell or in its sensors has changed. Nothing but the records is given to the diagnosis.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +14,7 @@ from models.timeseries import FloatArray, TimeSeries
 from simulators.catalogue import cell_type
 from simulators.cell import Branch, Cell, CellParameters
 from simulators.effects import apply_effects
+from simulators.hidden_effect import SIZES, Size, own_value
 from simulators.sensors import SensorParameters, Sensors
 
 DT_S = 1.0
@@ -143,14 +143,10 @@ def chamber_degC(moves: bool, n: int, rng: np.random.Generator) -> FloatArray:
 
 def play(
     rig: Rig, current: FloatArray, chamber: FloatArray, initial_soc: float, rng: np.random.Generator, name: str
-) -> tuple[TimeSeries, FloatArray]:
-    """Measure one run; returns it with the noise-free voltage."""
-    cell = Cell(rig.cell, initial_soc, float(chamber[0]))
+) -> TimeSeries:
+    """Measure one run."""
     sensors = Sensors(rig.sensors, rng)
-    outputs = []
-    for k, (each, ambient) in enumerate(zip(current.tolist(), chamber.tolist(), strict=True)):
-        cell.ambient_degC = ambient
-        outputs.append(cell.step(each, DT_S if k else 0.0))
+    outputs = _outputs(Cell(rig.cell, initial_soc, float(chamber[0])), current, chamber)
     if rig.delay_s:
         outputs = _late(outputs, rig.delay_s)
     read = np.array(
@@ -162,8 +158,7 @@ def play(
     stated = np.full(len(current), np.nan)
     stated[0] = initial_soc + rig.stated_soc_error
     time_s = np.arange(len(current)) * DT_S
-    series = TimeSeries(time_s, read[:, 1], read[:, 0], read[:, 2], read[:, 3], stated, name)
-    return series, np.array([output.voltage_V for output in outputs])
+    return TimeSeries(time_s, read[:, 1], read[:, 0], read[:, 2], read[:, 3], stated, name)
 
 
 def _late(outputs: list, delay_s: float) -> list:
@@ -179,77 +174,64 @@ def _late(outputs: list, delay_s: float) -> list:
     return out
 
 
-Change = Callable[[Rig, float], Rig]
+def seen_as(rig: Rig, current: FloatArray, chamber: FloatArray, initial_soc: float, other: Rig) -> FloatArray:
+    """(n,) noise-free voltage that a perfect model of `rig` gives for what the sensors of `other` read."""
+    cell = Cell(rig.cell, float(np.clip(initial_soc + other.stated_soc_error, 0.0, 1.0)), float(chamber[0]))
+    read = current + other.sensors.current_offset_A
+    return np.array(_outputs(cell, read, chamber))[:, 0]
 
 
-def _by_simulator(name: str, value: Callable[[Rig, float], float]) -> Change:
-    def change(rig: Rig, size: float) -> Rig:
-        cell, sensors = apply_effects(rig.cell, rig.sensors, {name: value(rig, size)})
-        return replace(rig, cell=cell, sensors=sensors)
-
-    return change
-
-
-def _shaped(rig: Rig, size: float) -> Rig:
-    """Move one step of the open-circuit curve."""
-    curve = rig.cell.open_circuit
-    step = replace(curve.steps[0], centre=curve.steps[0].centre + size)
-    return replace(rig, cell=replace(rig.cell, open_circuit=replace(curve, steps=(step, *curve.steps[1:]))))
+def true_V(rig: Rig, current: FloatArray, chamber: FloatArray, initial_soc: float) -> tuple[FloatArray, FloatArray]:
+    """(n,) noise-free voltage as a sensor with the rig's offset and delay reads it, and (n,) temperature reading."""
+    outputs = _outputs(Cell(rig.cell, initial_soc, float(chamber[0])), current, chamber)
+    if rig.delay_s:
+        outputs = _late(outputs, rig.delay_s)
+    values = np.array(outputs)[:, :2]
+    rise = rig.sensors.temperature_gain * (values[:, 1] - chamber) + rig.sensors.temperature_offset_K
+    return values[:, 0] + rig.sensors.voltage_offset_V, chamber + rise
 
 
-# How each effect enters, and the range of its size: relative, or in the unit of its primary parameter.
-CHANGES: dict[str, tuple[Change, tuple[float, float], bool]] = {
-    "capacity": (_by_simulator("capacity", lambda r, x: r.cell.capacity_Ah * (1.0 - x)), (0.02, 0.2), False),
-    "charge_discharge_asymmetry": (
-        _by_simulator("charge_discharge_asymmetry", lambda _r, x: 1.0 + x),
-        (0.1, 0.6),
-        False,
-    ),
-    "charge_transfer": (
-        _by_simulator("charge_transfer", lambda r, x: r.cell.charge_transfer_V * (1.0 + x)),
-        (0.2, 1.5),
-        False,
-    ),
-    "current_offset": (_by_simulator("current_offset", lambda r, x: x * r.cell.capacity_Ah), (0.001, 0.01), True),
-    "dead_time": (lambda r, x: replace(r, delay_s=x), (0.2, 1.5), False),
-    "entropic_voltage": (
-        _by_simulator("entropic_voltage", lambda r, x: r.cell.dU_dT_V_per_K + x),
-        (1.5e-4, 8e-4),
-        True,
-    ),
-    "heat_transfer": (
-        _by_simulator("heat_transfer", lambda r, x: r.cell.heat_transfer_W_per_K * (1.0 - x)),
-        (0.3, 0.8),
-        False,
-    ),
-    "hysteresis": (
-        _by_simulator("hysteresis", lambda r, x: r.cell.hysteresis_amplitude_V + x),
-        (0.004, 0.03),
-        False,
-    ),
-    "initial_soc": (lambda r, x: replace(r, stated_soc_error=-x), (0.01, 0.06), True),
-    "ocv_shape": (_shaped, (0.02, 0.08), True),
-    "relaxation": (
-        _by_simulator("relaxation", lambda r, x: r.cell.slow.resistance_Ohm * (1.0 + x)),
-        (0.4, 2.5),
-        False,
-    ),
-    "resistance_growth": (_by_simulator("resistance_growth", lambda _r, x: x), (0.01, 0.06), False),
-    "reversible_heat": (_by_simulator("reversible_heat", lambda _r, x: x), (2e-4, 6e-4), True),
-    "self_discharge": (_by_simulator("self_discharge", lambda r, x: x * r.cell.capacity_Ah), (0.001, 0.01), False),
-    "series_resistance": (_by_simulator("series_resistance", lambda _r, x: x), (0.002, 0.015), False),
-    "soc_dependence": (
-        _by_simulator("soc_dependence", lambda r, x: r.cell.ohmic_at_empty_Ohm + x),
-        (0.01, 0.06),
-        False,
-    ),
-    "temperature_dependence": (
-        _by_simulator("temperature_dependence", lambda r, x: r.cell.activation_K + x),
-        (700.0, 3000.0),
-        False,
-    ),
-    "temperature_sensor": (_by_simulator("temperature_sensor", lambda _r, x: x), (1.5, 5.0), True),
-    "voltage_offset": (_by_simulator("voltage_offset", lambda _r, x: x), (0.003, 0.02), True),
+def _outputs(cell: Cell, current: FloatArray, chamber: FloatArray) -> list:
+    outputs = []
+    for k, (each, ambient) in enumerate(zip(current.tolist(), chamber.tolist(), strict=True)):
+        cell.ambient_degC = ambient
+        outputs.append(cell.step(each, DT_S if k else 0.0))
+    return outputs
+
+
+# Effects that no parameter of the simulated cell or of its sensors stands for.
+RIG_SIZES = {
+    "dead_time": Size(0.2, 1.5),
+    "initial_soc": Size(0.01, 0.06, sign="either"),
+    "ocv_shape": Size(0.02, 0.08, sign="either"),
 }
+ALL_SIZES = {**SIZES, **RIG_SIZES}
 THERMAL = ("heat_transfer", "reversible_heat", "temperature_sensor")
 CHAMBER_MOVES = ("entropic_voltage", "temperature_dependence")
+
+
+def changed(rig: Rig, name: str, x: float) -> Rig:
+    """The rig with an effect of a signed size."""
+    if name == "dead_time":
+        return replace(rig, delay_s=x)
+    if name == "initial_soc":
+        return replace(rig, stated_soc_error=-x)
+    if name == "ocv_shape":
+        curve = rig.cell.open_circuit
+        step = replace(curve.steps[0], centre=curve.steps[0].centre + x)
+        return replace(rig, cell=replace(rig.cell, open_circuit=replace(curve, steps=(step, *curve.steps[1:]))))
+    value = SIZES[name].value(x, own_value(name, rig.cell), rig.cell.capacity_Ah)
+    cell, sensors = apply_effects(rig.cell, rig.sensors, {name: value})
+    return replace(rig, cell=cell, sensors=sensors)
+
+
+def true_parameter(name: str, before: Rig, after: Rig, x: float) -> float:
+    """What the diagnosis should give as the effect's primary parameter, in the unit of the public contract."""
+    if name == "capacity":
+        return after.cell.capacity_Ah
+    if name == "heat_transfer":
+        return after.cell.heat_transfer_W_per_K
+    if name in ("charge_transfer", "relaxation"):
+        return own_value(name, after.cell) - own_value(name, before.cell)
+    size = ALL_SIZES[name]
+    return x * (before.cell.capacity_Ah if size.per == "capacity" else 1.0)

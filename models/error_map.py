@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from models.cell_model import CellModel
-from models.comparison import RunComparison
 from models.error_profile import error_profiles
 from models.error_samples import REST_C_RATE, ErrorSamples, error_samples, spread
+from models.error_shares import telling
+from models.simulated_runs import RunComparison
 from models.timeseries import FloatArray
 
 _SOC_EDGES = np.linspace(0.0, 1.0, 11)
@@ -54,7 +55,7 @@ def error_map(network: CellModel, compared: list[RunComparison]) -> dict[str, An
     Parameters
     ----------
     network : the model
-    compared : runs beside their free runs, as `models.comparison.simulate_runs` gives them
+    compared : runs beside their free runs, as `models.simulated_runs.simulate_runs` gives them
 
     Returns
     -------
@@ -126,9 +127,8 @@ def regions(samples: ErrorSamples) -> list[dict[str, Any]]:
 
     Notes
     -----
-    Each is the one with the largest scan statistic s ln(s/t) + (1-s) ln((1-s)/(1-t)) of its share s of the squared
-    error and its share t of the time (Kulldorff, Communications in Statistics 26, 1997, 1481); its samples are then
-    taken out and the next one is looked for, so that one spot is not told four times.
+    Each is the one with the largest scan statistic, see `models.error_shares.telling`; its samples are then taken out
+    and the next one is looked for, so that one spot is not told four times.
     """
     conditions = _conditions(samples)
     masks = np.array([each.holds for each in conditions], dtype=np.float32)
@@ -152,8 +152,7 @@ def _most_telling(masks: np.ndarray, error_share: FloatArray, time_share: FloatA
     """
     s = (masks * error_share.astype(np.float32)) @ masks.T
     t = (masks * time_share.astype(np.float32)) @ masks.T
-    s, t = np.clip(s, 1e-12, 1.0 - 1e-9), np.clip(t, 1e-12, 1.0 - 1e-9)
-    score = s * np.log(s / t) + (1.0 - s) * np.log((1.0 - s) / (1.0 - t))
+    score = telling(s, t)
     enough = (t >= _LEAST_SHARE_OF_TIME) & (s >= _LEAST_SHARE_OF_ERROR) & (s >= _LEAST_CONTRAST * t)
     score[~enough] = -np.inf
     # A second condition must earn its place in the sentence.

@@ -25,8 +25,9 @@ def error_profiles(samples: ErrorSamples) -> list[dict[str, Any]]:
     list of dict
         Each with ``variable``, ``unit``, ``quantity`` ("error_mV", or "resistance_mOhm": error over current), and of
         each bin its middle ``at`` and the means ``after_charge`` and ``after_discharge``, NaN where fewer than 8
-        samples lie. Variables: ``soc`` (all samples), ``soc_at_rest``, ``since_step_s``, ``current_A``, ``time_h`` and,
-        where the temperature moves by more than 1 K, ``temperature_degC`` (as a resistance).
+        samples lie. Variables: ``soc`` (all samples), ``soc_at_rest``, ``since_step_s``, ``current_A``,
+        ``throughput_Ah``, ``time_h`` and, where the temperature moves by more than 1 K, ``temperature_degC`` (as a
+        resistance).
     """
     error_mV = 1e3 * samples.error_V
     rest, load = np.abs(samples.c_rate) <= REST_C_RATE, np.abs(samples.c_rate) >= _LOAD_C_RATE
@@ -38,6 +39,7 @@ def error_profiles(samples: ErrorSamples) -> list[dict[str, Any]]:
         _profile("soc_at_rest", "1", samples.soc, error_mV, samples, rest),
         _profile("since_step_s", "s", since, error_mV, samples, everything, even_in_log=True),
         _profile("current_A", "A", current_A, error_mV, samples, ~rest),
+        _profile("throughput_Ah", "Ah", samples.throughput_Ah, error_mV, samples, everything),
         _profile("time_h", "h", samples.progress * samples.total_s / 3600.0, error_mV, samples, everything),
     ]
     if spread(samples.temperature_degC) >= _LEAST_SPREAD_K:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.cell_model import CellModel
-from models.comparison import RunComparison
 from models.errors import ModelError
 from models.signals import held_sign
+from models.simulated_runs import RunComparison
 from models.timeseries import FloatArray
 
 # A step is a change of the current that a person would call one.
@@ -27,6 +27,7 @@ class ErrorSamples:
     soc, c_rate, temperature_degC : (n,)
     direction : (n,) +1 after charge, -1 after discharge, held through rests
     since_step_s : (n,) time since the last step of the current
+    throughput_Ah : (n,) charge moved either way since the start of the first run
     progress : (n,) share 0..1 of the time of all runs, one after the other
     capacity_Ah, total_s : of the cell; of all runs
     """
@@ -37,6 +38,7 @@ class ErrorSamples:
     temperature_degC: FloatArray
     direction: FloatArray
     since_step_s: FloatArray
+    throughput_Ah: FloatArray
     progress: FloatArray
     capacity_Ah: float
     total_s: float
@@ -71,11 +73,17 @@ def error_samples(network: CellModel, compared: list[RunComparison]) -> tuple[Er
         temperature_degC=np.concatenate([each.run.temperature_degC for each in compared])[chosen],
         direction=np.concatenate([held_sign(rate, REST_C_RATE) for rate in c_rates])[chosen],
         since_step_s=np.concatenate(since)[chosen],
+        throughput_Ah=_throughput_Ah(compared, dt_s)[chosen],
         progress=(np.cumsum(dt_s) - dt_s)[chosen] / total_s,
         capacity_Ah=capacity_Ah,
         total_s=total_s,
     )
     return samples, float(1.0 - inside[known].mean())
+
+
+def _throughput_Ah(compared: list[RunComparison], dt_s: FloatArray) -> FloatArray:
+    moved_A = np.abs(np.nan_to_num(np.concatenate([each.run.current_A for each in compared])))
+    return np.cumsum(moved_A * dt_s) / 3600.0
 
 
 def since_step_s(c_rate: FloatArray, dt_s: float) -> FloatArray:

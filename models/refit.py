@@ -11,25 +11,24 @@ chosen on held-out blocks of the new runs. What ages a cell at one state of char
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from models.comparison import simulate_runs
 from models.errors import ModelError
 from models.excitation import check_series
 from models.free_run import initial_samples
 from models.holdout import groups
 from models.identification import start_soc
+from models.input_correction import as_read
 from models.lineage import document_sha256, with_version
 from models.local_model_network import LocalModelNetwork, free_run
-from models.metrics import metrics
 from models.output_error import normal_equations, on_inputs, stabilised
 from models.regression import Dataset
 from models.resampling import GridRun, to_grid
 from models.shared_poles import penalties
 from models.signals import soc_by_counting
+from models.simulated_runs import free_run_metrics
 from models.stored_sums import StoredSums
 from models.timeseries import FloatArray, TimeSeries
 
@@ -85,7 +84,8 @@ def refit(
     Returns
     -------
     Refit
-        The record's "version" names the parent. Tables, covariance and figures of the old parameters are left out.
+        The record's "version" names the parent. Tables, covariance and figures of the old parameters are left out; the
+        sums are those of all runs so far.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def refit(
         theta = problem.solve(weight, alike, np.ones(len(data)))
     kept = {key: value for key, value in network.record.items() if key not in _STALE}
     new = replace(network, theta=theta, record=kept | {"domain": _wider_domain(network, runs, soc)})
-    errors = {"train": _figures(new, runs, soc), "parent": _figures(network, runs, soc)}
+    errors = {"train": free_run_metrics(new, runs, soc), "parent": free_run_metrics(network, runs, soc)}
     sums = stored_sums(new, runs, soc)
     if old is not None:
         sums = StoredSums(
@@ -129,7 +129,9 @@ def refit(
             "alike": {f"{key:g}": span_mV * value for key, value in tried_alike.items()},
         },
     }
-    new = replace(new, record=new.record | {"train": errors["train"], "reservations": reservations})
+    stored = sums.to_json()
+    record = {"train": errors["train"], "reservations": reservations, "sums": stored}
+    new = replace(new, record=new.record | record)
     new = with_version(
         new,
         "refit",
@@ -138,7 +140,7 @@ def refit(
         settings=settings,
         errors=errors,
         code_version=code_version,
-        sums_sha256=document_sha256(sums.to_json()),
+        sums_sha256=document_sha256(stored),
     )
     return Refit(new, sums)
 
@@ -213,21 +215,14 @@ def _data(
     network: LocalModelNetwork, runs: list[TimeSeries], initial_soc: list[float] | None
 ) -> tuple[Dataset, list[float]]:
     soc = initial_soc or [start_soc(run) for run in runs]
-    return network.dataset([to_grid(run, network.dt_s) for run in runs], soc), soc
-
-
-def _figures(network: LocalModelNetwork, runs: list[TimeSeries], soc: list[float]) -> dict[str, Any]:
-    compared = simulate_runs(network, runs, soc)
-    return dict(
-        metrics(np.concatenate([c.run.voltage_V for c in compared]), np.concatenate([c.simulated_V for c in compared]))
-    )
+    return network.dataset([to_grid(as_read(network.record, run), network.dt_s) for run in runs], soc), soc
 
 
 def _wider_domain(network: LocalModelNetwork, runs: list[TimeSeries], soc: list[float]) -> dict[str, list[float]]:
     """Trained ranges with those of the new runs."""
     domain = {name: list(bounds) for name, bounds in network.record.get("domain", {}).items()}
     for run, start in zip(runs, soc, strict=True):
-        for name, values in _ranged(network, to_grid(run, network.dt_s), start).items():
+        for name, values in _ranged(network, to_grid(as_read(network.record, run), network.dt_s), start).items():
             if name in domain and not np.isnan(values).any():
                 low, high = domain[name]
                 domain[name] = [min(low, float(values.min())), max(high, float(values.max()))]

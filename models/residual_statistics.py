@@ -48,22 +48,22 @@ def residual_statistics(residual_V: FloatArray, dt_s: float) -> dict[str, Any]:
     if n < _FEWEST or not np.ptp(residual_V[known]) > 0.0:
         return out
     centred = np.where(known, residual_V - np.mean(residual_V[known]), 0.0)
-    covariance = _autocovariance(centred, known)
+    covariance, _ = autocovariance(centred, known)
     lags = [(lag_s, round(lag_s / dt_s)) for lag_s in _LAGS_S]
     out["autocorrelation"] = [
         {"lag_s": k * dt_s, "value": float(covariance[k] / covariance[0])}
         for _, k in dict.fromkeys(lags)
         if 1 <= k < len(residual_V) // 4
     ]
-    coefficients, variance = _autoregression(covariance, n)
+    coefficients, variance = autoregression(covariance, n)
     out["autoregression"] = coefficients.tolist()
     out["innovation_mV"] = 1e3 * float(np.sqrt(variance))
     out["spectrum"] = _spectrum(centred, n, dt_s)
     return out
 
 
-def _autocovariance(centred: FloatArray, known: np.ndarray) -> FloatArray:
-    """(n,) mean products over known pairs."""
+def autocovariance(centred: FloatArray, known: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    """(n,) mean products over known pairs, and (n,) how many those are; values that are not known must be zero."""
     size = 2 ** int(np.ceil(np.log2(2 * len(centred))))
 
     def products(values: FloatArray) -> FloatArray:
@@ -71,10 +71,10 @@ def _autocovariance(centred: FloatArray, known: np.ndarray) -> FloatArray:
         return np.fft.irfft(spectrum, size)[: len(values)]
 
     pairs = np.maximum(np.round(products(known.astype(np.float64))), 1.0)
-    return products(centred) / pairs
+    return products(centred) / pairs, pairs
 
 
-def _autoregression(covariance: FloatArray, n: int) -> tuple[FloatArray, float]:
+def autoregression(covariance: FloatArray, n: int) -> tuple[FloatArray, float]:
     """Coefficients and innovation variance of the order with the least Bayesian information criterion."""
     best = (np.zeros(0), float(covariance[0]))
     least = n * np.log(covariance[0])

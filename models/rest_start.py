@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.errors import ModelError
+from models.input_correction import as_read
 from models.local_model_network import LocalModelNetwork
 from models.ocv import ocv_table, soc_from_rest_voltage
 from models.timeseries import TimeSeries
@@ -37,6 +38,7 @@ def soc_from_rest(run: TimeSeries, network: LocalModelNetwork) -> tuple[float, f
         The run does not begin with such a rest, its voltage is missing there, or it lies outside the model's
         open-circuit curve.
     """
+    run = as_read(network.record, run)
     loaded = np.abs(np.nan_to_num(run.current_A, nan=np.inf)) > network.cell.rest_A
     n = int(np.argmax(loaded)) if loaded.any() else len(run)
     rest_s = float(run.time_s[n - 1] - run.time_s[0]) if n > 1 else 0.0

@@ -5,46 +5,80 @@ from __future__ import annotations
 import hashlib
 import secrets
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from simulators.cell import CellParameters
 from simulators.effects import EFFECTS
 
-__all__ = ["HIDDEN", "HiddenEffect", "draw"]
+__all__ = ["HIDDEN", "SIZES", "HiddenEffect", "Size", "draw", "own_value"]
 
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """How far an effect's primary parameter goes: a draw between `low` and `high` gives ``base + x * unit``.
+    """How far an effect's primary parameter goes: a draw x between `low` and `high` gives ``base + x * unit``.
 
     Attributes
     ----------
-    low, high : of the draw
+    low, high : of the draw, both positive
     base : "own": the cell's own value, "none": zero
     per : what the draw is multiplied by: "own" value, the "capacity" in Ah, or "one"
-    signed : whether the draw may be negative too
+    sign : "rises", "falls", or "either"
     """
 
     low: float
     high: float
     base: str = "none"
     per: str = "one"
-    signed: bool = False
+    sign: str = "rises"
+
+    def signed(self, x: float, rng: np.random.Generator) -> float:
+        """Give a draw its sign."""
+        if self.sign == "either":
+            return x * float(rng.choice([-1.0, 1.0]))
+        return -x if self.sign == "falls" else x
+
+    def value(self, x: float, own: float, capacity_Ah: float) -> float:
+        """Value of the primary parameter for a signed draw."""
+        per = {"own": own, "capacity": capacity_Ah, "one": 1.0}[self.per]
+        return (own if self.base == "own" else 0.0) + x * per
 
 
-# Large enough to show above 1 mV of noise, small enough that no limit of the cell is met.
-HIDDEN: dict[str, Size] = {
-    "capacity": Size(-0.15, -0.04, base="own", per="own"),
-    "charge_transfer": Size(0.5, 1.5, base="own", per="own"),
-    "current_offset": Size(0.003, 0.01, per="capacity", signed=True),
-    "hysteresis": Size(0.008, 0.025, base="own"),
-    "relaxation": Size(0.8, 2.5, base="own", per="own"),
-    "resistance_growth": Size(0.02, 0.06),
-    "self_discharge": Size(0.003, 0.01, per="capacity"),
-    "series_resistance": Size(0.003, 0.012),
-    "voltage_offset": Size(0.004, 0.015, signed=True),
-}
+# From what hardly shows above 1 mV of noise to what meets a limit of the cell.
+SIZES: MappingProxyType[str, Size] = MappingProxyType(
+    {
+        "capacity": Size(0.02, 0.15, base="own", per="own", sign="falls"),
+        "charge_discharge_asymmetry": Size(0.1, 0.6, base="own"),
+        "charge_transfer": Size(0.2, 1.5, base="own", per="own"),
+        "current_offset": Size(0.001, 0.01, per="capacity", sign="either"),
+        "entropic_voltage": Size(1.5e-4, 8e-4, base="own", sign="either"),
+        "heat_transfer": Size(0.3, 0.8, base="own", per="own", sign="falls"),
+        "hysteresis": Size(0.004, 0.03, base="own"),
+        "relaxation": Size(0.4, 2.5, base="own", per="own"),
+        "resistance_growth": Size(0.01, 0.06),
+        "reversible_heat": Size(2e-4, 6e-4, sign="either"),
+        "self_discharge": Size(0.001, 0.01, per="capacity"),
+        "series_resistance": Size(0.002, 0.012),
+        "soc_dependence": Size(0.01, 0.06, base="own"),
+        "temperature_dependence": Size(700.0, 3000.0, base="own"),
+        "temperature_sensor": Size(1.5, 5.0, sign="either"),
+        "voltage_offset": Size(0.003, 0.015, sign="either"),
+    }
+)
+# What a campaign at one chamber temperature can show; of these the game draws from the upper part of the range.
+HIDDEN = (
+    "capacity",
+    "charge_transfer",
+    "current_offset",
+    "hysteresis",
+    "relaxation",
+    "resistance_growth",
+    "self_discharge",
+    "series_resistance",
+    "voltage_offset",
+)
+_UPPER_PART = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,15 +132,13 @@ def draw(name: str, cell: CellParameters, seed: int) -> HiddenEffect:
     chosen = str(rng.choice(sorted(HIDDEN))) if name == "random" else name
     if chosen not in HIDDEN:
         raise ValueError(f"effect {chosen!r} cannot be hidden; random, none or one of {', '.join(sorted(HIDDEN))}")
-    size = HIDDEN[chosen]
-    x = float(rng.uniform(size.low, size.high)) * (float(rng.choice([-1.0, 1.0])) if size.signed else 1.0)
-    own = _own_value(chosen, cell)
-    per = {"own": own, "capacity": cell.capacity_Ah, "one": 1.0}[size.per]
-    value = (own if size.base == "own" else 0.0) + x * per
+    size, own = SIZES[chosen], own_value(chosen, cell)
+    x = size.signed(float(rng.uniform(max(size.low, _UPPER_PART * size.high), size.high)), rng)
+    value = size.value(x, own, cell.capacity_Ah)
     return HiddenEffect(chosen, float(f"{value:.4g}"), own, secrets.token_hex(8))
 
 
-def _own_value(name: str, cell: CellParameters) -> float:
+def own_value(name: str, cell: CellParameters) -> float:
     """Present value of the primary parameter; 0 where it sits in the sensors."""
     effect = EFFECTS[name]
     if effect.part != "cell":

@@ -31,6 +31,12 @@ async def stop_bench(name: PathId, services: ServicesOf) -> dict[str, Any]:
     return {"state": bench.supervisor.status.state}
 
 
+@router.post("/{name}/seal/open")
+async def open_seal(name: PathId, services: ServicesOf) -> dict[str, Any]:
+    """Tell which effect is hidden in a simulated cell, and of what size; from then on everybody sees it."""
+    return await services.benches.open_seal(name)
+
+
 @router.post("/{name}/acknowledge")
 async def acknowledge(name: PathId, services: ServicesOf) -> dict[str, Any]:
     """Clear a latched fault; the answer shows the bench a moment later."""

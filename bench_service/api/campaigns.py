@@ -10,6 +10,7 @@ from pydantic import Field
 from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.campaigns import campaign_json
+from bench_service.campaign.request import MOST_ROUNDS
 
 router = APIRouter(prefix="/campaigns", tags=["campaigns"], route_class=StrictRoute)
 
@@ -27,6 +28,7 @@ class CampaignBody(Body):
     soc: Annotated[tuple[Soc, Soc], Field(strict=False)] | None = None
     initial_soc: Soc | None = None
     structure: Literal["full", "minimal", "auto"] | None = None
+    rounds: Annotated[int, Field(ge=1, le=MOST_ROUNDS)] | None = None
     diagnose: Literal["structure", "change"] | None = None
     changed_bench: Id | None = None
 

@@ -10,13 +10,15 @@ from pydantic import JsonValue
 
 from bench_service.api.dependencies import ServicesOf
 from bench_service.api.strict import Body, Name, StrictRoute
-from bench_service.campaign.designing import Designing
 
 router = APIRouter(prefix="/designs", tags=["designs"], route_class=StrictRoute)
 
 
 class DesignBody(Body):
-    """A design to make; the keys of `request` are those of a REQUEST file, with ids in place of files."""
+    """A design to make; the keys of `request` are those of a REQUEST file, with ids in place of files.
+
+    ``rivals`` may also name effects, which are put into `model` and refitted to `runs`.
+    """
 
     name: Name
     request: dict[str, JsonValue]
@@ -25,5 +27,4 @@ class DesignBody(Body):
 @router.post("", status_code=202)
 async def start_design(body: DesignBody, services: ServicesOf) -> dict[str, Any]:
     """Design a profile in a worker process; answers with the job, whose result names the stored profile."""
-    designing = Designing(services.store, services.jobs, services.config.data_dir)
-    return asdict(await designing.start(body.name, body.request))
+    return asdict(await services.designing.start(body.name, body.request))

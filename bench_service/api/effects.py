@@ -1,4 +1,4 @@
-"""Effects: the catalogue, adding one to a model, and what every version was worth."""
+"""Versions of a model: effects known and added, parameters refitted, and what every version was worth."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pydantic import Field
 from bench_service.api.dependencies import PathId, ServicesOf
 from bench_service.api.strict import Body, Id, StrictRoute
 from bench_service.campaign.diagnosing import catalogue
+from bench_service.campaign.versions import chain
 
 router = APIRouter(tags=["effects"], route_class=StrictRoute)
 
@@ -38,7 +39,20 @@ async def add_effect(model_id: PathId, body: EffectBody, services: ServicesOf) -
     return asdict(job)
 
 
+class RefitBody(Body):
+    """New runs to fit a model's parameters to; without ``validate_run_ids`` those of the parent model judge."""
+
+    train_run_ids: RunIds
+    validate_run_ids: RunIds | None = None
+
+
+@router.post("/models/{model_id}/refit", status_code=202)
+async def refit(model_id: PathId, body: RefitBody, services: ServicesOf) -> dict[str, Any]:
+    """Fit a model's parameters again to new runs; answers with the job, whose result names the child."""
+    return asdict(await services.diagnosing.start_refit(model_id, body.train_run_ids, body.validate_run_ids))
+
+
 @router.get("/models/{model_id}/chain")
 def get_chain(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Give the versions that led to a model and those tried beside them, each with its held-out error."""
-    return services.diagnosing.chain(model_id)
+    return chain(services.store, model_id)

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
 from datetime import UTC, datetime
 from importlib.metadata import version
+from pathlib import Path
 
 from bench_service.app.recorder import RecorderKeeper
 from bench_service.bench.limits import Limits
@@ -14,11 +15,13 @@ from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import ACKNOWLEDGED, Bench, Benches
 from bench_service.campaign.campaigns import CampaignRunner, close_left_open
+from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.runs import Runs
+from bench_service.campaign.seal import Seal
 from bench_service.campaign.services import Services
 from bench_service.campaign.story import Workshop
 from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
@@ -29,6 +32,7 @@ from bench_service.store.records import utc_text
 from bench_service.store.samples import SampleReader
 
 _LATEST_EVENTS = 1000
+_SEALS = "seals"  # in the data directory
 
 
 @asynccontextmanager
@@ -66,11 +70,13 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
         runs = Runs(store, samples, journal, code_version)
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
-        benches.add([await _bench(stack, n, c, store, recorder, benches) for n, c in config.bench.items()])
+        seals = config.data_dir / _SEALS
+        benches.add([await _bench(stack, n, c, store, recorder, benches, seals) for n, c in config.bench.items()])
         stack.push_async_callback(_close_all, benches)
         modelling = Modelling(store, jobs, config.data_dir, code_version)
         diagnosing = Diagnosing(store, jobs, modelling, config.data_dir, code_version)
-        workshop = Workshop(store, samples, benches, runs, modelling, diagnosing, jobs)
+        designing = Designing(store, jobs, config.data_dir)
+        workshop = Workshop(store, samples, benches, runs, modelling, diagnosing, designing, jobs)
         campaigns = CampaignRunner(workshop, journal, live, code_version)
         stack.push_async_callback(campaigns.close)
         for bench in benches:
@@ -86,6 +92,7 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
             jobs=jobs,
             modelling=modelling,
             diagnosing=diagnosing,
+            designing=designing,
             campaigns=campaigns,
             live=live,
             recorder_state=lambda: recorder.state,
@@ -99,12 +106,19 @@ async def _bench(
     store: MetadataStore,
     recorder: RecorderKeeper,
     listener: Benches,
+    seals: Path,
 ) -> Bench:
-    url, cell_since_utc = config.url, None
+    url, cell_since_utc, seal = config.url, None, None
     if config.simulate is not None:
-        simulator = await SimulatorProcess.start(simulator_arguments(config.simulate, config.map))
+        arguments, sealed_in = simulator_arguments(config.simulate, config.map), None
+        if config.simulate.hidden_effect is not None:
+            seals.mkdir(parents=True, exist_ok=True)
+            sealed_in = seals / f"{name}.json"
+            arguments += ["--hidden-effect", config.simulate.hidden_effect, "--seal", str(sealed_in)]
+        simulator = await SimulatorProcess.start(arguments)
         stack.push_async_callback(simulator.stop)
         url, cell_since_utc = simulator.address, utc_text(datetime.now(UTC))
+        seal = Seal.read(sealed_in) if sealed_in is not None else None
     limits = Limits.from_json(config.limits.model_dump())
     settings = BenchSettings(
         name=name,
@@ -117,7 +131,7 @@ async def _bench(
         latched=await asyncio.to_thread(unacknowledged, store, name),
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener)
-    return Bench(config, settings.url, limits, supervisor, cell_since_utc)
+    return Bench(config, settings.url, limits, supervisor, cell_since_utc, seal)
 
 
 async def _close_all(benches: Benches) -> None:

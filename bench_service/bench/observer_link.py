@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from bench_service.bench.request import RunRequest
+from models.input_correction import LiveCorrection, Reading, corrections_of
 
 if TYPE_CHECKING:
     from models.observer import FuzzyObserver
@@ -31,10 +32,15 @@ class ObserverRow(NamedTuple):
     innovation_V: float
 
 
+NO_ESTIMATE = ObserverRow(math.nan, math.nan, math.nan, math.nan)
+
+
 class ObserverLink(Protocol):
     """Steps once per recorded sample."""
 
-    def step(self, current_A: float, voltage_V: float, temperature_degC: float) -> ObserverRow:
+    def step(
+        self, current_A: float, voltage_V: float, temperature_degC: float, ambient_degC: float = math.nan
+    ) -> ObserverRow:
         """Return the estimate after one sample.
 
         Raises
@@ -50,17 +56,28 @@ class ObserverLink(Protocol):
 
 
 class FuzzyObserverLink:
-    """A fuzzy observer with its memory, and with a watch over whether it can be believed."""
+    """A fuzzy observer with its memory, and with a watch over whether it can be believed.
 
-    def __init__(self, observer: FuzzyObserver, state: ObserverState, watcher: Watcher) -> None:
+    It gets the samples as its model reads them, see `models.input_correction`; before the first it says nothing.
+    """
+
+    def __init__(
+        self, observer: FuzzyObserver, state: ObserverState, watcher: Watcher, correction: LiveCorrection
+    ) -> None:
         self._observer = observer
         self._state = state
         self._watcher = watcher
+        self._correction = correction
 
-    def step(self, current_A: float, voltage_V: float, temperature_degC: float) -> ObserverRow:
+    def step(
+        self, current_A: float, voltage_V: float, temperature_degC: float, ambient_degC: float = math.nan
+    ) -> ObserverRow:
         """Return the estimate after one sample; see `ObserverLink`."""
+        read = self._correction.step(Reading(current_A, voltage_V, temperature_degC, ambient_degC))
+        if read is None:
+            return NO_ESTIMATE
         try:
-            self._state, out = self._observer.step(self._state, current_A, voltage_V, temperature_degC)
+            self._state, out = self._observer.step(self._state, read.current_A, read.voltage_V, read.temperature_degC)
         except Exception as error:  # whatever a model does, the run must not depend on it
             raise ObserverError(f"the observer failed: {error!r}") from error
         low, high = _PLAUSIBLE_SOC
@@ -69,7 +86,7 @@ class FuzzyObserverLink:
                 f"the observer has diverged: state of charge {out.soc:.3g} +- {out.soc_std:.2g}, "
                 f"model voltage {out.model_voltage_V:.4g} V"
             )
-        self._watcher.step(out, voltage_V)
+        self._watcher.step(out, read.voltage_V)
         return ObserverRow(out.soc, out.soc_std, out.model_voltage_V, out.innovation_V)
 
     def new_alarms(self) -> list[str]:
@@ -105,7 +122,8 @@ def build_observer(request: RunRequest) -> ObserverLink | None:
         soc, std = _initial_soc(soc if soc is not None else request.initial_soc)
         _, out = observer.step(observer.initial(soc, std), 0.0, math.nan, math.nan)  # compiles
         Watcher().step(out, math.nan)
-        return FuzzyObserverLink(observer, observer.initial(soc, std), Watcher())
+        correction = LiveCorrection(corrections_of(network.record), observer.dt_s)
+        return FuzzyObserverLink(observer, observer.initial(soc, std), Watcher(), correction)
     except Exception as error:
         raise ObserverError(f"the observer cannot start: {error}") from error
 

@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeVar
 
 from bench_service.bench.clock import Clock, Tick
 from bench_service.bench.live import LiveFeed
-from bench_service.bench.observer_link import ObserverError, ObserverLink, ObserverRow
+from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverLink, ObserverRow
 from bench_service.bench.player import Player
 from bench_service.bench.recording import RecorderError, Recording
 from bench_service.bench.request import RunRequest
@@ -28,7 +28,6 @@ _TIME_TOLERANCE_S = 1e-9
 _KEEP_ALIVE_S = 0.5
 _REST_ATTEMPTS = 2
 _REST_TIMEOUT_S = 2.0
-_NO_OBSERVER = ObserverRow(math.nan, math.nan, math.nan, math.nan)
 
 T = TypeVar("T")
 EndState = Literal["completed", "stopped", "fault", "interrupted"]
@@ -124,7 +123,7 @@ class RunLoop:
         self._gap = False
         self._next_record = 0
         self._observer = parts.observer
-        self._observed = _NO_OBSERVER
+        self._observed = NO_ESTIMATE
 
     async def play(self) -> RunEnd:
         """Play the run to its end, whatever that is, and bring the cycler to rest."""
@@ -278,9 +277,11 @@ class RunLoop:
 
     def _observe(self, reading: Reading) -> ObserverRow:
         if self._observer is None:
-            return _NO_OBSERVER
+            return NO_ESTIMATE
         try:
-            row = self._observer.step(reading.current_A, reading.voltage_V, reading.temperature_degC)
+            row = self._observer.step(
+                reading.current_A, reading.voltage_V, reading.temperature_degC, reading.ambient_degC
+            )
             for reason in self._observer.new_alarms():
                 self._parts.notify("warning", "observer", reason)
             return row
@@ -288,7 +289,7 @@ class RunLoop:
             # Its state of charge is for people; no limit depends on it, so the run goes on.
             self._observer = None
             self._parts.notify("warning", "observer", f"{error}; its state of charge is invalid from now on")
-            return _NO_OBSERVER
+            return NO_ESTIMATE
 
     def _show(self, tick: Tick, reading: Reading) -> None:
         counted = math.nan if self._soc is None else self._soc

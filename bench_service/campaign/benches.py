@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -9,8 +10,10 @@ from typing import Any
 from bench_service.bench.limits import Limits
 from bench_service.bench.supervisor import BenchStatus, BenchSupervisor
 from bench_service.campaign.live import Broadcaster
+from bench_service.campaign.seal import Seal
 from bench_service.config import BenchConfig
 from bench_service.errors import NotFoundError
+from bench_service.store.records import Json
 
 Message = dict[str, Any]
 ACKNOWLEDGED = "acknowledged"  # the event's code, as control processes send it too
@@ -29,6 +32,8 @@ class Bench:
     supervisor : BenchSupervisor
     cell_since_utc : str or None
         Since when its cell is the present one: a simulated cell begins anew with the service. None: not known.
+    seal : Seal or None
+        On an effect that is hidden in its simulated cell.
     """
 
     def __init__(
@@ -38,12 +43,14 @@ class Bench:
         limits: Limits,
         supervisor: BenchSupervisor,
         cell_since_utc: str | None = None,
+        seal: Seal | None = None,
     ) -> None:
         self.config = config
         self.url = url
         self.limits = limits
         self.supervisor = supervisor
         self.cell_since_utc = cell_since_utc
+        self.seal = seal
         self.live: Message | None = None
 
     @property
@@ -66,6 +73,7 @@ class Bench:
             "capacity_Ah": self.config.capacity_Ah,
             "live": self.live,
             "lock_step": bool(capabilities and capabilities["lock_step"]),
+            "seal": None if self.seal is None else self.seal.to_json(),
         }
 
     def to_json(self) -> Message:
@@ -128,6 +136,24 @@ class Benches:
             await bench.supervisor.wait_for("idle", "offline", timeout_s=_ACKNOWLEDGE_S)
         return bench
 
+    async def open_seal(self, name: str) -> Json:
+        """Tell what was hidden in a bench's simulated cell; open for all from now on.
+
+        Raises
+        ------
+        NotFoundError
+            No such bench, or nothing is hidden in it.
+        """
+        bench = self.get(name)
+        if bench.seal is None:
+            raise NotFoundError(f"bench {name} has no sealed effect", ("bench", name))
+        if bench.seal.opened is None:
+            bench.seal = await asyncio.to_thread(bench.seal.open)
+            event = {"severity": "info", "code": "seal_opened", "text": _words(bench.seal), "run_id": None}
+            self._on_event(name, event)
+            self._broadcaster.publish({"type": "bench"} | bench.summary())
+        return bench.seal.to_json()
+
     def on_state(self, bench: str, status: BenchStatus) -> None:
         """Publish a new state."""
         if status.state == "offline":
@@ -147,3 +173,9 @@ class Benches:
     def on_ended(self, bench: str, ended: Message) -> None:
         """Pass the end of a run on."""
         self._on_ended(ended)
+
+
+def _words(seal: Seal) -> str:
+    told = seal.opened or {}
+    size = f"{told['value']:g} {told['unit']} where the cell had {told['before']:g}"
+    return f"the seal is opened: {told['effect']}, {size}"

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench_service.errors import BadRequestError, ConflictError
+from bench_service.bench.limits import Limits
+from bench_service.campaign.request import CampaignRequest
+from bench_service.errors import ConflictError
 from bench_service.jobs.designing import design_profile
 from bench_service.jobs.modelling import RunInput
 from bench_service.jobs.runner import Job, JobRunner
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import OPEN_RUN_STATES, Json
+from bench_service.store.records import OPEN_RUN_STATES, Json, RunRecord
 
-_Inputs = tuple[Json | None, list[RunInput], tuple[list[float], list[float]] | None]
+_Inputs = tuple[Json | None, list[RunInput], tuple[list[float], list[float]] | None, list[Json | str]]
+
+# Levels of a round's sequence: as many as its time still leaves a block of some minutes at each, down and up.
+_ROUND_LEVELS = 8
 
 
 class Designing:
@@ -41,7 +48,8 @@ class Designing:
         name : str
             Of the profile.
         request : mapping
-            Keys of the public contract; ``model``, ``load_cycle`` and ``runs`` name a stored model, profile and runs.
+            Keys of the public contract; ``model``, ``load_cycle`` and ``runs`` name a stored model, profile and runs,
+            ``rivals`` stored models or effects.
 
         Raises
         ------
@@ -50,7 +58,7 @@ class Designing:
         NotFoundError, ConflictError
             A model, profile or run is not there, or a run has not ended.
         """
-        document, runs, cycle = await asyncio.to_thread(self._inputs, request)
+        document, runs, cycle, rivals = await asyncio.to_thread(self._inputs, request)
 
         def keep(result: Json) -> Json:
             time_s, current_A = np.array(result["time_s"]), np.array(result["current_A"])
@@ -58,25 +66,71 @@ class Designing:
             return {"profile_id": record.id, "name": name, "figures": result["figures"]}
 
         return self._jobs.submit(
-            "design", design_profile, self._data_dir, dict(request), document, runs, cycle, store=keep
+            "design", design_profile, self._data_dir, dict(request), document, runs, cycle, rivals, store=keep
         )
 
     def _inputs(self, request: Mapping[str, Any]) -> _Inputs:
         # Here and not above: the first design in a service's life pays for it, not its start.
         from models.design.request import read_request
+        from models.design.rivals import is_effect
 
         written = read_request(request)
-        if written.rivals:
-            raise BadRequestError("rivals are not stored models yet", ("rivals",), remedy="use the command line")
         document = None if written.model is None else self._store.model_document(written.model)
         cycle = None
         if written.load_cycle is not None:
             time_s, current_A = self._store.profile_points(written.load_cycle)
             cycle = (time_s.tolist(), current_A.tolist())
-        return document, [self._run(run_id) for run_id in written.runs], cycle
+        rivals = [rival if is_effect(rival) else self._store.model_document(rival) for rival in written.rivals]
+        return document, [self._run(run_id) for run_id in written.runs], cycle, rivals
 
     def _run(self, run_id: str) -> RunInput:
         run = self._store.run(run_id)
         if run.state in OPEN_RUN_STATES:
             raise ConflictError(f"run {run_id} has not ended; wait for its end or stop it", ("runs", run_id))
         return RunInput(run_id, run.initial_soc)
+
+
+def round_request(request: CampaignRequest, limits: Limits, model_id: str, soc: float, number: int) -> Json:
+    """Ask for the sequence of a round, within the campaign's limits and those of its bench.
+
+    Parameters
+    ----------
+    request : CampaignRequest
+    limits : Limits
+        Of the bench.
+    model_id : str
+        Model of the rounds before.
+    soc : float
+        Where the cell stands.
+    number : int
+        Of the round.
+    """
+    low, high = request.soc
+    windows: Json = {
+        "current_A": list(request.current_A),
+        "voltage_V": list(limits.voltage_V),
+        # Counting noisy currents ends a little beside the plan.
+        "soc": [min(low, soc), max(high, soc)],
+    }
+    if limits.ramp_A_per_s is not None:
+        windows["ramp_A_per_s"] = [-limits.ramp_A_per_s, limits.ramp_A_per_s]
+    return {
+        "model": model_id,
+        "capacity_Ah": request.capacity_Ah,
+        "initial_soc": soc,
+        "duration_s": request.duration_s,
+        "limits": windows,
+        "soc_levels": _ROUND_LEVELS,
+        "seed": request.seed + number,
+    }
+
+
+def pauses_between_s(runs: Sequence[RunRecord], lock_step: bool) -> list[float]:
+    """How long the cell rested between runs that followed each other; in lock-step it lives in its runs only."""
+    return [max(0.0 if lock_step else _pause_s(*pair), pair[1].dt_s) for pair in pairwise(runs)]
+
+
+def _pause_s(before: RunRecord, after: RunRecord) -> float:
+    if before.ended_utc is None or after.started_utc is None:
+        return 0.0
+    return (datetime.fromisoformat(after.started_utc) - datetime.fromisoformat(before.ended_utc)).total_seconds()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -12,14 +13,14 @@ import numpy as np
 
 from bench_service.bench.limits import Limits
 from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.versions import judging_runs
 from bench_service.errors import BadRequestError, ConflictError, NotFoundError
 from bench_service.jobs.diagnosing import add_effect_to, design_between, diagnose_runs, map_errors
 from bench_service.jobs.modelling import RunInput
+from bench_service.jobs.refitting import refit_to
 from bench_service.jobs.runner import Job, JobRunner
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import OPEN_RUN_STATES, Json, ModelRecord
-
-_MOST_RUNS = 100
+from bench_service.store.records import Json, ModelRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +35,7 @@ class DiagnosisOrder:
 
 
 class Diagnosing:
-    """Diagnoses models, adds effects to them, and keeps the chain of their versions.
+    """Diagnoses models, adds effects to them, and refits them.
 
     Parameters
     ----------
@@ -98,28 +99,47 @@ class Diagnosing:
             Model, effect or run are not there, a run has not ended, or would both train and judge.
         """
         parent, document, train, validate = await asyncio.to_thread(
-            self._addition_inputs, model_id, effect, train_run_ids, validate_run_ids
+            self._version_inputs, model_id, train_run_ids, validate_run_ids, effect
         )
 
-        def keep(result: Json) -> Json:
-            metrics = result["metrics"]
-            record = self._store.add_model(
-                result["document"],
-                name=f"{parent.name} + {effect}",
-                structure=result["structure"],
-                capacity_Ah=result["capacity_Ah"],
-                code_version=self._code_version,
-                train=self._store.references([run.run_id for run in train]),
-                validate=self._store.references([run.run_id for run in validate]),
-                metrics=metrics,
-                seed=parent.seed,
-                parent_id=parent.id,
-            )
-            return {"model": record.id, "parent": parent.id} | metrics
-
+        keep = partial(self._keep_version, parent, f"{parent.name} + {effect}", train, validate)
         return self._jobs.submit(
             "add-effect", add_effect_to, self._data_dir, document, effect, train, validate, store=keep
         )
+
+    async def start_refit(
+        self, model_id: str, train_run_ids: Sequence[str], validate_run_ids: Sequence[str] | None = None
+    ) -> Job:
+        """Queue a refit of a model to new runs; the job's result is as that of `start_addition`, without an effect.
+
+        Raises
+        ------
+        NotFoundError, ConflictError, BadRequestError
+            Model or run are not there, a run has not ended, or would both train and judge.
+        """
+        parent, document, train, validate = await asyncio.to_thread(
+            self._version_inputs, model_id, train_run_ids, validate_run_ids
+        )
+        keep = partial(self._keep_version, parent, f"{parent.name}, refitted", train, validate)
+        return self._jobs.submit("refit", refit_to, self._data_dir, document, train, validate, store=keep)
+
+    def _keep_version(
+        self, parent: ModelRecord, name: str, train: list[RunInput], validate: list[RunInput], result: Json
+    ) -> Json:
+        metrics = result["metrics"]
+        record = self._store.add_model(
+            result["document"],
+            name=name,
+            structure=result["structure"],
+            capacity_Ah=result["capacity_Ah"],
+            code_version=self._code_version,
+            train=self._store.references([run.run_id for run in train]),
+            validate=self._store.references([run.run_id for run in validate]),
+            metrics=metrics,
+            seed=parent.seed,
+            parent_id=parent.id,
+        )
+        return {"model": record.id, "parent": parent.id} | metrics
 
     async def start_experiment(self, diagnosis_id: str, limits: Limits, standing_soc: float) -> Job:
         """Queue the design of the profile that tells a diagnosis' rivals apart on a bench.
@@ -170,69 +190,6 @@ class Diagnosing:
             raise BadRequestError(f"the search for where the model is off failed: {job.error}")
         return job.result
 
-    def chain(self, model_id: str) -> Json:
-        """Give a model's line of descent and everything that was ever tried beside it.
-
-        Returns
-        -------
-        dict
-            ``model_id``; ``chain``: ids from the first version to this one; ``noise_floor_mV``; ``models``: every
-            version that descends from the same first one, oldest first, each with ``held_out`` (``rmse_mV``,
-            ``before_mV`` of its parent on the same runs, ``run_ids``) or null where it was never judged.
-
-        Raises
-        ------
-        NotFoundError
-            No such model.
-        """
-        members = {member.id: member for member in self._store.family(model_id)}
-        line = [model_id]
-        while (parent_id := members[line[-1]].parent_id) is not None:
-            line.append(parent_id)
-        held_out = {each.id: self._held_out(each, members) for each in members.values()}
-        floors = [found["noise_floor_mV"] for k in reversed(list(members)) if (found := held_out[k])]
-        return {
-            "model_id": model_id,
-            "chain": line[::-1],
-            "noise_floor_mV": next((floor for floor in floors if floor is not None), None),
-            "models": [_version(each, held_out[each.id], each.id in line) for each in members.values()],
-        }
-
-    def _held_out(self, model: ModelRecord, members: dict[str, ModelRecord]) -> Json | None:
-        metrics = model.metrics or {}
-        if "error_after_mV" in metrics:
-            return {
-                "rmse_mV": metrics["error_after_mV"],
-                "before_mV": metrics["error_before_mV"],
-                "noise_floor_mV": metrics.get("noise_floor_mV"),
-                "run_ids": [run.run_id for run in model.validate],
-            }
-        return self._judged_by_children(model, members) or self._judged_by_comparison(model)
-
-    def _judged_by_children(self, model: ModelRecord, members: dict[str, ModelRecord]) -> Json | None:
-        """A first version is judged on the runs that its first child was, so that the steps can be set side by side."""
-        child = next((each for each in members.values() if each.parent_id == model.id and each.metrics), None)
-        if child is None or child.metrics is None or "error_before_mV" not in child.metrics:
-            return None
-        return {
-            "rmse_mV": child.metrics["error_before_mV"],
-            "before_mV": None,
-            "noise_floor_mV": child.metrics.get("noise_floor_mV"),
-            "run_ids": [run.run_id for run in child.validate],
-        }
-
-    def _judged_by_comparison(self, model: ModelRecord) -> Json | None:
-        learned = {run.run_id for run in model.train}
-        for record in self._store.comparisons(model.id):
-            if not learned & set(record.run_ids):
-                return {
-                    "rmse_mV": record.result["overall"]["rmse_mV"],
-                    "before_mV": None,
-                    "noise_floor_mV": record.result["noise_floor_mV"],
-                    "run_ids": list(record.run_ids),
-                }
-        return None
-
     def _diagnosis_inputs(self, order: DiagnosisOrder) -> tuple[Json, list[RunInput], list[RunInput]]:
         model = self._store.model(order.model_id)
         runs = self._modelling.inputs(order.run_ids, "run_ids", order.initial_soc)
@@ -244,17 +201,19 @@ class Diagnosing:
         train = self._modelling.inputs(named, "train_run_ids", None) if named else []
         return self._store.model_document(model.id), runs, train
 
-    def _addition_inputs(
-        self, model_id: str, effect: str, train: Sequence[str] | None, validate: Sequence[str] | None
+    def _version_inputs(
+        self, model_id: str, train: Sequence[str] | None, validate: Sequence[str] | None, effect: str | None = None
     ) -> tuple[ModelRecord, Json, list[RunInput], list[RunInput]]:
         # Here and not above: the first use in a service's life pays for it, not its start.
         from models.effects import effects
 
-        if effect not in effects():
+        if effect is not None and effect not in effects():
             raise NotFoundError(f"unknown effect {effect!r}; known are {', '.join(effects())}", ("effect",))
         parent = self._store.model(model_id)
         learning = list(train) if train else [run.run_id for run in parent.train]
-        judging = list(validate) if validate else [each for each in self.judging_runs(parent) if each not in learning]
+        judging = (
+            list(validate) if validate else [each for each in judging_runs(self._store, parent) if each not in learning]
+        )
         if not learning:
             raise BadRequestError("the model names no runs to refit to", ("train_run_ids",), remedy="name them")
         if not judging:
@@ -266,19 +225,6 @@ class Diagnosing:
             self._modelling.inputs(learning, "train_run_ids", None),
             self._modelling.inputs(judging, "validate_run_ids", None),
         )
-
-    def judging_runs(self, model: ModelRecord) -> list[str]:
-        """Runs that judge a model where nobody names any: its own, else those of its campaign that it has not seen."""
-        if model.validate:
-            return [run.run_id for run in model.validate]
-        learned = {run.run_id for run in model.train}
-        if model.campaign_id is not None:
-            found = self._store.runs(campaign_id=model.campaign_id, limit=_MOST_RUNS)
-            runs = [run.id for run in reversed(found) if run.state not in OPEN_RUN_STATES and run.n_samples]
-            if unseen := [run_id for run_id in runs if run_id not in learned]:
-                return unseen
-        judged = self._judged_by_comparison(model)
-        return [] if judged is None else judged["run_ids"]
 
     def _experiment_inputs(
         self, diagnosis_id: str, limits: Limits, standing_soc: float
@@ -338,19 +284,3 @@ def _check_apart(run_ids: Sequence[str], others: set[str], field: str, what: str
     for run_id in run_ids:
         if run_id in others:
             raise BadRequestError(f"run {run_id} is also a {what} run", (field,), remedy="name it once")
-
-
-def _version(model: ModelRecord, held_out: Json | None, on_path: bool) -> Json:
-    metrics = model.metrics or {}
-    return {
-        "id": model.id,
-        "name": model.name,
-        "parent_id": model.parent_id,
-        "effect": metrics.get("effect"),
-        "structure": model.structure,
-        "created_utc": model.created_utc,
-        "parameters": metrics.get("parameters"),
-        "remark": metrics.get("remark"),
-        "held_out": held_out,
-        "in_chain": on_path,
-    }

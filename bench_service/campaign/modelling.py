@@ -22,7 +22,11 @@ _MOST_SERIES_POINTS = 200_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitOrder:
-    """A model to be identified from stored runs."""
+    """A model to be identified from stored runs.
+
+    With `pauses_s`, from the end of each training run to the start of the next, these followed each other on one cell,
+    which still knows in each what it went through before.
+    """
 
     name: str
     train: Sequence[str]
@@ -31,6 +35,7 @@ class FitOrder:
     structure: str
     seed: int | None = None
     campaign_id: str | None = None
+    pauses_s: Sequence[float] = ()
 
 
 class Modelling:
@@ -79,7 +84,15 @@ class Modelling:
             return {"model_id": record.id, "metrics": result["metrics"]}
 
         return self._jobs.submit(
-            "fit", fit, self._data_dir, train, validate, order.capacity_Ah, order.structure, store=keep
+            "fit",
+            fit,
+            self._data_dir,
+            train,
+            validate,
+            order.capacity_Ah,
+            order.structure,
+            list(order.pauses_s),
+            store=keep,
         )
 
     def import_model(self, document: Json, name: str) -> ModelRecord:

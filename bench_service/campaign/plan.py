@@ -6,14 +6,9 @@ import numpy as np
 
 from bench_service.bench.limits import Limits
 from bench_service.campaign.admission import MOST_TICKS, admit
-from bench_service.campaign.request import CampaignRequest
+from bench_service.campaign.request import CampaignRequest, lowest_round_end
 from bench_service.errors import BadRequestError
-from models.design import Profile, StepProfileRequest, step_profile
-
-# A run ends at rest for this long, at most this share of it: the next one begins with a cell that has forgotten most of
-# what was done to it, and slow relaxation is seen nowhere else.
-_FINAL_REST_S = 1800.0
-_FINAL_REST_SHARE = 0.12
+from models.design import Profile, StepProfileRequest, final_rest_s, step_profile
 
 TRAIN, VALIDATE = "train", "validate"
 CHANGED, CHANGED_VALIDATE = "changed", "changed_validate"
@@ -23,11 +18,21 @@ _FEWEST_SAMPLES = 1000
 _SOC_SLACK = 0.01
 
 
-def plan_profiles(request: CampaignRequest) -> dict[str, Profile]:
+def plan_profiles(
+    request: CampaignRequest, initial_soc: float | None = None, played: bool = False
+) -> dict[str, Profile]:
     """Design one profile for identification and another, from other random numbers, for judgement.
 
     Where it is to be found out what has changed, two more of the same kind follow. The same request gives the same
     profiles, to the bit.
+
+    Parameters
+    ----------
+    request : CampaignRequest
+    initial_soc : float or None
+        Where the cell stands; None: where the request has it.
+    played : bool
+        Whether training is over: only what follows is planned.
 
     Raises
     ------
@@ -35,9 +40,11 @@ def plan_profiles(request: CampaignRequest) -> dict[str, Profile]:
         The request contradicts itself, or its time does not suffice.
     """
     profiles: dict[str, Profile] = {}
-    soc = request.initial_soc
+    soc = request.initial_soc if initial_soc is None else initial_soc
     roles = (TRAIN, VALIDATE, CHANGED, CHANGED_VALIDATE) if request.diagnose == "change" else (TRAIN, VALIDATE)
     for number, role in enumerate(roles):
+        if played and role == TRAIN:
+            continue
         if role == CHANGED and request.changed_bench not in (None, request.bench):
             soc = request.changed_initial_soc
         profiles[role] = _profile(request, soc, number)
@@ -99,6 +106,9 @@ def check_plan(request: CampaignRequest, limits: Limits, capacity_Ah: float) -> 
             soc = request.changed_initial_soc
         admit(profile.time_s, profile.current_A, limits, dt_s=request.dt_s, initial_soc=soc, capacity_Ah=capacity_Ah)
         soc = float(profile.soc(soc, capacity_Ah)[-1])
+    if request.rounds > 1:
+        # Now, and not when hours of rounds have been played: what follows them must find the time.
+        plan_profiles(request, lowest_round_end(request.soc), played=True)
 
 
 def _check_window(name: str, window: tuple[float, float], limit: tuple[float, float], unit: str) -> None:
@@ -122,7 +132,7 @@ def _profile(request: CampaignRequest, initial_soc: float, number: int) -> Profi
             initial_soc=min(max(initial_soc, low), high),
             duration_s=request.duration_s,
             dt_s=request.dt_s,
-            final_rest_s=min(_FINAL_REST_S, _FINAL_REST_SHARE * request.duration_s),
+            final_rest_s=final_rest_s(request.duration_s),
         ),
         np.random.default_rng([request.seed, number]),
     )

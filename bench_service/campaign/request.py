@@ -18,24 +18,28 @@ _SHORTEST_S = 15_000.0
 _TIME_RATIO = 7500.0 / 3600.0
 # The live observer starts this far from the counted state of charge, so that its convergence is seen.
 OBSERVER_OFFSET_SOC = 0.2
+# Beyond these a round adds hours of test and next to nothing to the model.
+MOST_ROUNDS = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignRequest:
-    """A campaign: design, run, fit, observe on a second run, compare, report.
+    """A campaign: design, run, fit, design again, observe on another run, compare, report.
 
     Attributes
     ----------
     bench, name : where, and what people call it
     seed : of the random parts of both profiles
     dt_s : sampling time in s
-    duration_s : of each of the two runs
+    duration_s : of each run
     capacity_Ah : of the cell
     current_A : (low, high) that the profiles use
     soc : (low, high) window that the profiles stay in
     initial_soc : where the cell stands at the start
     initial_soc_from : where that is known from, for people
     structure : "full", "minimal" or "auto"
+    rounds : training runs; the first covers the whole window, each further one is the sequence that tells most about
+        what the model of those before it does not know, and the model is fitted to all of them
     diagnose : "change": after the comparison two more runs are played, and it is found out what has changed in the cell
         or the rig since the first; "structure": what the model's structure lacks; None: neither
     changed_bench : the bench of those two runs; None: the same one
@@ -53,6 +57,7 @@ class CampaignRequest:
     initial_soc: float
     initial_soc_from: str
     structure: str
+    rounds: int = 1
     diagnose: Literal["structure", "change"] | None = None
     changed_bench: str | None = None
     changed_initial_soc: float = 0.5
@@ -108,6 +113,8 @@ def _duration_s(stated: dict[str, Any]) -> float:
     if not low_A < 0 < high_A:
         return _SHORTEST_S  # no plan at all: refused with its own reason
     start = min(stated["initial_soc"], stated.get("changed_initial_soc", high))
+    if stated.get("rounds", 1) > 1:
+        start = min(start, lowest_round_end((low, high)))
     way_Ah = (2.0 * (high - low) + high - start) * stated["capacity_Ah"]
     return max(_SHORTEST_S, float(round(_TIME_RATIO * 3600.0 * way_Ah / min(-low_A, high_A))))
 
@@ -140,3 +147,8 @@ def standing_of(bench: Bench) -> Standing:
         ("initial_soc",),
         remedy="give initial_soc as a fraction",
     )
+
+
+def lowest_round_end(soc: tuple[float, float]) -> float:
+    """State of charge above which a round's sequence ends: at the highest of its levels, give or take a block."""
+    return soc[0] + 0.8 * (soc[1] - soc[0])

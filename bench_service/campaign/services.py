@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from bench_service.campaign.benches import Benches
 from bench_service.campaign.campaigns import CampaignRunner
+from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
@@ -35,6 +36,7 @@ class Services:
     jobs: JobRunner
     modelling: Modelling
     diagnosing: Diagnosing
+    designing: Designing
     campaigns: CampaignRunner
     live: Broadcaster
     recorder_state: Callable[[], str]

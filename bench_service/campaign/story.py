@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 from typing import Any
 
 from bench_service.campaign.benches import Benches
+from bench_service.campaign.designing import Designing, pauses_between_s, round_request
 from bench_service.campaign.diagnosing import Diagnosing, DiagnosisOrder
 from bench_service.campaign.modelling import FitOrder, Modelling
 from bench_service.campaign.plan import CHANGED, CHANGED_VALIDATE, TRAIN, VALIDATE, plan_profiles
 from bench_service.campaign.request import OBSERVER_OFFSET_SOC, CampaignRequest
 from bench_service.campaign.runs import RunOrder, Runs
+from bench_service.campaign.stages import stages_of
 from bench_service.errors import ServiceError
 from bench_service.jobs.counting import counted_soc
 from bench_service.jobs.runner import Job, JobRunner
@@ -21,17 +23,6 @@ from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import RunRecord
 from bench_service.store.samples import SampleReader
 
-# How much of the time each stage takes on a simulated bench; only the progress bar uses it.
-_SHARES = {
-    "design": 0.01,
-    "run": 0.33,
-    "fit": 0.3,
-    "observe": 0.33,
-    "compare": 0.02,
-    "change": 0.6,
-    "diagnose": 0.5,
-    "report": 0.01,
-}
 _LOOK_S = 0.25
 # Longest wait for a bench that is being connected, as all are in the first seconds of a service.
 _BENCH_TIMEOUT_S = 20.0
@@ -57,7 +48,19 @@ class Workshop:
     runs: Runs
     modelling: Modelling
     diagnosing: Diagnosing
+    designing: Designing
     jobs: JobRunner
+
+
+@dataclass(slots=True)
+class _Round:
+    """One round of a campaign: a training run more, and the model of all of them so far."""
+
+    role: str
+    model_id: str
+    fit: dict[str, Any]
+    design: dict[str, Any] | None = None
+    held_out: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -66,13 +69,22 @@ class _Progress:
 
     profiles: dict[str, str] = field(default_factory=dict)
     runs: dict[str, RunRecord] = field(default_factory=dict)
-    model_id: str = ""
-    fit: dict[str, Any] = field(default_factory=dict)
+    rounds: list[_Round] = field(default_factory=list)
     comparison_id: str = ""
     comparison: dict[str, Any] = field(default_factory=dict)
     diagnosis: dict[str, Any] | None = None
     addition: dict[str, Any] | None = None
     result: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def model_id(self) -> str:
+        """Of the last round."""
+        return self.rounds[-1].model_id
+
+    @property
+    def learned(self) -> list[str]:
+        """Runs that the last model was made from."""
+        return [self.runs[each.role].id for each in self.rounds]
 
 
 class Story:
@@ -106,6 +118,7 @@ class Story:
             "design": self._design,
             "run": self._run,
             "fit": self._fit,
+            "rounds": self._design_again,
             "observe": self._observe,
             "compare": self._compare,
             "change": self._change,
@@ -131,52 +144,93 @@ class Story:
 
     async def _design(self) -> str:
         request = self._request
-        for role, profile in (await asyncio.to_thread(plan_profiles, request)).items():
-            record = await asyncio.to_thread(
-                self._workshop.store.add_profile, f"{request.name}: {role}", profile.time_s, profile.current_A
-            )
-            self._done.profiles[role] = record.id
+        await self._plan(request.initial_soc)
         return (
             f"{len(self._done.profiles)} profiles of {request.duration_s:g} s, "
             f"SoC {request.soc[0]:.0%} to {request.soc[1]:.0%} and back, "
             f"from {request.initial_soc:.1%}"
         )
 
+    async def _plan(self, initial_soc: float) -> None:
+        """Plan what has not been played, from where the cell stands."""
+        planned = await asyncio.to_thread(plan_profiles, self._request, initial_soc, played=bool(self._done.rounds))
+        for role, profile in planned.items():
+            record = await asyncio.to_thread(
+                self._workshop.store.add_profile, f"{self._request.name}: {role}", profile.time_s, profile.current_A
+            )
+            self._done.profiles[role] = record.id
+
     async def _run(self) -> str:
         run = await self._play("run", TRAIN, self._request.initial_soc, None, None)
         return f"{run.n_samples} samples, {run.missed_ticks} missed"
 
     async def _fit(self) -> str:
+        return await self._fit_round("fit", TRAIN)
+
+    async def _fit_round(self, stage: str, role: str, design: dict[str, Any] | None = None) -> str:
+        """Fit to all training runs so far, that of a new round with them."""
+        runs, number = self._done.runs, len(self._done.rounds) + 1
         order = FitOrder(
-            name=f"{self._request.name}: model",
-            train=[self._done.runs[TRAIN].id],
+            name=f"{self._request.name}: model" + (f", round {number}" if number > 1 else ""),
+            train=[*self._done.learned, runs[role].id],
             validate=[],
             capacity_Ah=self._request.capacity_Ah,
             structure=self._request.structure,
             seed=self._request.seed,
             campaign_id=self._id,
+            pauses_s=pauses_between_s([runs[each.role] for each in self._done.rounds] + [runs[role]], self._lock_step),
         )
-        found = await self._watched("fit", await self._workshop.modelling.start_fit(order))
-        self._done.model_id, self._done.fit = found["model_id"], found["metrics"]
-        metrics = self._done.fit
+        found = await self._watched(stage, await self._workshop.modelling.start_fit(order))
+        metrics = found["metrics"]
+        self._done.rounds.append(_Round(role, found["model_id"], metrics, design))
+        what = "training run" if number == 1 else f"{number} training runs"
         return (
             f"{metrics['n_local_models']} local models in {metrics['seconds']:.1f} s, "
-            f"{metrics['train']['rmse_mV']:.2f} mV free run on the training run"
+            f"{metrics['train']['rmse_mV']:.2f} mV free run on the {what}"
         )
 
+    @property
+    def _lock_step(self) -> bool:
+        return bool(self._workshop.benches.get(self._request.bench).summary()["lock_step"])
+
+    async def _design_again(self) -> str:
+        """Each round: the sequence that tells most about what the model does not know yet, played, and a refit."""
+        told = ""
+        for number in range(2, self._request.rounds + 1):
+            role, last = f"{TRAIN}_{number}", self._done.runs[self._done.rounds[-1].role]
+            soc = await self._soc_after(last)
+            bench = self._workshop.benches.get(self._request.bench)
+            asked = round_request(self._request, bench.limits, self._done.model_id, soc, number)
+            job = await self._workshop.designing.start(f"{self._request.name}: {role}", asked)
+            try:
+                made = await self._watched("rounds", job)
+            except CampaignFailedError as error:
+                # What was learnt so far stands; that a sequence cannot be had within the limits is a result.
+                told = f"{told}; " * bool(told) + f"no round {number}: {error}"
+                break
+            self._done.profiles[role] = made["profile_id"]
+            await self._play("rounds", role, soc, None, None)
+            told = f"round {number}: {await self._fit_round('rounds', role, made['figures'])}"
+        await self._plan(await self._soc_after(self._done.runs[self._done.rounds[-1].role]))
+        return told
+
     async def _observe(self) -> str:
-        """Play the second run with the observer live, started far from the truth."""
-        start = await self._soc_after(self._done.runs[TRAIN])
+        """Play another run with the observer live, started far from the truth."""
+        start = await self._soc_after(self._done.runs[self._done.rounds[-1].role])
         offset = -OBSERVER_OFFSET_SOC if start > 0.5 else OBSERVER_OFFSET_SOC
         run = await self._play("observe", VALIDATE, start, self._done.model_id, start + offset)
         return f"{run.n_samples} samples, observer started at {start + offset:.0%} with the cell at {start:.0%}"
 
     async def _compare(self) -> str:
-        record = await self._workshop.modelling.compare(
-            self._done.model_id, [self._done.runs[VALIDATE].id], None, self._id
-        )
-        self._done.comparison_id, self._done.comparison = record.id, record.result
-        return f"{record.result['overall']['rmse_mV']:.2f} mV free run on the second run, which the fit never saw"
+        """Judge the model of every round on the run that none of them has seen."""
+        for each in self._done.rounds:
+            record = await self._workshop.modelling.compare(
+                each.model_id, [self._done.runs[VALIDATE].id], None, self._id
+            )
+            each.held_out = record.result["overall"]
+            self._done.comparison_id, self._done.comparison = record.id, record.result
+        errors = " mV, then ".join(f"{each.held_out['rmse_mV']:.2f}" for each in self._done.rounds)
+        return f"{errors} mV free run on the last run, which no fit ever saw"
 
     async def _change(self) -> str:
         """Play two runs on the bench on which something may have changed: one to learn from, one to judge."""
@@ -193,11 +247,13 @@ class Story:
         mode, diagnosing = self._request.diagnose, self._workshop.diagnosing
         assert mode is not None
         runs = self._done.runs
-        learn, judge = (CHANGED, CHANGED_VALIDATE) if mode == "change" else (TRAIN, VALIDATE)
+        changed = mode == "change"
+        learn = [runs[CHANGED].id] if changed else self._done.learned
+        judge = runs[CHANGED_VALIDATE if changed else VALIDATE].id
         order = DiagnosisOrder(
             model_id=self._done.model_id,
             run_ids=[runs[CHANGED].id, runs[CHANGED_VALIDATE].id] if mode == "change" else [runs[VALIDATE].id],
-            train_run_ids=[runs[TRAIN].id],
+            train_run_ids=self._done.learned,
             mode=mode,
         )
         found = await self._watched("diagnose", await diagnosing.start_diagnosis(order))
@@ -206,7 +262,7 @@ class Story:
         if record.result["verdict"] != "missing":
             return f"verdict: {record.result['verdict'].replace('_', ' ')}"
         effect = record.result["findings"][0]["effect"]
-        addition = await diagnosing.start_addition(self._done.model_id, effect, [runs[learn].id], [runs[judge].id])
+        addition = await diagnosing.start_addition(self._done.model_id, effect, learn, [judge])
         self._done.addition = await self._watched("diagnose", addition)
         before, after = self._done.addition["error_before_mV"], self._done.addition["error_after_mV"]
         return f"{effect} is missing; added, the held-out error falls from {before:.2f} to {after:.2f} mV"
@@ -232,7 +288,7 @@ class Story:
             "samples": sum(run.n_samples or 0 for run in runs.values()),
             "missed_ticks": sum(run.missed_ticks or 0 for run in runs.values()),
             "model_id": self._done.model_id,
-            "train": self._done.fit["train"],
+            "train": self._done.rounds[-1].fit["train"],
             "validation": self._done.comparison["overall"],
             "sensor_noise_mV": self._done.comparison["noise_floor_mV"],
             "soc": {
@@ -243,18 +299,36 @@ class Story:
                 "coverage_95": soc["coverage_95"],
                 "started_off_by": OBSERVER_OFFSET_SOC,
             },
+            "rounds": self._rounds(),
             "model_chain": self._model_chain(),
             "comparison_id": self._done.comparison_id,
             "diagnosis": self._done.diagnosis,
         }
         return "done"
 
+    def _rounds(self) -> list[dict[str, Any]]:
+        """What each round played, and the error that its model makes on the run that no fit saw."""
+        return [
+            {
+                "round": number,
+                "run_id": self._done.runs[each.role].id,
+                "model_id": each.model_id,
+                "train_rmse_mV": each.fit["train"]["rmse_mV"],
+                "validation_rmse_mV": each.held_out["rmse_mV"],
+                "design": each.design,
+            }
+            for number, each in enumerate(self._done.rounds, 1)
+        ]
+
     def _model_chain(self) -> list[dict[str, Any]]:
         """Every version with its error on runs that it never saw; an added effect with that before and after it."""
-        added, first = self._done.addition, self._done.comparison["overall"]["rmse_mV"]
-        chain = [{"model": self._done.model_id, "effect": None, "validation_rmse_mV": first}]
+        added = self._done.addition
+        chain: list[dict[str, Any]] = [
+            {"model": each.model_id, "effect": None, "validation_rmse_mV": each.held_out["rmse_mV"]}
+            for each in self._done.rounds
+        ]
         if added is not None:
-            chain[0]["validation_rmse_mV"] = added["error_before_mV"]
+            chain[-1]["validation_rmse_mV"] = added["error_before_mV"]
             chain.append(
                 {
                     "model": added["model"],
@@ -329,16 +403,3 @@ class Story:
         data = await asyncio.to_thread(self._workshop.samples.read, run.id)
         time_s, current_A = data.columns["time_s"], data.columns["current_A"]
         return float(counted_soc(time_s, current_A, run.initial_soc, run.capacity_Ah)[-1])
-
-
-def stages_of(request: CampaignRequest) -> tuple[str, ...]:
-    """Names of the stages of a campaign, in their order."""
-    asked = {"change": request.diagnose == "change", "diagnose": request.diagnose is not None}
-    return tuple(stage for stage in _SHARES if asked.get(stage, True))
-
-
-def overall_progress(stages: Sequence[str], stage: str, share: float) -> float:
-    """Share 0..1 of the whole campaign, which has these stages."""
-    whole = sum(_SHARES[s] for s in stages)
-    before = sum(_SHARES[s] for s in stages[: stages.index(stage)])
-    return min((before + _SHARES[stage] * share) / whole, 1.0)

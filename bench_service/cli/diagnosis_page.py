@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from bench_service.cli.report import curves, floor, page, table
-from models.comparison import compare, simulate_runs
+from bench_service.cli.report import curves, floor, page, table, where_in_words
+from models.comparison import compare
+from models.simulated_runs import simulate_runs
 
 if TYPE_CHECKING:
     from models.local_model_network import LocalModelNetwork
@@ -21,6 +22,8 @@ VERDICTS = {
 }
 _WIDTH, _BAR, _LABEL = 900, 22, 240
 _WHERE_ROWS = 12
+# An error that is larger than so many times the noise is more than noise to anybody.
+_FAR_ABOVE_NOISE = 2.0
 
 
 def diagnosis_page(
@@ -48,10 +51,31 @@ def diagnosis_page(
         parts += _finding(finding)
     parts += [f"<p>{escape(text)}</p>" for text in _rest(result)]
     where = compared["where"][:_WHERE_ROWS]
-    parts += ["<h2>Where the model is off</h2>", table(tuple(where[0]), where) if where else ""]
+    parts += ["<h2>Where the model is off</h2>", where_in_words(compared["regions"])]
+    parts.append(table(tuple(where[0]), where) if where else "")
     for each in simulate_runs(network, list(runs), list(initial_soc)):
         parts += curves(each, None)
     return page(f"{model}: diagnosis", parts)
+
+
+def left_over(result: Mapping[str, Any]) -> str:
+    """What nothing in the answer explains, in words: "nothing is missing" does not mean that the model is good."""
+    left_mV, noise_mV = result["unexplained_mV"], result["noise_floor_mV"]
+    if left_mV is None:
+        return ""
+    words = f"Unexplained: {left_mV:.2f} mV"
+    if noise_mV is None:
+        return f"{words}."
+    words += f", noise floor {noise_mV:.2f} mV."
+    if result["verdict"] != "nothing_missing" or left_mV <= _FAR_ABOVE_NOISE * noise_mV:
+        return words
+    advice = {
+        "change": "A change that shows less cannot be seen with it.",
+        "structure": "Structure auto, more local models or more training data come before any effect.",
+    }
+    share = 1.0 - (noise_mV / left_mV) ** 2
+    own = f"{100 * share:.0f} % of its square is more than noise: the model itself is off by that much."
+    return f"{words} {own} {advice[result['mode']]}"
 
 
 def error_bars(result: Mapping[str, Any]) -> str:
@@ -97,8 +121,7 @@ def _finding(finding: Mapping[str, Any]) -> list[str]:
 def _rest(result: Mapping[str, Any]) -> list[str]:
     """What stays open: what the remainder depends on, what to measure next, remarks."""
     text = [f"The error depends on {d['variable']}: {100 * d['strength']:.0f} % of it." for d in result["depends_on"]]
-    if result["unexplained_mV"] is not None:
-        text.append(f"Unexplained: {result['unexplained_mV']:.2f} mV.")
+    text.append(left_over(result))
     if result["next_experiment"] is not None:
         rivals = " from ".join(str(rival) for rival in result["next_experiment"]["rivals"])
         text.append(f"Next experiment: a profile that tells {rivals}.")

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from bench_service.cli.arguments import fractions
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
 
@@ -26,6 +27,18 @@ def add_current_sign(parser: ArgumentParser) -> None:
         choices=["charge-positive", "discharge-positive"],
         help="which sign charges in the run files; without it the current is checked against the voltage",
     )
+
+
+def add_runs_to_learn_from(parser: ArgumentParser, out: str) -> None:
+    """Add `--initial-soc`, `--out` and `--current-sign` of a command that learns from runs and judges by others."""
+    parser.add_argument(
+        "--initial-soc",
+        type=fractions,
+        metavar="S[,S...]",
+        help="of the training, then the validation runs; one value, or one for each; default: their soc_ref",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar=out)
+    add_current_sign(parser)
 
 
 def read_runs(paths: Sequence[Path], current_sign: str | None, output: Output) -> list[TimeSeries]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from models.input_correction import as_read
 from models.observer.accuracy import soc_figures
 from models.observer.health import alarms_of, watch
 from models.resampling import to_grid
@@ -15,6 +16,7 @@ from models.timeseries import FloatArray
 
 if TYPE_CHECKING:
     from models.observer import FuzzyObserver
+    from models.observer.module_observer import ModuleObserver
     from models.timeseries import TimeSeries
 
 
@@ -24,6 +26,7 @@ class Observation:
 
     Attributes
     ----------
+    soc_ref : NaN where unknown, None without any
     figures : `soc_rmse`, `soc_max_error`, `soc_end_error`, `converged_after_s`, `coverage_95`; None without reference
     seconds : time the replay took
     alarms : what was wrong on the way, in words
@@ -37,22 +40,25 @@ class Observation:
     soc_std: FloatArray
     model_voltage_V: FloatArray
     innovation_V: FloatArray
+    soc_ref: FloatArray | None
     figures: dict[str, float | None]
     seconds: float
     alarms: list[str]
     sensors: dict[str, dict[str, float] | None]
 
 
-def observe(observer: FuzzyObserver, run: TimeSeries, soc: float, soc_std: float | None) -> Observation:
+def observe(
+    observer: FuzzyObserver | ModuleObserver, run: TimeSeries, soc: float, soc_std: float | None
+) -> Observation:
     """Replay a run.
 
     Parameters
     ----------
-    observer : FuzzyObserver
+    observer : of a cell, or of a module
     run : TimeSeries
     soc, soc_std : where the observer starts, fractions; `soc_std` None takes the observer's own
     """
-    grid = to_grid(run, observer.dt_s)
+    grid = to_grid(as_read(observer.network.record, run), observer.dt_s)
     temperature_degC = grid.temperature_degC
     known = temperature_degC[~np.isnan(temperature_degC)]
     state = observer.initial(soc, soc_std, float(known[0]) if len(known) else 25.0)
@@ -69,6 +75,7 @@ def observe(observer: FuzzyObserver, run: TimeSeries, soc: float, soc_std: float
         rows[:, 1],
         rows[:, 2],
         rows[:, 3],
+        grid.soc_ref,
         figures,
         seconds,
         alarms_of(watch(rows, grid.voltage_V)),

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_service.cli.readout_page import readout_parts
-from models.comparison import RunComparison, simulate_runs
 from models.comparison_reach import bands
+from models.simulated_runs import RunComparison, simulate_runs
 
 if TYPE_CHECKING:
     from models.local_model_network import LocalModelNetwork
@@ -51,13 +51,19 @@ def comparison_page(
     result : the answer of `models.comparison.compare`
     """
     rows = [*result["runs"], {"run": "overall", **result["overall"]}]
+    if result["outside"] is not None and result["inside_training"] is not None:
+        rows.append({"run": "inside the trained domain", **result["inside_training"]})
+        rows.append({"run": "outside of it", **result["outside"]})
     parts = [
         f"<h1>{escape(model)} against {len(runs)} measured run(s)</h1>",
         f"<p>Free run: the model sees current and temperature only. {floor(result['noise_floor_mV'])}"
         f" {100 * result['outside_training']:.1f} % of the samples lie outside the trained domain{_by(result)}."
         f"{_band(result['band'])}{_temperature(result['temperature'])}</p>",
+        f"<p>Over time {escape(result['whiteness']['text'])}.</p>" if result["whiteness"] is not None else "",
+        "".join(f"<p>The runs were corrected as the model says: {_correction(c)}.</p>" for c in result["corrections"]),
         table(("run", *_METRICS), rows),
         "<h2>Where it fails</h2>",
+        where_in_words(result["regions"]),
         table(_WHERE, result["where"]),
     ]
     compared = simulate_runs(network, list(runs), list(initial_soc))
@@ -72,6 +78,19 @@ def page(title: str, parts: Sequence[str]) -> bytes:
     """One self-contained page as UTF-8."""
     head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
     return f'<!doctype html>\n<html lang="en">{head}<body>{"".join(parts)}</body></html>\n'.encode()
+
+
+def _correction(correction: Mapping[str, Any]) -> str:
+    sizes = ", ".join(f"{name} {value:.4g}" for name, value in correction["values"].items())
+    return escape(f"{correction['effect']} ({sizes})")
+
+
+def where_in_words(regions: Sequence[Mapping[str, Any]]) -> str:
+    """List of the regions that hold most error in least time."""
+    if not regions:
+        return "<p>No region stands out: the error is spread evenly.</p>"
+    rows = "".join(f"<li>{escape(each['text'])}, {each['rmse_mV']:.1f} mV there</li>" for each in regions)
+    return f"<ol>{rows}</ol>"
 
 
 def floor(noise_floor_mV: float | None) -> str:

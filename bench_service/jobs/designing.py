@@ -18,6 +18,7 @@ def design_profile(
     document: dict[str, Any] | None,
     runs: Sequence[RunInput],
     cycle: tuple[list[float], list[float]] | None,
+    rivals: Sequence[dict[str, Any] | str] = (),
 ) -> dict[str, Any]:
     """Design the profile that a request asks for.
 
@@ -31,6 +32,8 @@ def design_profile(
         Stored runs that a first reference model is fitted to, where there is no model.
     cycle : times in s and currents in A, or None
         Recorded load cycle, forward hold.
+    rivals : sequence of dict or str
+        MODEL.json or the name of an effect, of each model that the test is to tell apart.
 
     Returns
     -------
@@ -52,6 +55,7 @@ def design_profile(
         runs_soc=tuple(run.initial_soc for run in runs),
         cycle_A=cycle_A,
         cycle_dt_s=cycle_dt_s,
+        rivals=tuple(each if isinstance(each, str) else LocalModelNetwork.from_json(each) for each in rivals),
     )
     found = answer(read_request(request), material, report)
     profile = found.profile

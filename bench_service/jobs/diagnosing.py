@@ -9,11 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from bench_service.jobs.modelling import RunInput, plain
 from bench_service.jobs.progress import Reporter
-from bench_service.jobs.series import read_series
+from bench_service.jobs.series import noise_floor_mV, read_series
 
 
 def diagnose_runs(
@@ -61,20 +59,23 @@ def add_effect_to(
     """
     from models.diagnosis import add_effect
     from models.local_model_network import LocalModelNetwork
+    from models.observer.tuning import with_tuned_observer
 
     report(0.02, "reading samples")
-    judged = _read(data_dir, validate)
+    learned, judged = _read(data_dir, train), _read(data_dir, validate)
     parent = LocalModelNetwork.from_json(document)
     report(0.05, f"sizing {effect} on the training runs")
     added = add_effect(
         parent,
         effect,
-        _read(data_dir, train),
+        learned,
         _soc(train),
         judged,
         _soc(validate),
-        progress=lambda share, text="": report(0.1 + 0.85 * share, text),
+        progress=lambda share, text="": report(0.1 + 0.8 * share, text),
     )
+    report(0.92, "tuning the observer")
+    network = with_tuned_observer(added.network, learned, _soc(train))
     parameters = {
         name: {"value": each.value, "std": each.std, "unit": each.unit} for name, each in added.parameters.items()
     }
@@ -84,14 +85,13 @@ def add_effect_to(
         "error_after_mV": added.error_after_mV,
         "parameters": parameters,
         "remark": added.remark,
-        "noise_floor_mV": _noise_floor_mV(judged, parent.structure.dt_s),
+        "noise_floor_mV": noise_floor_mV(judged, parent.structure.dt_s),
     }
-    structure, capacity_Ah = added.network.structure.name, added.network.cell.capacity_Ah
     return plain(
         {
-            "document": added.network.to_json(),
-            "structure": structure,
-            "capacity_Ah": capacity_Ah,
+            "document": network.to_json(),
+            "structure": network.structure.name,
+            "capacity_Ah": network.cell.capacity_Ah,
             "metrics": metrics,
         }
     )
@@ -144,9 +144,9 @@ def design_between(
 
 def map_errors(report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput]) -> dict[str, Any]:
     """Say where a model is off on stored runs, see `models.error_map.error_map`."""
-    from models.comparison import simulate_runs
     from models.error_map import error_map
     from models.local_model_network import LocalModelNetwork
+    from models.simulated_runs import simulate_runs
 
     network = LocalModelNetwork.from_json(document)
     return plain(error_map(network, simulate_runs(network, _read(data_dir, runs), _soc(runs))))
@@ -158,14 +158,3 @@ def _read(data_dir: Path, runs: Sequence[RunInput]) -> list[Any]:
 
 def _soc(runs: Sequence[RunInput]) -> list[float]:
     return [run.initial_soc for run in runs]
-
-
-def _noise_floor_mV(series: Sequence[Any], dt_s: float) -> float | None:
-    """Median of the runs' noise floors; None where no run tells."""
-    from models.metrics import noise_floor_V
-    from models.resampling import to_grid
-
-    grid = [to_grid(each, dt_s) for each in series]
-    floors = [noise_floor_V(each.voltage_V, each.current_A) for each in grid]
-    known = [floor for floor in floors if np.isfinite(floor)]
-    return 1e3 * float(np.median(known)) if known else None

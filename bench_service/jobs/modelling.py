@@ -18,6 +18,7 @@ import numpy as np
 
 from bench_service.errors import BadRequestError
 from bench_service.jobs.counting import counted_soc
+from bench_service.jobs.joining import joined
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.series import read_series
 from bench_service.store.decimation import kept_rows
@@ -25,7 +26,7 @@ from bench_service.store.samples import SampleReader
 from bench_service.streams import OBSERVER
 
 if TYPE_CHECKING:
-    from models.comparison import RunComparison
+    from models.simulated_runs import RunComparison
     from models.timeseries import TimeSeries
 
 
@@ -44,8 +45,9 @@ def fit(
     validate: Sequence[RunInput],
     capacity_Ah: float,
     structure: str,
+    pauses_s: Sequence[float] = (),
 ) -> dict[str, Any]:
-    """Identify a network from stored runs.
+    """Identify a network from stored runs; with `pauses_s` between them the training runs are one log, see `joined`.
 
     Returns
     -------
@@ -57,6 +59,8 @@ def fit(
 
     report(0.0, "reading samples")
     train_runs = read_series(data_dir, [run.run_id for run in train])
+    if pauses_s:
+        train_runs, train = [joined(train_runs, pauses_s)], train[:1]
     result = fit_network(
         train_runs,
         capacity_Ah=capacity_Ah,
@@ -116,8 +120,8 @@ def compare_series(
         ``runs``: of each run ``run_id`` and, on the model's grid, ``time_s`` (from the run's start), ``measured_V``,
         ``model_V`` and ``residual_mV`` (measured minus model); null where a value is missing.
     """
-    from models.comparison import simulate_runs
     from models.local_model_network import LocalModelNetwork
+    from models.simulated_runs import simulate_runs
 
     series = read_series(data_dir, [run.run_id for run in runs])
     compared = simulate_runs(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs])

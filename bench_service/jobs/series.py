@@ -41,3 +41,14 @@ def _series(reader: SampleReader, run_id: str) -> TimeSeries:
         ambient_degC=None if np.isnan(ambient_degC).all() else ambient_degC,
         name=run_id,
     )
+
+
+def noise_floor_mV(series: Sequence[TimeSeries], dt_s: float) -> float | None:
+    """Median of the runs' noise floors; None where no run tells."""
+    from models.metrics import noise_floor_V
+    from models.resampling import to_grid
+
+    grid = [to_grid(each, dt_s) for each in series]
+    floors = [noise_floor_V(each.voltage_V, each.current_A) for each in grid]
+    known = [floor for floor in floors if np.isfinite(floor)]
+    return 1e3 * float(np.median(known)) if known else None

@@ -11,12 +11,14 @@ import numpy as np
 from models.design.ascent import Progress, optimise
 from models.design.block_design import DesignRequest, demands_of
 from models.design.design import Design, design, judged
+from models.design.experiment import Experiment
 from models.design.feasible import Feasible
 from models.design.limits import InfeasibleError
 from models.design.profile import Profile
 from models.design.reference_model import experiment_with, first_reference, pre_test
 from models.design.request import DISCRIMINATE, RequestError, WrittenRequest
 from models.design.rival_experiment import RivalEvaluator
+from models.design.rivals import rival_models
 from models.local_model_network import LocalModelNetwork
 from models.timeseries import FloatArray, TimeSeries
 
@@ -37,7 +39,7 @@ class Material:
     runs : measurements that a first reference model is fitted to, where there is no network
     runs_soc : state of charge at the start of each; empty: the first reference value of each
     cycle_A, cycle_dt_s : recorded load cycle on an even grid
-    rivals : two models that the test is to tell apart
+    rivals : two models, or names of effects to be put into `network`, that the test is to tell apart
     """
 
     network: LocalModelNetwork | None = None
@@ -45,7 +47,7 @@ class Material:
     runs_soc: tuple[float, ...] = ()
     cycle_A: FloatArray | None = None
     cycle_dt_s: float = _DEFAULT_DT_S
-    rivals: tuple[LocalModelNetwork, ...] = ()
+    rivals: tuple[LocalModelNetwork | str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,13 @@ class Answer:
     profile : for the bench
     figures : the `design` object of the public contract but for the profile's name, and more: plain types
     design : None for a pre-test
+    asked : reference model and request that the design was made of; None where two models were to be told apart
     """
 
     profile: Profile
     figures: dict[str, Any]
     design: Design | None = None
+    asked: tuple[Experiment, DesignRequest] | None = None
 
 
 def answer(request: WrittenRequest, material: Material, progress: Progress | None = None) -> Answer:
@@ -105,11 +109,13 @@ def answer(request: WrittenRequest, material: Material, progress: Progress | Non
         signal=request.signal,
         soc_levels=request.soc_levels,
         rest_ratio=request.rest_ratio,
+        final_rest_s=request.final_rest_s,
         cycle_A=_on_grid(material, network.structure.dt_s),
         seed=request.seed,
     )
     found = design(experiment, asked, progress)
-    return Answer(found.profile(), figures(replace(found, seconds=time.perf_counter() - began)), found)
+    found = replace(found, seconds=time.perf_counter() - began)
+    return Answer(found.profile(), figures(found), found, (experiment, asked))
 
 
 def even_cycle(time_s: FloatArray, current_A: FloatArray) -> tuple[FloatArray, float]:
@@ -151,21 +157,30 @@ def figures(found: Design) -> dict[str, Any]:
 def _discriminating(
     request: WrittenRequest, material: Material, soc: float, began: float, progress: Progress | None
 ) -> Answer:
-    if len(material.rivals) != 2:
-        raise RequestError(
-            f"criterion discriminate tells two models apart, but rivals names {len(material.rivals)}: name two model "
-            "files, for example a model and the same with an effect added"
-        )
-    first, second = (experiment_with(network, soc) for network in material.rivals)
-    for network in material.rivals:
+    report = progress or (lambda share, text: None)
+    networks = rival_models(
+        material.rivals,
+        material.network,
+        material.runs,
+        material.runs_soc,
+        lambda share, text: report(0.5 * share, text),
+    )
+    for network in networks:
         _check_model(request, network)
+    first, second = (experiment_with(network, soc) for network in networks)
     dt_s = first.network.structure.dt_s
     n_samples = round(request.duration_s / dt_s)
     demands = demands_of(first, request.limits)
     feasible = Feasible(first, demands, n_samples)
     objective = RivalEvaluator(first, second, n_samples)
     optimum = optimise(
-        first, demands, n_samples, n_starts=_RIVAL_STARTS, seed=request.seed, progress=progress, objective=objective
+        first,
+        demands,
+        n_samples,
+        n_starts=_RIVAL_STARTS,
+        seed=request.seed,
+        progress=lambda share, text: report(0.5 + 0.5 * share, text),
+        objective=objective,
     )
     found = judged(first, "D", feasible, optimum.current_A, optima=(optimum,), seconds=time.perf_counter() - began)
     separation = [float(np.sqrt(part)) for part in objective.separation(optimum.current_A)]

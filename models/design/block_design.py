@@ -11,8 +11,9 @@ from models.design.excitation_sequence import BlockDesigner, SequencePlan, fitte
 from models.design.experiment import Evaluator, Experiment
 from models.design.feasible import Demands
 from models.design.limitation import LimitationRatio, default_ratio, limitation_ratio
-from models.design.limits import CurrentBounds, InfeasibleError, Limits
-from models.design.load_cycle import amplitude_bounds, load_cycle_bounds, load_histogram
+from models.design.limits import CurrentBounds, InfeasibleError, Limits, Window
+from models.design.load_cycle import amplitude_bounds, load_cycle_bounds, load_histogram, mean_current_range
+from models.design.profile import final_rest_s
 from models.design.reference_model import predicted_temperature
 from models.design.voltage_band import recorded_band
 from models.local_model_network import LocalModelNetwork
@@ -24,6 +25,8 @@ _BLOCK_STARTS = 10
 _LEAST_LONGEST_S = 50.0
 # How long the largest current is taken to be held where the voltage limits it.
 _LIMITATION_S = 300.0
+# Of the range of the mean current that the intervals of a load cycle leave.
+_RANGE_SHARE = 0.7
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,9 @@ class DesignRequest:
     signal : "optimal", or the name of a family
     soc_levels : states of charge at which optimised blocks are played, pulses and rests around them; none: one block
     rest_ratio : rest over pulse
+    final_rest_s : rest at the end, part of the duration: slow relaxation shows nowhere else, and the next run begins
+        with a cell that has forgotten this one; by default 12 % of a sequence, at most half an hour, and none of
+        anything else
     cycle_A : (n,) recorded load cycle at the network's sampling time: its histogram bounds the blocks' currents
     amplitude_levels : shares of the largest current between which the blocks of a sequence change, where there is no
         load cycle. What is D-optimal for a model that is linear in the current uses the largest currents only, and a
@@ -52,10 +58,32 @@ class DesignRequest:
     signal: str = OPTIMAL
     soc_levels: tuple[float, ...] = ()
     rest_ratio: float = 8.0
+    final_rest_s: float | None = None
     cycle_A: FloatArray | None = None
     amplitude_levels: tuple[float, ...] = (1.0, 0.6, 0.25)
     n_starts: int | None = None
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the rest."""
+        if self.final_rest_s and not 0.0 <= self.final_rest_s <= 0.5 * self.duration_s:
+            raise InfeasibleError(
+                f"final_rest_s is {self.final_rest_s:g} s; it must lie between 0 and half the duration of "
+                f"{self.duration_s:g} s"
+            )
+
+    @property
+    def rest_s(self) -> float:
+        """Rest at the end."""
+        if self.final_rest_s is not None:
+            return self.final_rest_s
+        is_sequence = self.signal == OPTIMAL and bool(self.soc_levels)
+        return final_rest_s(self.duration_s) if is_sequence else 0.0
+
+    @property
+    def active_s(self) -> float:
+        """Duration without the rest at the end."""
+        return self.duration_s - self.rest_s
 
 
 def demands_of(experiment: Experiment, limits: Limits, bounds: CurrentBounds | None = None) -> Demands:
@@ -113,8 +141,18 @@ def plan_of(experiment: Experiment, request: DesignRequest) -> SequencePlan:
         longest_s=longest_time_constant_s(network),
         ratio=_ratio(experiment, request),
         rest_ratio=request.rest_ratio,
+        mean_A=_mean_A(request),
     )
-    return fitted_to(plan, request.duration_s)
+    return fitted_to(plan, request.active_s)
+
+
+def _mean_A(request: DesignRequest) -> Window | None:
+    """Range of a block's mean current within the load cycle's histogram; its ends would leave nothing to design."""
+    if request.cycle_A is None:
+        return None
+    low, high = mean_current_range(load_histogram(request.cycle_A), request.limits.current_A)
+    middle, half = 0.5 * (low + high), 0.5 * _RANGE_SHARE * (high - low)
+    return middle - half, middle + half
 
 
 def _ratio(experiment: Experiment, request: DesignRequest) -> LimitationRatio:
@@ -147,19 +185,29 @@ def block_designer(
         if bounds is None:
             rng = np.random.default_rng([request.seed, number])
             bounds = amplitude_bounds(request.amplitude_levels, n_samples, plan.dt_s, request.limits.current_A, rng)
-        # Where the current's bounds leave the charge free the block moves it as asked: the duration is the plan's.
+        # The block moves the charge as asked: the duration is the plan's.
         charge_Ah = change * plan.capacity_Ah
-        net = (charge_Ah, charge_Ah) if request.cycle_A is None else None
         window = (max(low, min(soc, soc + change) - half), min(high, max(soc, soc + change) + half))
-        near = replace(request.limits, soc=window, net_charge_Ah=net, temperature_degC=None)
-        optimum = optimise(
-            here,
-            demands_of(here, near, bounds),
-            n_samples,
-            criterion=request.criterion,
-            n_starts=request.n_starts or _BLOCK_STARTS,
-            seed=request.seed + 1000 * number,
-        )
+        near = replace(request.limits, soc=window, net_charge_Ah=(charge_Ah, charge_Ah), temperature_degC=None)
+        free = replace(near, soc=request.limits.soc, net_charge_Ah=None)
+
+        def best(limits: Limits) -> Optimum:
+            return optimise(
+                here,
+                demands_of(here, limits, bounds),
+                n_samples,
+                criterion=request.criterion,
+                n_starts=request.n_starts or _BLOCK_STARTS,
+                seed=request.seed + 1000 * number,
+            )
+
+        try:
+            optimum = best(near)
+        except InfeasibleError:
+            if request.cycle_A is None:
+                raise
+            # Near the window's ends the limitation ratio leaves less of the cycle's currents than its histogram has.
+            optimum = best(free)
         optima.append(optimum)
         known[0] = Evaluator(here, n_samples).information(optimum.current_A)
         return optimum.current_A

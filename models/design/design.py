@@ -102,7 +102,7 @@ def design(experiment: Experiment, request: DesignRequest, progress: Progress | 
     if request.criterion not in CRITERIA:
         raise ModelError(f"criterion {request.criterion!r} is unknown; use one of {', '.join(CRITERIA)}")
     dt_s = experiment.network.structure.dt_s
-    n_samples = round(request.duration_s / dt_s) if np.isfinite(request.duration_s) else 0
+    n_samples = round(request.active_s / dt_s) if np.isfinite(request.duration_s) else 0
     if n_samples < 1:
         raise InfeasibleError(f"duration is {request.duration_s:g} s: it holds no sample of {dt_s:g} s")
     blocks: tuple[Block, ...] = ()
@@ -115,6 +115,7 @@ def design(experiment: Experiment, request: DesignRequest, progress: Progress | 
     else:
         optimum = _single(experiment, request, n_samples, report)
         raw, optima = optimum.current_A, (optimum,)
+    raw = np.append(raw, np.zeros(round(request.rest_s / dt_s)))
     feasible = Feasible(experiment, demands_of(experiment, request.limits), len(raw))
     current = feasible.finish(raw)
     report(1.0, "done")
@@ -172,7 +173,7 @@ def _family_A(experiment: Experiment, request: DesignRequest) -> FloatArray:
         soc=request.limits.soc,
         capacity_Ah=experiment.network.cell.capacity_Ah,
         initial_soc=experiment.initial_soc,
-        duration_s=request.duration_s,
+        duration_s=request.active_s,
         dt_s=experiment.network.structure.dt_s,
         cycle_A=request.cycle_A,
     )

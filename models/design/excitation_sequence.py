@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from models.design.limitation import LimitationRatio, no_limitation
-from models.design.limits import InfeasibleError, Limits
+from models.design.limits import InfeasibleError, Limits, Window
 from models.design.profile import Profile
 from models.design.sequence_builder import PULSE_SHARE_OF_LIMIT, SequenceBuilder
 from models.errors import ModelError
@@ -52,6 +52,7 @@ class SequencePlan:
     longest_s : longest time constant of the cell
     ratio : how much of the largest current pulses and moves may take at each state of charge
     rest_ratio : rest after a pulse over the pulse's duration
+    mean_A : range of the mean current of a block, where its bounds leave no more; None: whatever the limits do
     conditioning, repeat : whether the short-time history is cleared first, and one block repeated at the end
     """
 
@@ -64,6 +65,7 @@ class SequencePlan:
     longest_s: float
     ratio: LimitationRatio = field(default_factory=no_limitation)
     rest_ratio: float = REST_RATIO
+    mean_A: Window | None = None
     conditioning: bool = True
     repeat: bool = True
 
@@ -99,14 +101,21 @@ class SequencePlan:
         """
         visits = self.visits()
         if number + 1 + self.repeat >= len(visits):
-            return 0.0
+            return self._possible(0.0)
         pulses = sum(self._pulse_soc(self.direction(each)) for each in (number, number + 1))
         change = visits[number + 1] - soc - pulses
         if change * (visits[number + 1] - soc) <= 0.0:
-            return 0.0
+            return self._possible(0.0)
         low_A, high_A = self.limits.current_A
         most = _CARRY_SHARE * (high_A if change > 0.0 else -low_A) * self.block_s / 3600.0 / self.capacity_Ah
-        return float(np.clip(change, -most, most))
+        return self._possible(float(np.clip(change, -most, most)))
+
+    def _possible(self, change: float) -> float:
+        """Nearest change that a block's bounds allow."""
+        if self.mean_A is None:
+            return change
+        per_A = self.block_s / 3600.0 / self.capacity_Ah
+        return float(np.clip(change, self.mean_A[0] * per_A, self.mean_A[1] * per_A))
 
     def direction(self, number: int) -> float:
         """Sign of the current with which a visit's level is reached."""

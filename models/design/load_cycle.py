@@ -91,18 +91,28 @@ def load_cycle_bounds(
     The text leaves the order of the intervals open. Here pieces of about a minute follow each other so that the charge
     counted in their middles stays as small as it can, which leaves the state of charge where the block is to be.
     """
-    scale = min(
-        1.0,
-        current_A[0] / histogram.edges_A[0] if histogram.edges_A[0] < 0.0 else 1.0,
-        current_A[1] / histogram.edges_A[-1] if histogram.edges_A[-1] > 0.0 else 1.0,
-    )
-    edges = scale * histogram.edges_A
+    edges = _scaled_edges(histogram, current_A)
     counts = _apportion(histogram.share, n_samples)
     order, lengths = _interleave(counts, 0.5 * (edges[:-1] + edges[1:]), max(1, round(PIECE_S / dt_s)), rng)
     low, high = np.repeat(edges[order], lengths), np.repeat(edges[order + 1], lengths)
     if (low > high).any():
         raise InfeasibleError("load cycle: its scaled intervals are empty")
     return CurrentBounds(low, high, ratio.soc, ratio.discharge, ratio.charge)
+
+
+def mean_current_range(histogram: LoadHistogram, current_A: Window) -> Window:
+    """Range of the mean current within a histogram's intervals, in A: how far they let a block move the charge."""
+    edges = _scaled_edges(histogram, current_A)
+    return float(histogram.share @ edges[:-1]), float(histogram.share @ edges[1:])
+
+
+def _scaled_edges(histogram: LoadHistogram, current_A: Window) -> FloatArray:
+    scale = min(
+        1.0,
+        current_A[0] / histogram.edges_A[0] if histogram.edges_A[0] < 0.0 else 1.0,
+        current_A[1] / histogram.edges_A[-1] if histogram.edges_A[-1] > 0.0 else 1.0,
+    )
+    return scale * histogram.edges_A
 
 
 def amplitude_bounds(

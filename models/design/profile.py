@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 from models.errors import ModelError
 from models.timeseries import FloatArray
 
+# Of a test at its end, and at most: the slow part of the relaxation shows nowhere else, and the next run begins with a
+# cell that has forgotten most of what was done to it.
+_FINAL_REST_SHARE, _FINAL_REST_S = 0.12, 1800.0
+
 
 @dataclass(frozen=True)
 class Profile:
@@ -41,3 +45,8 @@ class Profile:
         """Planned state of charge at each row."""
         charge_As = np.concatenate([[0.0], np.cumsum(self.current_A[:-1] * np.diff(self.time_s))])
         return initial_soc + charge_As / (3600.0 * capacity_Ah)
+
+
+def final_rest_s(duration_s: float) -> float:
+    """Rest at the end of a test of a given duration."""
+    return min(_FINAL_REST_S, _FINAL_REST_SHARE * duration_s)

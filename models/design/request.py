@@ -30,6 +30,7 @@ _KEYS = (
     "load_cycle",
     "soc_levels",
     "rest_ratio",
+    "final_rest_s",
     "rivals",
     "seed",
 )
@@ -49,7 +50,7 @@ class WrittenRequest:
 
     Attributes
     ----------
-    limits, duration_s, criterion, signal, soc_levels, rest_ratio, seed : see `DesignRequest`
+    limits, duration_s, criterion, signal, soc_levels, rest_ratio, final_rest_s, seed : see `DesignRequest`
     capacity_Ah, dt_s, initial_soc : None where not given
     model, load_cycle : names of files or stored things, None where not given
     runs, rivals : the same, empty where not given
@@ -61,6 +62,7 @@ class WrittenRequest:
     signal: str
     soc_levels: tuple[float, ...]
     rest_ratio: float
+    final_rest_s: float | None
     seed: int
     capacity_Ah: float | None = None
     dt_s: float | None = None
@@ -101,6 +103,7 @@ def read_request(document: Mapping[str, Any]) -> WrittenRequest:
         signal=_choice(document, "signal", OPTIMAL, (OPTIMAL, *find_families())),
         soc_levels=_levels(document.get("soc_levels"), limits.soc),
         rest_ratio=REST_RATIO if rest_ratio is None else rest_ratio,
+        final_rest_s=_optional(document, "final_rest_s", "s"),
         seed=_whole(document, "seed"),
         capacity_Ah=capacity_Ah,
         dt_s=dt_s,

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cho_factor, solve_triangular
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from models.design.experiment import Experiment, Prediction
 from models.local_model_network import LocalModelNetwork
@@ -20,7 +20,12 @@ CONFIDENCE = 0.997
 # A run that the model has not seen finds larger errors than the largest so far. Less is added where that was found on
 # runs that the fit had not seen either.
 _HELD_OUT_FACTOR, _TRAINED_FACTOR = 1.2, 1.4
-_LEAST_SCALE = 3.0
+# Of Laplace's distribution, over its standard deviation: what 95 % keep, and over how much a further one in e is left.
+_BEYOND = 0.05
+_LAPLACE_FALL = float(np.sqrt(0.5))
+_LAPLACE_P95 = -_LAPLACE_FALL * float(np.log(_BEYOND))
+# How rarely the largest error so far may be as small as it is, and the fewest beyond the 95 % that tell anything.
+_UNLUCKY, _FEWEST_BEYOND = 0.025, 8.0
 
 
 class Band(Protocol):
@@ -63,41 +68,80 @@ class VoltageBand:
 
 
 @dataclass(frozen=True)
+class Tail:
+    """Errors of runs that are known already, over their root mean square.
+
+    Attributes
+    ----------
+    p95, largest : 95 % of the errors lie within the first, all within the second
+    n_samples : of those runs
+    """
+
+    p95: float
+    largest: float
+    n_samples: int
+
+
+@dataclass(frozen=True)
 class LearntBand:
     """The network's own pointwise uncertainty, widened until it holds for all samples at once.
 
     Attributes
     ----------
     uncertainty : of the network: parameters, held-out error, distance from the trained domain
-    largest_over_rms : largest error over the root mean square one that is expected of a whole run, from the runs known
-        so far; None: Bonferroni's bound over the samples of a normal error
-    confidence : probability with which all samples lie inside, for Bonferroni's bound
+    tail : of the errors of the runs known so far; None: not known
+    confidence : probability with which all samples lie inside
+
+    Notes
+    -----
+    Errors of a structure have heavier tails than a normal distribution. The largest one so far says little about that
+    of the next run: it is a single draw of an extreme. So beyond what 95 % of the errors keep, their number is taken to
+    fall exponentially, as Laplace's distribution does, or faster where the largest of the runs so far would otherwise
+    have been larger in 97.5 of 100 cases (the peaks over a threshold: Coles, "An Introduction to Statistical Modeling
+    of Extreme Values", 2001, ch. 4). What counts is not the number of samples but how often the error crosses its
+    middle in a sequence of N: N arccos(r) / pi times, with r its autocorrelation from one sample to the next (Rice,
+    Bell System Technical Journal 24, 1945, for a sampled process). Twice that many are counted: exact for errors
+    without memory, of which each sample is one draw, and on the safe side for slow ones.
     """
 
     uncertainty: Uncertainty
-    largest_over_rms: float | None = None
+    tail: Tail | None = None
     confidence: float = CONFIDENCE
 
     def width_V(self, experiment: Experiment, current_A: FloatArray, prediction: Prediction) -> FloatArray:
         """(N,) in V."""
         run = planned_run(experiment, current_A)
         pointwise = prediction_band(experiment.network, run, experiment.initial_soc, self.uncertainty).std_V
-        scale = self.largest_over_rms
-        if scale is None:
-            scale = float(norm.isf((1.0 - self.confidence) / (2.0 * len(current_A))))
-        return max(scale, _LEAST_SCALE) * pointwise[experiment.lead :]
+        return self.scale(len(current_A)) * pointwise[experiment.lead :]
+
+    def scale(self, n_samples: int) -> float:
+        """Standard deviations within which all samples of a sequence lie."""
+        threshold, fall, least = _LAPLACE_P95, _LAPLACE_FALL, 0.0
+        if self.tail is not None:
+            threshold, least = self.tail.p95, self.tail.largest
+            beyond = _BEYOND * self._draws(self.tail.n_samples)
+            if beyond > _FEWEST_BEYOND:
+                fall = min(fall, (least - threshold) / float(np.log(beyond / -np.log(_UNLUCKY))))
+        beyond = max(_BEYOND * self._draws(n_samples), 1.0)
+        return max(threshold + fall * float(np.log(beyond / (1.0 - self.confidence))), least)
+
+    def _draws(self, n_samples: int) -> float:
+        """Errors in a sequence that count as drawn one by one."""
+        neighbour = float(self.uncertainty.correlation.at(np.ones(1))[0])
+        return max(1.0, 2.0 / np.pi * n_samples * float(np.arccos(np.clip(neighbour, 0.0, 1.0))))
 
 
 def recorded_band(network: LocalModelNetwork) -> Band:
     """Band from what a network's record says of its errors."""
     held_out = network.record.get("validation")
     figures = held_out or network.record.get("train") or {}
-    factor = _HELD_OUT_FACTOR if held_out else _TRAINED_FACTOR
     largest_mV, rms_mV = float(figures.get("max_mV", 0.0)), float(figures.get("rmse_mV", 0.0))
     uncertainty = uncertainty_of(network)
     if uncertainty is None:
-        return VoltageBand(factor * 1e-3 * largest_mV)
-    return LearntBand(uncertainty, factor * largest_mV / rms_mV if rms_mV > 0.0 else None)
+        return VoltageBand(1e-3 * (_HELD_OUT_FACTOR if held_out else _TRAINED_FACTOR) * largest_mV)
+    if not rms_mV > 0.0:
+        return LearntBand(uncertainty)
+    return LearntBand(uncertainty, Tail(figures["p95_mV"] / rms_mV, largest_mV / rms_mV, int(figures["n_samples"])))
 
 
 def planned_run(experiment: Experiment, current_A: FloatArray) -> GridRun:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from models.diagnosis.change import analyse_change
-from models.diagnosis.correction import corrected, corrects_inputs
 from models.diagnosis.diagnosis import network_memory, own_activation_K
 from models.diagnosis.layout import Shape
 from models.diagnosis.parameters import Value, parameters
@@ -16,6 +15,7 @@ from models.diagnosis.structure import analyse_structure
 from models.effects import Effect, effect
 from models.errors import ModelError
 from models.identification import fit_network
+from models.input_correction import as_read, corrected, corrects_inputs
 from models.lineage import version_of, with_version
 from models.local_model_network import LocalModelNetwork
 from models.structure_search import Progress
@@ -72,6 +72,7 @@ def add_effect(
     chosen = effect(name)
     before = make_record(network, validate, validate_soc)
     own = make_record(network, train, train_soc)
+    train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))
     if chosen.extend is not None:
         values = _missing(network, chosen, own)
         plain = {key: each.value for key, each in values.items()}

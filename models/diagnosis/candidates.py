@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from models.effects import Effect
 from models.effects.effect import Lean
 from models.timeseries import FloatArray
 
-_GRID = np.array([-1.0, -0.6, -0.35, -0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0])
+_GRID = np.array([-1.0, -0.6, -0.3, -0.12, -0.04, 0.04, 0.12, 0.3, 0.6, 1.0])
 _NEWTON_STEPS = 4
+# Samples on which the grid is searched; the steps from the best of it look at all.
+_GRID_SAMPLES = 1_500
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,32 @@ def try_effect(comparison: Comparison, effect: Effect) -> Candidate:
     return Candidate(effect, x.shape[1], found, x @ found.coefficients, x, comparison.evidence.error_V)
 
 
+def beside(comparison: Comparison, candidate: Candidate, before: Comparison) -> Candidate:
+    """A candidate of one comparison in a wider one, linear about the same value.
+
+    Parameters
+    ----------
+    comparison : whose error lacks what another effect stands for
+    candidate : tried in `before`
+    before : the comparison without the other effect
+    """
+    fixed_V = before.evidence.error_V - candidate.target_V
+    target_V = comparison.evidence.error_V - fixed_V
+    found = comparison.evidence.solve(candidate.columns, target_V)
+    contribution_V = fixed_V + candidate.columns @ found.coefficients
+    if candidate.value is None:
+        return replace(candidate, solution=found, contribution_V=contribution_V, target_V=target_V)
+    variance = float(found.covariance[0, 0])
+    return replace(
+        candidate,
+        solution=found,
+        contribution_V=contribution_V,
+        target_V=target_V,
+        value=float(found.coefficients[0]),
+        variance=variance,
+    )
+
+
 def noise_V2(comparison: Comparison, candidate: Candidate) -> float:
     """Variance of the remaining error as estimates feel it: neighbouring errors hang together."""
     left = comparison.evidence.error_V - candidate.contribution_V
@@ -148,20 +176,14 @@ def lean_columns(comparison: Comparison, lean: Lean, shape: float) -> FloatArray
     return np.vstack([lean.columns(view, shape) for view in comparison.runs.views])
 
 
-def simulate_again(comparison: Comparison, effect: Effect) -> Candidate:
-    """Estimate the one parameter of an effect: Gauss-Newton from the best of a grid."""
+def simulate_again(comparison: Comparison, effect: Effect, start: float | None = None) -> Candidate:
+    """Estimate the one parameter of an effect: Gauss-Newton from `start`, or else from the best of a grid."""
     evidence, runs, shift = comparison.evidence, comparison.runs, effect.shift
     assert shift is not None
     first = runs.views[0]
     low, high = shift.limits(first)
-    grid = np.concatenate([[0.0], np.where(_GRID < 0, -low, high) * _GRID])
-    shifted = {float(v): runs.shifted(effect, float(v)) if v else np.zeros(len(evidence.error_V)) for v in grid}
-
-    def left(value: float) -> float:
-        return evidence.solve(runs.beyond(effect, value), evidence.error_V - shifted[value]).cost
-
-    value = min(shifted, key=left)
     step = shift.step(first)
+    value = start if start is not None else _best_of_grid(comparison, effect, low, high) if shift.searched else 0.0
     for _ in range(_NEWTON_STEPS):
         at, x = _linearised(runs, effect, value, step)
         found = evidence.solve(x, evidence.error_V - at + x[:, 0] * value)
@@ -175,6 +197,18 @@ def simulate_again(comparison: Comparison, effect: Effect) -> Candidate:
     found = evidence.solve(x, target)
     contribution = at + x[:, 1:] @ found.coefficients[1:]
     return Candidate(effect, 1, found, contribution, x, target, value, float(found.covariance[0, 0]))
+
+
+def _best_of_grid(comparison: Comparison, effect: Effect, low: float, high: float) -> float:
+    every = max(1, len(comparison.runs.blocks) // _GRID_SAMPLES)
+    chosen = np.arange(len(comparison.runs.blocks)) % every == 0
+    runs, evidence = comparison.runs.kept(chosen), comparison.evidence.kept(chosen)
+
+    def left(value: float) -> float:
+        moved = runs.shifted(effect, value) if value else 0.0
+        return evidence.solve(runs.beyond(effect, value), evidence.error_V - moved).cost
+
+    return min([0.0, *(np.where(_GRID < 0, -low, high) * _GRID).tolist()], key=left)
 
 
 def _linearised(runs: Samples, effect: Effect, value: float, step: float) -> tuple[FloatArray, FloatArray]:

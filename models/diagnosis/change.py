@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.diagnosis.candidates import Candidate, Comparison, compare_samples, try_effect
+from models.diagnosis.candidates import Candidate, Comparison, compare_samples, lean_columns, try_effect
+from models.diagnosis.joint import Named, best_form, named_effects, with_form
 from models.diagnosis.memory import SAMPLES, Memory
 from models.diagnosis.ranking import Ranking, rank
 from models.diagnosis.reference import Reference
@@ -34,7 +35,8 @@ class ChangeAnalysis:
     Attributes
     ----------
     reference : model that the runs were held against
-    comparison, ranking : of the voltage; None where no sample lies in the trained domain
+    comparison, ranking : of the voltage, single effects; None where no sample lies in the trained domain
+    named : effects on the voltage that are named, the larger first
     thermal : of the temperature; None where it cannot be judged
     warmth : the effect on the temperature that is named, if any
     """
@@ -42,6 +44,7 @@ class ChangeAnalysis:
     reference: Reference
     comparison: Comparison | None
     ranking: Ranking | None
+    named: tuple[Named, ...]
     thermal: ThermalComparison | None
     warmth: WarmthTrial | None
 
@@ -69,10 +72,39 @@ def analyse_change(memory: Memory, runs: list[GridRun], soc: list[float], effect
         warmth = None
     if warmth is not None and warmth.effect.name == "temperature_sensor":
         comparison, ranking = _voltage(memory, [_true_temperature(run, warmth) for run in runs], soc, effects)
-    if warmth is not None and ranking is not None and _entropic(ranking) and warmth.effect.name == "reversible_heat":
+    named = _named(comparison, ranking)
+    if warmth is not None and comparison is not None and warmth.effect.name == "reversible_heat":
         # A voltage that moves with temperature makes reversible heat: one effect, not two.
-        warmth = None
-    return ChangeAnalysis(reference, comparison, ranking, thermal, warmth)
+        named, entropic = _with_entropic(comparison, named, warmth.values[0])
+        warmth = None if entropic else warmth
+    return ChangeAnalysis(reference, comparison, ranking, named, thermal, warmth)
+
+
+def _with_entropic(
+    comparison: Comparison, named: tuple[Named, ...], dU_dT_V_per_K: float
+) -> tuple[tuple[Named, ...], bool]:
+    """Add the entropic voltage where the voltage moves as the reversible heat asks for, rather than not at all."""
+    if any(each.effect_name == "entropic_voltage" for each in named):
+        return named, True
+    effect = next((each for each in comparison.effects if each.name == "entropic_voltage"), None)
+    if effect is None or effect.lean is None:
+        return named, False
+    beside = comparison if not named else with_form(comparison, best_form(named[0].ranking))
+    evidence = beside.evidence
+    moved_V = dU_dT_V_per_K * lean_columns(beside, effect.lean, 0.0)[:, 0]
+    if evidence.cost_of(evidence.error_V - moved_V) >= evidence.cost:
+        return named, False
+    return (*named, Named(beside, rank(beside, [try_effect(beside, effect)]))), True
+
+
+def _named(comparison: Comparison | None, ranking: Ranking | None) -> tuple[Named, ...]:
+    """One effect that explains most of what is new, or two that do so together."""
+    if comparison is None or ranking is None or not ranking.something_new:
+        return ()
+    found = named_effects(comparison, ranking)
+    if len(found) > 1:
+        return found
+    return found if ranking.significant and ranking.explained else ()
 
 
 def _voltage(
@@ -144,10 +176,6 @@ def _leak_warms(
     return warm is not None and warm.mse_K2 <= _LEAK_EXPLAINS * thermal.mse_K2
 
 
-def _entropic(ranking: Ranking) -> bool:
-    return ranking.significant and ranking.candidates[0].effect.name == "entropic_voltage"
-
-
 def _least_samples(reference: Reference) -> int:
     return 2 * len(reference.coefficients)
 
@@ -157,7 +185,7 @@ def _named_warmth(thermal: ThermalComparison | None) -> WarmthTrial | None:
         return None
     large = thermal.mse_K2 >= max(_LEAST_WARMTH_K**2, _LEAST_WARMTH_RATIO**2 * thermal.own_mse_K2)
     best = thermal.trials[0]
-    return best if large and thermal.share(best) >= _WARMTH_SHARE else None
+    return best if large and thermal.share_of_new(best) >= _WARMTH_SHARE else None
 
 
 def _true_temperature(run: GridRun, trial: WarmthTrial) -> GridRun:

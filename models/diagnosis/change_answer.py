@@ -7,18 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.diagnosis.candidates import Candidate
 from models.diagnosis.change import ChangeAnalysis, contribution_V
-from models.diagnosis.confidence import confidence
+from models.diagnosis.confidence import confidence, warmth_confidence
 from models.diagnosis.explanation import explain, explain_warmth
 from models.diagnosis.findings import Diagnosis, Finding
+from models.diagnosis.joint import Named
 from models.diagnosis.next_experiment import discriminating_request
 from models.diagnosis.parameters import Value, parameters
-from models.diagnosis.ranking import Ranking
 from models.diagnosis.record import Record
 from models.diagnosis.unknown import depends_on
+from models.timeseries import FloatArray
 
 _SHOWN_RIVALS = 3
 _LARGE_RATIO = 3.0
+# Error of the reference model, over its own and beyond it, with which "nothing is missing" is not an answer.
+_MUCH_LEFT, _MUCH_LEFT_V = 3.0, 3e-3
+# A network that much coarser than the reference model is told so.
+_COARSE = 2.0
 
 
 def change_answer(analysis: ChangeAnalysis, record: Record, started: float, has_train: bool) -> Diagnosis:
@@ -32,18 +38,17 @@ def change_answer(analysis: ChangeAnalysis, record: Record, started: float, has_
     has_train : whether the training runs were at hand
     """
     ranking = analysis.ranking
-    named = ranking is not None and ranking.significant and ranking.explained
     warm = [] if analysis.warmth is None else [_warmth_finding(analysis, record)]
-    electric, left = _voltage_findings(analysis, ranking, record) if ranking is not None and named else ([], record)
+    electric, left = _voltage_findings(analysis, record)
     # A large change of the voltage is the first thing to say; a small one may be the temperature's doing.
     first = electric + warm if ranking is not None and ranking.ratio >= _LARGE_RATIO else warm + electric
     findings = [replace(each, rank=number + 1) for number, each in enumerate(first)]
-    rivals = ranking.rivals if ranking is not None and named and first[0] is electric[0] else ()
+    rivals = analysis.named[0].ranking.rivals if analysis.named and first[0] is electric[0] else ()
     # Runs that lie wholly outside the trained domain are not "nothing missing": nothing is known of them.
-    unknown = (ranking is None or ranking.unknown) and not findings
+    unknown = (ranking is None or ranking.unknown or _much_left(analysis)) and not findings
     request = None
-    if rivals and ranking is not None:
-        pair = (ranking.candidates[0].effect.name, rivals[0])
+    if rivals:
+        pair = (analysis.named[0].effect_name, rivals[0])
         voltage_V = np.concatenate([run.voltage_V[run.measured] for run in record.runs])
         last = record.soc[-1] + float(record.runs[-1].charge_Ah[-1]) / analysis.reference.capacity_Ah
         request = discriminating_request(analysis.reference, pair, voltage_V, last)
@@ -61,55 +66,73 @@ def change_answer(analysis: ChangeAnalysis, record: Record, started: float, has_
         depends_on=depends,
         next_experiment=request,
         seconds=time.perf_counter() - started,
-        remarks=tuple(_remarks(analysis, has_train)),
+        remarks=tuple(_remarks(analysis, record, has_train)),
     )
 
 
-def _voltage_findings(analysis: ChangeAnalysis, ranking: Ranking, record: Record) -> tuple[list[Finding], Record]:
-    """The named effect and its rivals, with what each leaves of the network's error."""
+def _much_left(analysis: ChangeAnalysis) -> bool:
+    """Whether the runs are far off what the training runs say, however well that could be parameters left open."""
     comparison = analysis.comparison
-    assert comparison is not None
-    findings, first = [], record
-    shown = ranking.candidates[: 1 + min(len(ranking.rivals), _SHOWN_RIVALS)]
-    names = [candidate.effect.name for candidate in shown]
-    for number, candidate in enumerate(shown):
-        parts = [
-            contribution_V(analysis.reference, candidate, run, soc)
-            for run, soc in zip(record.runs, record.soc, strict=True)
-        ]
-        after = record.less(parts)
-        values = parameters(comparison, candidate)
-        cost, n = comparison.evidence.cost, len(comparison.evidence.error_V)
-        gained = cost - candidate.solution.cost
-        share = gained / max(cost - n * comparison.own_mse, gained, 1e-300)
-        remaining_mV = 1e3 * float(np.sqrt(candidate.solution.cost / n))
-        others = tuple(name for name in names if name != candidate.effect.name)
-        findings.append(
-            Finding(
-                candidate.effect.name,
-                number + 1,
-                record.rms_mV,
-                after.rms_mV,
-                voltage_confidence(ranking),
-                values,
-                others,
-                explain(candidate.effect, share, remaining_mV, values, others, "change"),
-                {
-                    "reference_before_mV": 1e3 * float(np.sqrt(cost / n)),
-                    "reference_after_mV": remaining_mV,
-                    "reference_own_mV": 1e3 * ranking.own_V,
-                    "explained_share_of_new": share,
-                    "margin": ranking.margin,
-                },
-            )
-        )
-        first = after if number == 0 else first
-    return findings, first
+    if comparison is None:
+        return False
+    rms_V, own_V = _rms_V(comparison.evidence.error_V), float(np.sqrt(comparison.own_mse))
+    return rms_V > max(_MUCH_LEFT * own_V, own_V + _MUCH_LEFT_V)
 
 
-def voltage_confidence(ranking: Ranking) -> float:
-    """Probability that the effect named from the voltage is right."""
-    return confidence(ranking.margin, len(ranking.rivals))
+def _rms_V(error_V: FloatArray) -> float:
+    return float(np.sqrt(np.mean(error_V**2)))
+
+
+def _voltage_findings(analysis: ChangeAnalysis, record: Record) -> tuple[list[Finding], Record]:
+    """The named effects, each with what it leaves of the network's error beside those before it; then the rivals."""
+    findings: list[Finding] = []
+    rivals: list[Finding] = []
+    left = record
+    for named in analysis.named:
+        shown = named.ranking.candidates[: 1 + min(len(named.ranking.rivals), _SHOWN_RIVALS)]
+        names = [candidate.effect.name for candidate in shown]
+        tried = [_finding(analysis, named, each, names, left) for each in shown]
+        findings.append(tried[0][0])
+        rivals += [finding for finding, _ in tried[1:]]
+        left = tried[0][1]
+    told = {each.effect for each in findings}
+    return findings + [each for each in rivals if each.effect not in told], left
+
+
+def _finding(
+    analysis: ChangeAnalysis, named: Named, candidate: Candidate, names: list[str], record: Record
+) -> tuple[Finding, Record]:
+    """One effect, named or rival, and what it leaves of the record's error."""
+    comparison, ranking = named.comparison, named.ranking
+    parts = [
+        contribution_V(analysis.reference, candidate, run, soc)
+        for run, soc in zip(record.runs, record.soc, strict=True)
+    ]
+    after = record.less(parts)
+    values = parameters(comparison, candidate)
+    cost, n = comparison.evidence.cost, len(comparison.evidence.error_V)
+    gained = cost - candidate.solution.cost
+    share = gained / max(cost - n * comparison.own_mse, gained, 1e-300)
+    remaining_mV = 1e3 * float(np.sqrt(candidate.solution.cost / n))
+    others = tuple(name for name in names if name != candidate.effect.name)
+    finding = Finding(
+        candidate.effect.name,
+        1,
+        record.rms_mV,
+        after.rms_mV,
+        confidence(ranking),
+        values,
+        others,
+        explain(candidate.effect, share, remaining_mV, values, others, "change"),
+        {
+            "reference_before_mV": 1e3 * float(np.sqrt(cost / n)),
+            "reference_after_mV": remaining_mV,
+            "reference_own_mV": 1e3 * ranking.own_V,
+            "explained_share_of_new": share,
+        }
+        | ranking.figures,
+    )
+    return finding, after
 
 
 def _warmth_finding(analysis: ChangeAnalysis, record: Record) -> Finding:
@@ -128,7 +151,7 @@ def _warmth_finding(analysis: ChangeAnalysis, record: Record) -> Finding:
         1,
         record.rms_mV,
         record.rms_mV,
-        confidence(margin, 0),
+        warmth_confidence(margin),
         values,
         (),
         explain_warmth(trial.effect, share, before_K, after_K, values),
@@ -136,7 +159,7 @@ def _warmth_finding(analysis: ChangeAnalysis, record: Record) -> Finding:
     )
 
 
-def _remarks(analysis: ChangeAnalysis, has_train: bool) -> list[str]:
+def _remarks(analysis: ChangeAnalysis, record: Record, has_train: bool) -> list[str]:
     remarks = []
     if analysis.comparison is None:
         remarks.append(
@@ -147,6 +170,18 @@ def _remarks(analysis: ChangeAnalysis, has_train: bool) -> list[str]:
         if inside < 1.0:
             remarks.append(
                 f"{100 * (1 - inside):.0f} % of the samples lie outside the trained domain and were left out"
+            )
+        rms_mV = 1e3 * _rms_V(analysis.comparison.evidence.error_V)
+        if not analysis.named and record.rms_mV > _COARSE * rms_mV:
+            remarks.append(
+                f"the network's error is {record.rms_mV:.1f} mV, that of a finer model of the training runs "
+                f"{rms_mV:.1f} mV: most of it is the network's own; ask what its structure lacks"
+            )
+        if not analysis.named and _much_left(analysis):
+            remarks.append(
+                f"the runs are off by {rms_mV:.1f} mV where the training runs leave "
+                f"{1e3 * float(np.sqrt(analysis.comparison.own_mse)):.1f} mV, and no effect can be told from what the "
+                "training runs leave open"
             )
     if analysis.ranking is not None:
         least_mV = 1e3 * analysis.ranking.least_V

@@ -16,6 +16,7 @@ from models.diagnosis.structure import analyse_structure
 from models.diagnosis.structure_answer import structure_answer
 from models.effects import Effect, effects
 from models.errors import ModelError
+from models.input_correction import as_read
 from models.local_model_network import LocalModelNetwork
 from models.resampling import GridRun, to_grid
 from models.signals import parse_signal
@@ -59,7 +60,7 @@ def diagnose(
     record = make_record(network, runs, initial_soc)
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
-    grid = [to_grid(run, network.structure.dt_s) for run in train or []]
+    grid = [to_grid(as_read(network.record, run), network.structure.dt_s) for run in train or []]
     catalogue = list(effects().values())
     if mode == "structure":
         every, soc = [*grid, *record.runs], [*(train_soc or []), *record.soc]

@@ -8,7 +8,7 @@ to swallow a change, what they left open may.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,8 @@ from models.timeseries import FloatArray
 _FOLDS = 5
 # Keeps collinear regressors of one effect solvable, relative to their size.
 _RIDGE = 1e-6
+# What the other blocks hardly show of a regressor is not to be judged by.
+_HELD_OUT_RIDGE = 1e-3
 _TINY = 1e-150
 
 
@@ -53,6 +55,18 @@ class Evidence:
     regressors: FloatArray
     information: FloatArray
     blocks: np.ndarray
+
+    def with_information(self, information: FloatArray) -> Evidence:
+        """The same error with other information; products of the regressors are not made again."""
+        found = replace(self, information=information)
+        found.__dict__["_xx"] = self._xx
+        return found
+
+    def kept(self, chosen: np.ndarray) -> Evidence:
+        """The samples for which (n,) `chosen` holds, with their share of what the training runs say."""
+        blocks = np.unique(self.blocks[chosen], return_inverse=True)[1]
+        information = float(np.mean(chosen)) * self.information
+        return Evidence(self.error_V[chosen], self.regressors[chosen], information, blocks)
 
     @cached_property
     def _parts(self) -> list[np.ndarray]:
@@ -91,6 +105,11 @@ class Evidence:
         """(n,) part of an error that the model's parameters take in."""
         return self.regressors @ cho_solve(self._factor, self.regressors.T @ error_V)
 
+    def reduced(self, z: FloatArray) -> FloatArray:
+        """(k, k) products of (n, k) columns once the model's parameters have adapted to each."""
+        right = self.regressors.T @ z
+        return z.T @ z - right.T @ cho_solve(self._factor, right)
+
     def least_cost(self, x: FloatArray) -> float:
         """Remaining error with regressors, V^2."""
         return self.solve(x).cost
@@ -106,7 +125,8 @@ class Evidence:
         y = self.error_V if target_V is None else target_V
         if not x.shape[1]:
             return Solution(self.cost_of(y), np.zeros(0), np.zeros((0, 0)))
-        scale = np.sqrt((x * x).sum(axis=0)) + _TINY
+        size = np.sqrt((x * x).sum(axis=0))
+        scale = np.where(size > _TINY, size, 1.0)
         z = x / scale
         right = self.regressors.T @ np.column_stack([z, y])
         solved = cho_solve(self._factor, right)
@@ -134,7 +154,7 @@ class Evidence:
             solved = cho_solve(factor, ar)
             rr = whole - right[part].T @ right[part] - ar.T @ solved
             k = z.shape[1]
-            b = np.linalg.solve(rr[:k, :k] + _RIDGE * np.eye(k), rr[:k, k]) if k else np.zeros(0)
+            b = np.linalg.solve(rr[:k, :k] + _HELD_OUT_RIDGE * np.eye(k), rr[:k, k]) if k else np.zeros(0)
             d = solved[:, k] - solved[:, :k] @ b
             out[part] = y[part] - z[part] @ b - a[part] @ d
         return out

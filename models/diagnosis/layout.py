@@ -90,6 +90,7 @@ class Layout:
         """Number of coefficients."""
         return self.blocks[-1].part.stop
 
+    @cached_property
     def bases(self) -> dict[int, SplineBasis]:
         """Splines by their number of bumps."""
         low, high = self.soc_range
@@ -133,7 +134,7 @@ class Layout:
 
     def splines(self, soc: FloatArray) -> dict[int, FloatArray]:
         """(m, size) bumps by their number."""
-        return {size: basis.matrix(soc) for size, basis in self.bases().items()}
+        return {size: basis.matrix(soc) for size, basis in self.bases.items()}
 
     def regressors(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
         """(m, size) regressors for signals and the state of charge at the same samples."""

@@ -18,8 +18,12 @@ from models.resampling import GridRun
 from models.timeseries import FloatArray
 
 SCHEMA_VERSION = 1
-SAMPLES = 12_000
+SAMPLES = 6_000
 _COLUMN_RIDGE = 1e-6
+# Least squared voltage, relative to the own squared error, that an effect may have had in the training runs already.
+_LEAST_ALLOWED = 0.1
+# The noise is known to this factor of its variance: it is told from few and rounded figures.
+_NOISE_KNOWN_TO = 1.1
 # Digits that are written: far more than the estimates are good for.
 _DIGITS = 9
 
@@ -142,20 +146,28 @@ def remember(reference: Reference, train: list[GridRun], train_soc: list[float],
     p, error = len(reference.coefficients), samples.error_V
     information = extended.T @ extended
     information[:p, :p] += reference.penalty * len(error)
-    added = np.arange(p, len(information))
-    information[added, added] += _COLUMN_RIDGE * (extended[:, p:] ** 2).sum(axis=0) + 1e-12
     right = extended.T @ error
     right[:p] -= len(error) * (reference.penalty @ reference.coefficients)
     names, sizes = tuple(effect.name for effect in usable), tuple(column.shape[1] for column in columns)
-    memory = Memory(
-        reference, names, sizes, information, right, 0.0, 0.0, fit_heat_balance(reference, train, train_soc)
-    )
-    own_mse = float(np.mean((error - extended @ memory.moved(np.arange(len(right)))) ** 2))
-    return replace(memory, own_mse=own_mse, noise_mse=min(noise_mse(samples), own_mse))
+    power = (extended[:, p:] ** 2).mean(axis=0)
+    balance = fit_heat_balance(reference, train, train_soc)
+
+    def remembered(prior: FloatArray, own_mse: float) -> Memory:
+        wider = information.copy()
+        added = np.arange(p, len(information))
+        wider[added, added] += prior + 1e-12
+        memory = Memory(reference, names, sizes, wider, right, own_mse, 0.0, balance)
+        own = float(np.mean((error - extended @ memory.moved(np.arange(len(right)))) ** 2))
+        return replace(memory, own_mse=own, noise_mse=min(noise_mse(samples), own))
+
+    # The model is right, as far as it goes: an effect may have been at work by as much as its systematic error.
+    free = remembered(_COLUMN_RIDGE * len(error) * power, 0.0)
+    allowed = max(_LEAST_ALLOWED * free.own_mse, free.own_mse - free.noise_mse)
+    return remembered(power * free.own_mse / allowed, free.own_mse)
 
 
 def noise_mse(samples: Samples) -> float:
     """Variance of the measurement's noise in V^2."""
     floors = np.array([noise_floor_V(view.run.voltage_V, view.run.current_A) for view in samples.views])
     known = floors[np.isfinite(floors)]
-    return float(np.median(known) ** 2) if len(known) else 0.0
+    return _NOISE_KNOWN_TO * float(np.median(known) ** 2) if len(known) else 0.0

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.diagnosis.candidates import Candidate, Comparison, lean_columns, noise_V2, try_lean
+from models.diagnosis.candidates import Candidate, Comparison, noise_V2
+from models.diagnosis.forms import Form, Forms, forms_of, nested
 
 # What an effect must explain for each of its regressors, or it is not worth them: the logarithm of the number of
 # samples in units of the noise (Schwarz, Annals of Statistics 6, 1978), and this share of the squared error as far as
@@ -27,7 +28,7 @@ _LEAST_BEYOND, _LEAST_OF_SYSTEMATIC = 0.08, 1.2
 _UNKNOWN_RATIO = 1.5
 # Where the model is as good as the measurement's noise, chance alone decides, and an effect this many times above it is
 # none; elsewhere an effect has to show in held-out blocks.
-_GOOD_MODEL, _ABOVE_CHANCE = 0.25, 10.0
+_GOOD_MODEL, _ABOVE_CHANCE, _SURELY_NEW = 0.25, 10.0, 20.0
 # Least share of what is new that a named effect must explain.
 _LEAST_SHARE_OF_NEW = 0.5
 _LEAST_HELD_OUT_SHARE = 0.03
@@ -50,6 +51,7 @@ class Ranking:
     own_V, bias_V : the model's own error on the training runs, and the part of it beyond the measurement's noise
     something_new : whether the error goes beyond the model's own
     beyond_chance : whether the named effect explains more than chance does
+    forms, price : every form of the candidates, and what each parameter must explain, V^2
     """
 
     candidates: tuple[Candidate, ...]
@@ -64,6 +66,8 @@ class Ranking:
     bias_V: float
     something_new: bool
     beyond_chance: bool
+    forms: Forms
+    price: float
 
     @property
     def least_V(self) -> float:
@@ -75,6 +79,18 @@ class Ranking:
         """Whether the named effect is more than chance and more than the model's own error."""
         large = self.size_V >= self.least_V
         return self.something_new and large and self.beyond_chance
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """What decided, for a person who wants to know."""
+        return {
+            "margin": self.margin,
+            "size_mV": 1e3 * self.size_V,
+            "least_mV": 1e3 * self.least_V,
+            "held_out_share": self.held_out_share,
+            "ratio": self.ratio,
+            "n_rivals": len(self.rivals),
+        }
 
     @property
     def explained(self) -> bool:
@@ -94,25 +110,30 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
     noise = noise_V2(comparison, min(candidates, key=lambda each: each.solution.cost))
     systematic = comparison.own_mse - comparison.noise_mse
     price = max(float(np.log(n)) * noise, _SHARE_EACH * cost * systematic / comparison.own_mse)
-    spent = _with_price(comparison, candidates, price)
+    forms = forms_of(comparison, candidates)
+    spent = {each.effect.name: forms.spent(each.effect, price) for each in candidates}
     named = min(candidates, key=lambda each: spent[each.effect.name])
     unit = _OF_SYSTEMATIC * n * systematic + 2.0 * _LOG_LIKELIHOOD * noise
     margins = {name: (price - spent[named.effect.name]) / unit for name, price in spent.items()}
     others = sorted((each for each in candidates if each is not named), key=lambda each: margins[each.effect.name])
-    foreign = [each for each in others if not _nested(each, named)]
+    foreign = [each for each in others if not nested(each.effect, named.effect)]
     rivals = [each for each in foreign if margins[each.effect.name] < 1.0 or each.effect.name == named.effect.twin]
     rivals += [each for each in _special_cases(named, others, cost) if each not in rivals]
+    least = 2.0 * _LOG_LIKELIHOOD * noise
+    rivals += [each for each in others if forms.imitates(each.effect, named.effect, price, least)]
     rest = [each for each in others if each not in rivals]
     gained, own = cost - named.solution.cost, n * comparison.own_mse
-    held_out = _held_out_share(comparison, named, price)
+    held_out = _held_out_share(comparison, named, forms.forms[forms.best(named.effect, price)])
     allowance = comparison.bias_allowance
     beyond = _LEAST_BEYOND * comparison.own_mse + _LEAST_OF_SYSTEMATIC * allowance * systematic
     good = systematic <= _GOOD_MODEL * comparison.noise_mse
+    above_chance = good and held_out > 0.0 and gained >= _ABOVE_CHANCE * named.size * noise
+    surely_new = good and gained >= _SURELY_NEW * named.size * noise
     return Ranking(
         (named, *rivals, *rest),
         tuple(each.effect.name for each in rivals),
         ratio=cost / own,
-        size_V=float(np.sqrt(max(gained, 0.0) / n)),
+        size_V=float(np.sqrt(np.mean(named.contribution_V**2))),
         share=gained / cost,
         share_of_new=gained / max(cost - own, gained, 1e-300),
         held_out_share=held_out,
@@ -121,43 +142,20 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
         ),
         own_V=float(np.sqrt(comparison.own_mse)),
         bias_V=allowance * float(np.sqrt(max(systematic, 0.0))),
-        something_new=cost / n - comparison.own_mse >= beyond,
-        beyond_chance=held_out >= _LEAST_HELD_OUT_SHARE or (good and gained >= _ABOVE_CHANCE * named.size * noise),
+        something_new=surely_new or cost / n - comparison.own_mse >= beyond,
+        beyond_chance=held_out >= _LEAST_HELD_OUT_SHARE or above_chance,
+        forms=forms,
+        price=price,
     )
 
 
-def _with_price(comparison: Comparison, candidates: list[Candidate], price: float) -> dict[str, float]:
-    """Remaining error of each effect with the price of its regressors, in its full or its smallest form, V^2."""
-    spent = {each.effect.name: each.solution.cost + price * each.size for each in candidates}
-    for each in sorted(candidates, key=lambda each: each.solution.cost):
-        lean = each.effect.lean
-        if lean is None or each.solution.cost + 2.0 * price >= min(spent.values()):
-            continue
-        small = try_lean(comparison, each.effect, price)
-        spent[each.effect.name] = min(spent[each.effect.name], small.cost + price * small.size)
-    return spent
-
-
-def _held_out_share(comparison: Comparison, named: Candidate, price: float) -> float:
-    """Share of the squared error in held-out blocks that an effect explains, in its full or its smallest form."""
+def _held_out_share(comparison: Comparison, named: Candidate, form: Form) -> float:
+    """Share of the squared error in held-out blocks that an effect explains, in its full or its best form."""
     evidence = comparison.evidence
     gained = float(evidence.gains(named.columns, named.target_V).sum())
-    if named.effect.lean is not None:
-        small = try_lean(comparison, named.effect, price)
-        columns = lean_columns(comparison, named.effect.lean, small.shape)[:, : small.columns]
-        gained = max(gained, float(evidence.gains(columns).sum()))
+    if form.fixed_V is None and form.columns is not named.columns:
+        gained = max(gained, float(evidence.gains(form.columns).sum()))
     return gained / float((evidence.null_errors_V**2).sum())
-
-
-def _nested(one: Candidate, other: Candidate) -> bool:
-    return one.effect.name in other.effect.contains or other.effect.name in one.effect.contains
-
-
-def imitation(comparison: Comparison, named: Candidate, other: Candidate) -> float:
-    """Squared canonical correlation of an effect's signal with what another can express."""
-    signal = named.contribution_V
-    whole = comparison.evidence.cost_of(signal)
-    return 1.0 - comparison.evidence.solve(other.columns, signal).cost / max(whole, 1e-300)
 
 
 def _special_cases(named: Candidate, others: list[Candidate], cost: float) -> list[Candidate]:

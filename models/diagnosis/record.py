@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.comparison import simulate_runs
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
 from models.metrics import noise_floor_V
 from models.resampling import GridRun
+from models.simulated_runs import simulate_runs
 from models.timeseries import FloatArray, TimeSeries
 
 

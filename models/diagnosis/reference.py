@@ -105,7 +105,7 @@ class Reference:
 
     def open_circuit_V(self, soc: FloatArray) -> FloatArray:
         """(n,) open-circuit voltage at 25 degC."""
-        return self.layout.bases()[OCV_BUMPS].matrix(soc) @ self.coefficients[self.layout.blocks[0].part]
+        return self.layout.bases[OCV_BUMPS].matrix(soc) @ self.coefficients[self.layout.blocks[0].part]
 
 
 def fit_reference(

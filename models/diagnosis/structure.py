@@ -13,6 +13,7 @@ import numpy as np
 
 from models.diagnosis.candidates import Candidate, Comparison, lean_columns, try_effect, try_lean
 from models.diagnosis.evidence import Evidence
+from models.diagnosis.joint import Named, named_effects
 from models.diagnosis.memory import noise_mse
 from models.diagnosis.ranking import Ranking, rank
 from models.diagnosis.reference import Reference
@@ -24,15 +25,17 @@ from models.local_model_network import LocalModelNetwork
 from models.resampling import GridRun
 from models.timeseries import FloatArray
 
-_SAMPLES = 12_000
+_SAMPLES = 8_000
 _RESOLUTIONS = (0, 10, 20, 40)
 _RIDGES = (1e-7, 1e-5, 1e-3)
+_EFFECTS_RIDGE = 1e-5
 # A finer curve must lower the held-out error by this share.
 _WORTH = 0.01
 _HELD_OUT_RIDGE = 1e-5
 # Here the own error is what all effects together leave of the same runs: no other record is held against it.
 _BIAS_ALLOWANCE = 0.2
 _NEARLY = 0.9
+_SOC_SLACK = 0.01
 
 
 @dataclass(frozen=True)
@@ -43,14 +46,14 @@ class StructureAnalysis:
     ----------
     comparison : all runs with the network's error and every effect's regressors
     ranking : of single effects
-    second : ranking of further effects beside the named one; None where nothing was named
+    named : effects that are named, the larger first
     n_train : samples of the training runs, the first ones
     resolution : bumps of the open-circuit curve that the data ask for beside the network's; 0: none
     """
 
     comparison: Comparison
     ranking: Ranking
-    second: Ranking | None
+    named: tuple[Named, ...]
     n_train: int
     resolution: int
 
@@ -74,70 +77,74 @@ def analyse_structure(
     runs, soc : runs to be explained
     effects : to be tried
     """
-    samples = all_samples(reference, [*train, *runs], [*train_soc, *soc], _SAMPLES)
+    samples = _inside(all_samples(reference, [*train, *runs], [*train_soc, *soc], _SAMPLES), len(train))
     error = np.concatenate([_error_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
     own = np.vstack([sensitivities_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
-    evidence, resolution = _resolved(samples, error, own)
     usable = [effect for effect in effects if not effect.absorbed and visible(effect, [*train, *runs])]
     columns = {effect.name: samples.regressors(effect) for effect in usable}
+    evidence, resolution = _resolved(samples, error, own, np.hstack(list(columns.values())))
     everything = evidence.solve(np.hstack(list(columns.values()))).cost / len(error)
     noise = min(noise_mse(samples), everything)
     comparison = Comparison(samples, tuple(usable), columns, evidence, everything, noise, _BIAS_ALLOWANCE)
     candidates = [try_effect(comparison, effect) for effect in usable]
     ranking = rank(comparison, candidates)
-    second = _beside(comparison, ranking, usable) if ranking.significant else None
     n_train = sum(len(view.index) for view in samples.views[: len(train)])
-    return StructureAnalysis(comparison, ranking, second, n_train, resolution)
+    named = named_effects(comparison, ranking) if ranking.something_new else ()
+    # An effect that helps only the runs it was fitted to is none, a second one that does leaves the first alone;
+    # without other runs there is nothing to ask.
+    if len(named) > 1 and runs and not all(_helps(each, n_train) for each in named):
+        named = (Named(comparison, ranking),)
+    if len(named) == 1 and not (ranking.significant and (not runs or _helps(named[0], n_train))):
+        named = ()
+    return StructureAnalysis(comparison, ranking, named, n_train, resolution)
+
+
+def _helps(named: Named, n_train: int) -> bool:
+    candidate = named.ranking.candidates[0]
+    return held_out_mse(named.comparison, n_train, candidate) < held_out_mse(named.comparison, n_train)
+
+
+def _inside(samples: Samples, n_train: int) -> Samples:
+    """Leave out what lies beyond the SoC of the training runs: there the network is a guess, whatever it lacks."""
+    if n_train == 0:
+        return samples
+    soc = [view.soc[view.index] for view in samples.views]
+    known, every = np.concatenate(soc[:n_train]), np.concatenate(soc)
+    inside = (every >= known.min() - _SOC_SLACK) & (every <= known.max() + _SOC_SLACK)
+    return samples if inside.all() or not inside[len(known) :].any() else samples.kept(inside)
 
 
 def _error_V(network: LocalModelNetwork, run: GridRun, initial_soc: float, index: np.ndarray) -> FloatArray:
     return run.voltage_V[index] - network.free_run_V(run, initial_soc)[index]
 
 
-def _resolved(samples: Samples, error: FloatArray, own: FloatArray) -> tuple[Evidence, int]:
-    """Raise the resolution of the open-circuit curve until the held-out error stops falling."""
+def _resolved(samples: Samples, error: FloatArray, own: FloatArray, others: FloatArray) -> tuple[Evidence, int]:
+    """Raise the resolution of the open-circuit curve until the held-out error stops falling.
+
+    The effects are in the model meanwhile: beside one that is not, no finer curve would show.
+    """
     soc = np.concatenate([view.soc[view.index] for view in samples.views])
     best: tuple[float, Evidence, int] | None = None
     for size in _RESOLUTIONS:
         curve = SplineBasis(float(soc.min()), float(soc.max()), size).matrix(soc) if size else np.zeros((len(soc), 0))
         regressors = np.hstack([own, curve])
-        scale = (regressors**2).sum(axis=0) + 1e-12
-        tried = [Evidence(error, regressors, np.diag(ridge * scale), samples.blocks) for ridge in _RIDGES]
-        losses = [float((each.null_errors_V**2).sum()) for each in tried]
-        loss = min(losses)
-        if best is not None and loss > (1.0 - _WORTH) * best[0]:
+        p, wider = regressors.shape[1], np.hstack([regressors, others])
+        scale = (wider**2).sum(axis=0) + 1e-12
+        plain = Evidence(error, wider, np.diag(scale), samples.blocks)
+        losses = {}
+        for ridge in _RIDGES:
+            prior = np.concatenate([ridge * scale[:p], _EFFECTS_RIDGE * scale[p:]])
+            losses[ridge] = float((plain.with_information(np.diag(prior)).null_errors_V ** 2).sum())
+        ridge = min(losses, key=losses.__getitem__)
+        if best is not None and losses[ridge] > (1.0 - _WORTH) * best[0]:
             break
-        best = (loss, tried[losses.index(loss)], size)
+        found = Evidence(error, regressors, np.diag(ridge * scale[:p]), samples.blocks)
+        best = (losses[ridge], found, size)
     assert best is not None
     return best[1], best[2]
 
 
-def _beside(comparison: Comparison, ranking: Ranking, effects: list[Effect]) -> Ranking | None:
-    """Rank the other effects once the named one is in the model."""
-    named = ranking.candidates[0]
-    left = [effect for effect in effects if effect.name != named.effect.name]
-    if not left:
-        return None
-    evidence = comparison.evidence
-    wider = np.hstack([evidence.regressors, named.columns])
-    information = np.zeros((wider.shape[1],) * 2)
-    p = evidence.regressors.shape[1]
-    information[:p, :p] = evidence.information
-    added = np.arange(p, len(information))
-    information[added, added] = 1e-6 * (named.columns**2).sum(axis=0) + 1e-12
-    beside = Comparison(
-        comparison.runs,
-        comparison.effects,
-        comparison.columns,
-        Evidence(named.target_V, wider, information, evidence.blocks),
-        comparison.own_mse,
-        comparison.noise_mse,
-        _BIAS_ALLOWANCE,
-    )
-    return rank(beside, [try_effect(beside, effect) for effect in left])
-
-
-def held_out_mse(analysis: StructureAnalysis, candidate: Candidate | None = None) -> float:
+def held_out_mse(comparison: Comparison, n_train: int, candidate: Candidate | None = None) -> float:
     """Mean squared error of the diagnosed runs when network and effect are refitted to the training runs, V^2.
 
     The effect enters in its smallest form where it has one and that explains nearly as much. Without training runs it
@@ -145,10 +152,11 @@ def held_out_mse(analysis: StructureAnalysis, candidate: Candidate | None = None
 
     Parameters
     ----------
-    analysis : of the runs
-    candidate : the effect; None: the network alone
+    comparison : of training and diagnosed runs
+    n_train : samples of the training runs, the first ones
+    candidate : the effect; None: the network alone, or with what the comparison has beside it
     """
-    comparison, n = analysis.comparison, analysis.n_train
+    n = n_train
     evidence = comparison.evidence
     x, y = np.zeros((len(evidence.error_V), 0)), evidence.error_V
     if candidate is not None:

@@ -52,6 +52,10 @@ class ThermalComparison:
     mse_K2: float
     trials: tuple[WarmthTrial, ...]
 
+    def share_of_new(self, trial: WarmthTrial) -> float:
+        """Share that a trial explains of what goes beyond the error on the training runs."""
+        return (self.mse_K2 - trial.mse_K2) / max(self.mse_K2 - self.own_mse_K2, 1e-12)
+
     def share(self, trial: WarmthTrial) -> float:
         """Share of the squared error that a trial explains."""
         return 1.0 - trial.mse_K2 / self.mse_K2 if self.mse_K2 > 0.0 else 0.0

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.effects.effect import Effect, Lean, Parameter, Values
+from models.effects.effect import Effect, Lean, Parameter, Values, has_signal
 from models.effects.view import View
 from models.structure import InputChannel, Structure
 from models.timeseries import FloatArray
 
 _C_RATES = (0.1, 0.3, 1.0, 3.0)
+# Two electrodes with symmetric transfer have 2 R T / F each.
+_LARGEST_V = 0.12
 _SHAPES = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0)
 
 
@@ -31,6 +33,8 @@ def _shapes(view: View) -> tuple[float, ...]:
 
 
 def _extend(structure: Structure, values: Values, capacity_Ah: float) -> Structure:
+    if has_signal(structure, "charge_transfer"):
+        return structure
     exchange_A = 2.0 * values.get("exchange_current_A", 0.6 * capacity_Ah)
     return replace(structure, inputs=(*structure.inputs, InputChannel(f"charge_transfer:{exchange_A:.4g}")))
 
@@ -46,7 +50,7 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     overpotential=True,
-    lean=Lean(_columns, _shapes),
+    lean=Lean(_columns, _shapes, largest=_LARGEST_V),
     contains=("series_resistance",),
     extend=_extend,
 )

@@ -4,24 +4,52 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.effects.effect import Effect, Parameter
+from models.effects.effect import Effect, Parameter, Shift
 from models.effects.view import View
 from models.timeseries import FloatArray
+
+_LIMIT_SAMPLES = 6.0
+_STEP_SAMPLES = 0.05
+
+
+def _late(view: View, samples: int) -> FloatArray:
+    """(m,) change of the model's voltage where the current comes whole samples later."""
+    if not samples:
+        return np.zeros(len(view.index))
+    current_A = view.run.current_A
+    if samples > 0:
+        later_A = np.concatenate([np.full(samples, current_A[0]), current_A[:-samples]])
+    else:
+        later_A = np.concatenate([current_A[-samples:], np.full(-samples, current_A[-1])])
+    return view.moved(current_A=later_A)
+
+
+def _voltage(view: View, delay_s: float) -> FloatArray:
+    """Between two samples the voltage is taken as a straight line."""
+    samples = delay_s / view.run.dt_s
+    whole = int(np.floor(samples))
+    share = samples - whole
+    late = (1.0 - share) * _late(view, whole)
+    return late + share * _late(view, whole + 1) if share else late
 
 
 def _regressors(view: View) -> FloatArray:
     """Change of the voltage in V for each second that it comes later, from the current one sample later."""
-    current_A = view.run.current_A
-    later_A = np.concatenate([current_A[:1], current_A[:-1]])
-    return view.moved(current_A=later_A)[:, None] / view.run.dt_s
+    return _late(view, 1)[:, None] / view.run.dt_s
 
 
 EFFECT = Effect(
     name="dead_time",
     title="Delay between voltage and current",
     recognise="spikes in the error at every step of the current, of opposite sign to the step, and nothing in between",
-    source="sampling model, first order",
+    source="sampling model, straight between two samples",
     parameters=(Parameter("delay_s", "s", "time by which the voltage comes after the current"),),
     regressors=_regressors,
+    shift=Shift(
+        _voltage,
+        lambda view: _STEP_SAMPLES * view.run.dt_s,
+        lambda view: (-_LIMIT_SAMPLES * view.run.dt_s, _LIMIT_SAMPLES * view.run.dt_s),
+        searched=False,
+    ),
     absorbed=True,
 )

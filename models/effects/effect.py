@@ -8,6 +8,7 @@ from typing import Literal
 
 from models.effects.thermal_view import ThermalView
 from models.effects.view import View
+from models.signals import parse_signal
 from models.structure import Structure
 from models.timeseries import FloatArray
 
@@ -35,6 +36,7 @@ class Shift:
     limits : view -> (low, high) values that are tried
     physical : (view, value) -> what a person is told, in the unit of the effect's first parameter
     soc : (view, value) -> (n,) state of charge that the effect makes of the counted one; None: it leaves it alone
+    searched : whether the steps start from the best of a grid; else from nothing
     """
 
     voltage: Callable[[View, float], FloatArray]
@@ -42,6 +44,7 @@ class Shift:
     limits: Callable[[View], tuple[float, float]]
     physical: Callable[[View, float], float] = lambda _view, value: value
     soc: Callable[[View, float], FloatArray] | None = None
+    searched: bool = True
 
 
 @dataclass(frozen=True)
@@ -53,11 +56,13 @@ class Lean:
     columns : (view, shape) -> (m, j); the first belongs to the effect's first parameter
     shapes : view -> values of the shape parameter that are tried
     scale : what one unit of the first coefficient is in the unit of the first parameter
+    largest : of the first coefficient alone, as far as physics goes; None: nothing is known
     """
 
     columns: Callable[[View, float], FloatArray]
     shapes: Callable[[View], tuple[float, ...]]
     scale: float = 1.0
+    largest: float | None = None
 
 
 @dataclass(frozen=True)
@@ -136,3 +141,8 @@ class Effect:
     def channel(self) -> Literal["voltage", "temperature"]:
         """Where it is looked for first."""
         return "voltage" if self.regressors is not None else "temperature"
+
+
+def has_signal(structure: Structure, kind: str) -> bool:
+    """Whether a structure has an input of a kind of signal, whatever its constants."""
+    return any(parse_signal(channel.signal).kind == kind for channel in structure.inputs)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from models.effects.effect import Effect, Lean, Parameter, Values
+from models.effects.effect import Effect, Lean, Parameter, Values, has_signal
 from models.effects.view import View
 from models.structure import InputChannel, Structure
 from models.timeseries import FloatArray
@@ -22,6 +22,8 @@ def _columns(view: View, _shape: float) -> FloatArray:
 
 
 def _extend(structure: Structure, _values: Values, _capacity_Ah: float) -> Structure:
+    if has_signal(structure, "temperature"):
+        return structure
     return replace(structure, inputs=(*structure.inputs, InputChannel("temperature")))
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.effects.effect import Effect, Lean, Parameter, Values
+from models.effects.effect import Effect, Lean, Parameter, Values, has_signal
 from models.effects.view import View
 from models.structure import InputChannel, Structure
 from models.timeseries import FloatArray
@@ -27,6 +27,8 @@ def _columns(view: View, rate: float) -> FloatArray:
 
 
 def _extend(structure: Structure, values: Values, _capacity_Ah: float) -> Structure:
+    if has_signal(structure, "hysteresis_state"):
+        return structure
     rate = values.get("rate", 40.0)
     return replace(structure, inputs=(*structure.inputs, InputChannel(f"hysteresis_state:{rate:.4g}")))
 

@@ -6,7 +6,7 @@ from models.effects.effect import Effect, Local, Parameter
 from models.effects.view import View
 from models.timeseries import FloatArray
 
-_BUMPS = 10
+_BUMPS = 16
 
 
 def _regressors(view: View) -> FloatArray:

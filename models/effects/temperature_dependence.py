@@ -65,7 +65,7 @@ EFFECT = Effect(
     parameters=(Parameter("activation_K", "K", "change of the activation energy over the gas constant"),),
     regressors=_regressors,
     overpotential=True,
-    shift=Shift(_voltage, lambda _view: 50.0, lambda _view: (-7000.0, 9000.0)),
+    shift=Shift(_voltage, lambda _view: 50.0, lambda _view: (-7000.0, 9000.0), searched=False),
     needs_temperature=True,
     extend=_extend,
 )

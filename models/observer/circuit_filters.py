@@ -17,9 +17,11 @@ import numpy as np
 
 from models.baselines import EquivalentCircuit
 from models.errors import ModelError
+from models.observer.places import SOC_SLACK
 from models.timeseries import FloatArray
 
 KINDS = ("extended", "unscented", "counting")
+# How far beyond empty and full the tables are read.
 _SLACK = 0.05
 
 
@@ -116,7 +118,7 @@ class CircuitObserver:
         if self.kind != "counting" and not np.isnan(voltage_V):
             gain = seen / variance
             x += gain * innovation
-            x[0] = min(max(x[0], -_SLACK), 1.0 + _SLACK)
+            x[0] = min(max(x[0], -SOC_SLACK), 1.0 + SOC_SLACK)
             p = p - np.outer(gain, gain) * variance
         row = np.array([x[0], np.sqrt(max(p[0, 0], 0.0)), expected, innovation, np.sqrt(variance)])
         return CircuitState(x, p, current, degC, True), row

@@ -10,7 +10,7 @@ import numpy as np
 from models.electrothermal import flat_network
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
-from models.observer import compiled, packing
+from models.observer import packing, places
 from models.observer.gains import observer_matrices, output_rows, state_matrices, steady_state_gains
 from models.observer.packing import Layout, pack
 from models.observer.settings import ObserverSettings, default_settings, error_levels
@@ -123,7 +123,7 @@ class FuzzyObserver:
         self.dt_s = network.structure.dt_s
         self._n = max(network.structure.output_order, 1)
         depth = 1 + max(1, *(lag for _, lag in network.structure.taps()))
-        size = self._n + compiled.N_EXTRA
+        size = self._n + places.N_EXTRA
         self._layout = Layout(_HYPOTHESES, size, len(network.structure.signals), depth)
         self._numbers, self._whole = self._pack()
 
@@ -152,7 +152,7 @@ class FuzzyObserver:
         )
         for place, variance in enumerate(variances):
             state.covariance[:count, n + place, n + place] = variance
-        state.held[compiled.HELD_DIRECTION], state.held[compiled.HELD_TEMPERATURE] = -1.0, temperature_degC
+        state.held[places.HELD_DIRECTION], state.held[places.HELD_TEMPERATURE] = -1.0, temperature_degC
         return state
 
     def step(
@@ -164,7 +164,7 @@ class FuzzyObserver:
         -------
         The new state (the old one is left as it was) and the estimate.
         """
-        memory, row = state.memory.copy(), np.empty(compiled.N_OUT)
+        memory, row = state.memory.copy(), np.empty(places.N_OUT)
         _step(self._numbers, self._whole, memory, float(current_A), float(voltage_V), float(temperature_degC), row)
         return ObserverState(memory, state.layout), ObserverOutput(*row.tolist())
 
@@ -177,7 +177,7 @@ class FuzzyObserver:
         -------
         The last state and (N, columns), columns as in `ObserverOutput`.
         """
-        memory, out = state.memory.copy(), np.empty((len(current_A), compiled.N_OUT))
+        memory, out = state.memory.copy(), np.empty((len(current_A), places.N_OUT))
         arrays = (np.ascontiguousarray(values, np.float64) for values in (current_A, voltage_V, temperature_degC))
         _replay(self._numbers, self._whole, memory, *arrays, out)
         return ObserverState(memory, state.layout), out
@@ -189,9 +189,9 @@ class FuzzyObserver:
         """
         capacity_Ah, s = self.network.cell.capacity_Ah, self.settings
         assumed = (s.current_offset_std_C * capacity_Ah, s.capacity_std * capacity_Ah)
-        places = ((compiled.OFFSET_OUT, "current_offset_A"), (compiled.CAPACITY_OUT, "capacity_Ah"))
+        columns = ((places.OFFSET_OUT, "current_offset_A"), (places.CAPACITY_OUT, "capacity_Ah"))
         found: dict[str, dict[str, float] | None] = {}
-        for (place, name), prior in zip(places, assumed, strict=True):
+        for (place, name), prior in zip(columns, assumed, strict=True):
             std = float(row[place + 1])
             told = 0.0 < std <= _TOLD * prior
             found[name] = {"value": float(row[place]), "std": std} if told else None
@@ -201,29 +201,30 @@ class FuzzyObserver:
         network, s = self.network, self.settings
         state_matrices(network)  # refuses a network without SoC
         level, capacity_Ah, per_volt = error_levels(network), network.cell.capacity_Ah, 1.0 / network.voltage_span_V
-        constants = np.zeros(compiled.N_CONSTANTS)
+        constants = np.zeros(places.N_CONSTANTS)
         for place, value in (
-            (compiled.Q_OUTPUT, (s.output_std_V * per_volt) ** 2),
-            (compiled.Q_SOC, s.soc_std_per_sqrt_s**2 * self.dt_s),
-            (compiled.R_VOLTAGE, (s.voltage_std_V * per_volt) ** 2),
-            (compiled.QUICK_KEEP, np.exp(-self.dt_s / s.quick_error_time_s)),
-            (compiled.SLOW_RATE, self.dt_s / s.slow_error_time_s),
-            (compiled.SLOW_CHARGE, 1.0 / s.slow_error_soc),
-            (compiled.QUICK_STD, s.quick_error_std_V * per_volt),
-            (compiled.SLOW_STD, s.slow_error_std_V * per_volt),
-            (compiled.STEADY, float(s.gain == "steady")),
-            (compiled.NET_SHARE, min(self.dt_s / compiled.NET_S, 1.0)),
-            (compiled.MORE_A, _MORE_C * capacity_Ah if s.current_offset_std_C > 0.0 else 0.0),
-            (compiled.CAPACITY_AH, capacity_Ah),
-            (compiled.BAND, s.band_factor),
-            (compiled.RESISTANCE_STD, s.resistance_std),
+            (places.Q_OUTPUT, (s.output_std_V * per_volt) ** 2),
+            (places.Q_SOC, s.soc_std_per_sqrt_s**2 * self.dt_s),
+            (places.R_VOLTAGE, (s.voltage_std_V * per_volt) ** 2),
+            (places.QUICK_KEEP, np.exp(-self.dt_s / s.quick_error_time_s)),
+            (places.SLOW_RATE, self.dt_s / s.slow_error_time_s),
+            (places.SLOW_CHARGE, 1.0 / s.slow_error_soc),
+            (places.QUICK_STD, s.quick_error_std_V * per_volt),
+            (places.SLOW_STD, s.slow_error_std_V * per_volt),
+            (places.STEADY, float(s.gain == "steady")),
+            (places.NET_SHARE, min(self.dt_s / places.NET_S, 1.0)),
+            (places.MORE_A, _MORE_C * capacity_Ah if s.current_offset_std_C > 0.0 else 0.0),
+            (places.CAPACITY_AH, capacity_Ah),
+            (places.BAND, s.band_factor),
+            (places.R_JUDGED_MORE, ((s.judged_noise_V or s.voltage_std_V) ** 2 - s.voltage_std_V**2) * per_volt**2),
+            (places.RESISTANCE_STD, s.resistance_std),
         ):
             constants[place] = value
         gains = np.zeros((network.n_models, self._layout.states + 1))
         if s.gain == "steady":
             matrices, process = observer_matrices(network, s)
             rows = output_rows(network, s, level)
-            steady = steady_state_gains(matrices, rows, process, constants[compiled.R_VOLTAGE])
+            steady = steady_state_gains(matrices, rows, process, constants[places.R_VOLTAGE])
             gains[:, : self._n + 3], gains[:, -1] = steady[:, :-1], steady[:, -1]
         return pack(flat_network(network), level, gains, constants, self._layout)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from models.observer import compiled
+from models.observer import places
 from models.observer.fuzzy_observer import ObserverOutput
 from models.timeseries import FloatArray
 
@@ -134,13 +134,13 @@ def _compiled_step(memory: np.ndarray, row: np.ndarray, voltage_V: float, out: n
         memory[GONE] += 1.0
     else:
         memory[GONE] = 0.0
-        normalised = row[compiled.INNOVATION_OUT] / max(row[compiled.INNOVATION_STD_OUT], 1e-12)
+        normalised = row[places.INNOVATION_OUT] / max(row[places.INNOVATION_STD_OUT], 1e-12)
         share = 1.0 / _WINDOW
         memory[NIS] += share * (min(normalised * normalised, _SPIKE) - memory[NIS])
         bounded = min(max(normalised, -5.0), 5.0)
         memory[PRODUCT] += share / 5.0 * (bounded * memory[LAST] - memory[PRODUCT])
         memory[LAST] = bounded
-        expected = row[compiled.VOLTAGE_OUT]
+        expected = row[places.VOLTAGE_OUT]
         if voltage_V == memory[READING]:
             memory[SAME] += 1.0
             memory[LOWEST] = min(memory[LOWEST], expected)
@@ -148,11 +148,11 @@ def _compiled_step(memory: np.ndarray, row: np.ndarray, voltage_V: float, out: n
         else:
             memory[READING], memory[SAME] = voltage_V, 0.0
             memory[LOWEST] = memory[HIGHEST] = expected
-    at_limit = row[compiled.SOC_OUT] <= -compiled.SOC_SLACK or row[compiled.SOC_OUT] >= 1.0 + compiled.SOC_SLACK
+    at_limit = row[places.SOC_OUT] <= -places.SOC_SLACK or row[places.SOC_OUT] >= 1.0 + places.SOC_SLACK
     memory[AT_LIMIT] = memory[AT_LIMIT] + 1.0 if at_limit else 0.0
-    memory[BEYOND] = memory[BEYOND] + 1.0 if row[compiled.ERROR_OUT] > _MOST_SIGMA else 0.0
+    memory[BEYOND] = memory[BEYOND] + 1.0 if row[places.ERROR_OUT] > _MOST_SIGMA else 0.0
     moved = memory[HIGHEST] - memory[LOWEST]
-    if memory[SAME] >= _SAME_SAMPLES and moved > _MOVED_SIGMA * row[compiled.INNOVATION_STD_OUT]:
+    if memory[SAME] >= _SAME_SAMPLES and moved > _MOVED_SIGMA * row[places.INNOVATION_STD_OUT]:
         alarm += STUCK
     elif memory[NIS] > _MOST_NIS or memory[BEYOND] >= _BEYOND_SAMPLES:
         alarm += MODEL

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from models.module import ModuleModel
-from models.observer import compiled
+from models.observer import places
 from models.observer.fuzzy_observer import FuzzyObserver, ObserverOutput, ObserverState
-from models.timeseries import FloatArray
+from models.timeseries import FloatArray, TimeSeries
 
 # Columns that a module has n times of, and p times of.
-_VOLTS = [compiled.VOLTAGE_OUT, compiled.INNOVATION_OUT, compiled.INNOVATION_STD_OUT]
-_AMPERES = [compiled.OFFSET_OUT, compiled.OFFSET_STD_OUT, compiled.CAPACITY_OUT, compiled.CAPACITY_STD_OUT]
+_VOLTS = [places.VOLTAGE_OUT, places.INNOVATION_OUT, places.INNOVATION_STD_OUT]
+_AMPERES = [places.OFFSET_OUT, places.OFFSET_STD_OUT, places.CAPACITY_OUT, places.CAPACITY_STD_OUT]
 
 
 class ModuleObserver:
@@ -28,7 +30,7 @@ class ModuleObserver:
 
     def __init__(self, cell: FuzzyObserver, module: ModuleModel) -> None:
         self.cell, self.module = cell, module
-        self.dt_s = cell.dt_s
+        self.network, self.dt_s = cell.network, cell.dt_s
 
     def initial(self, soc: float, soc_std: float | None = None, temperature_degC: float = 25.0) -> ObserverState:
         """State before the first sample; see `FuzzyObserver.initial`."""
@@ -50,9 +52,22 @@ class ModuleObserver:
         cell_V = (voltage_V - beside_V) / in_series
         state, rows = self.cell.replay(state, self.module.cell_current_A(current_A), cell_V, temperature_degC)
         rows[:, _VOLTS] *= in_series
-        rows[:, compiled.VOLTAGE_OUT] += beside_V
+        rows[:, places.VOLTAGE_OUT] += beside_V
         rows[:, _AMPERES] *= parallel
         return state, rows
+
+    def told_sensors(self, row: FloatArray) -> dict[str, dict[str, float] | None]:
+        """Offset of the module's current sensor and its capacity, where the data tell; see `FuzzyObserver`."""
+        of_cell = row.copy()
+        of_cell[_AMPERES] /= self.module.cells_in_parallel
+        told = self.cell.told_sensors(of_cell)
+        parallel = self.module.cells_in_parallel
+        return {name: each and {key: parallel * value for key, value in each.items()} for name, each in told.items()}
+
+    def mean_cell_run(self, run: TimeSeries) -> TimeSeries:
+        """Return a module's run as its mean cell sees it, for `tuning.tune`."""
+        cell_V = (run.voltage_V - self.beside_cells_V(run.current_A)) / self.module.cells_in_series
+        return replace(run, current_A=self.module.cell_current_A(run.current_A), voltage_V=cell_V)
 
     def beside_cells_V(self, current_A: FloatArray) -> FloatArray:
         """(n,) voltage over what is not a cell; with an unknown current the offset of rest."""

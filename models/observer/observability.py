@@ -19,6 +19,9 @@ from models.timeseries import FloatArray
 _STEP_SOC = 0.005
 # Below this the voltage after an hour tells less than counting does: standard deviation of the SoC.
 _BLIND_STD = 0.05
+# Model errors up to this many standard deviations make the error ball; the curve is followed in such steps of SoC.
+_BALL_SIGMA = 1.96
+_CURVE_POINTS = 401
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,9 @@ class Observability:
     gramian : diagonal element of the SoC in the windowed Gramian, V^2
     noise_std : SoC standard deviation from the window where noise were all there is, sqrt(R / W)
     soc_std : the same with the model's error, which no window averages out
+    ball : how far off an estimate may settle while the model's error is within its 95 % band. The validity functions
+        are taken at the estimate, so that it settles where the model's curve there meets the measured voltage: the
+        ball reaches as far as the curve stays within the error
     """
 
     soc: FloatArray
@@ -41,6 +47,7 @@ class Observability:
     gramian: FloatArray
     noise_std: FloatArray
     soc_std: FloatArray
+    ball: FloatArray
 
     @property
     def blind(self) -> np.ndarray:
@@ -83,7 +90,34 @@ def observability(
     noise_std = assumed.voltage_std_V / np.sqrt(np.maximum(gramian, 1e-300))
     error_V = np.hypot(assumed.slow_error_std_V, assumed.voltage_offset_std_V)
     of_error = error_V / np.maximum(np.abs(slope), 1e-12)
-    return Observability(soc, slope, rank, gramian, noise_std, np.hypot(noise_std, of_error))
+    grid = np.linspace(0.0, 1.0, _CURVE_POINTS)
+    ball = error_ball(
+        grid, ocv_table(network, grid, np.array([temperature_degC])).mean_V[0], soc, _BALL_SIGMA * error_V
+    )
+    return Observability(soc, slope, rank, gramian, noise_std, np.hypot(noise_std, of_error), ball)
+
+
+def error_ball(grid: FloatArray, curve_V: FloatArray, soc: FloatArray, error_V: float) -> FloatArray:
+    """How far a state of charge may be from another without a break whose voltage differs by no more than an error.
+
+    Parameters
+    ----------
+    grid, curve_V : (m,) open-circuit curve, m at least 2
+    soc : (n,) where to look
+    error_V : of the voltage
+
+    Returns
+    -------
+    (n,) distance, in fractions, to the farther end; at least half a step of the grid
+    """
+    ball = np.empty(len(soc))
+    for i, (true_soc, true_V) in enumerate(zip(soc, np.interp(soc, grid, curve_V), strict=True)):
+        outside = np.abs(curve_V - true_V) > error_V
+        above, below = outside & (grid > true_soc), outside & (grid < true_soc)
+        upper = grid[above][0] if above.any() else grid[-1]
+        lower = grid[below][-1] if below.any() else grid[0]
+        ball[i] = max(upper - true_soc, true_soc - lower)
+    return np.maximum(ball, 0.5 * (grid[1] - grid[0]))
 
 
 def observability_matrix(matrix: FloatArray) -> FloatArray:

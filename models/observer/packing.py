@@ -13,6 +13,7 @@ from numba import njit
 
 from models.electrothermal_loop import FlatNetwork
 from models.observer import compiled
+from models.observer.places import MOVED_ROWS, N_HELD
 from models.timeseries import FloatArray
 
 # Places in the array of whole numbers; the index arrays of the network follow.
@@ -38,7 +39,7 @@ class Layout:
     def shapes(self) -> tuple[tuple[int, ...], ...]:
         """Shapes of states, covariances, weights, filters, past signals and the rest."""
         j, s, k, d = self.hypotheses, self.states, self.signals, self.depth
-        return (j, s), (j, s, s), (j,), (2, k, 3), (2, d, k), (compiled.N_HELD,)
+        return (j, s), (j, s, s), (j,), (2, k, 3), (2, d, k), (N_HELD,)
 
     @property
     def size(self) -> int:
@@ -131,6 +132,12 @@ def unpack_memory(memory: np.ndarray, whole: np.ndarray) -> tuple:
 
 
 @njit(cache=True)
+def _scratch(whole: np.ndarray) -> np.ndarray:
+    width = max(max(whole[MODELS], whole[PARAMETERS]), max(whole[HYPOTHESES], whole[STATES] + 1))
+    return np.empty((MOVED_ROWS + whole[STATES], width))
+
+
+@njit(cache=True)
 def replay(
     numbers: np.ndarray,
     whole: np.ndarray,
@@ -143,8 +150,7 @@ def replay(
     """Run `compiled.step` over whole arrays; `memory` is updated in place, `out` is (N, N_OUT) in physical units."""
     net, level, gains, constants = unpack_network(numbers, whole)
     x, covariance, weight, filters, history, held = unpack_memory(memory, whole)
-    width = max(whole[MODELS], whole[HYPOTHESES], whole[STATES] + 1)
-    scratch = np.empty((7 + whole[STATES], width))
+    scratch = _scratch(whole)
     for k in range(current_A.shape[0]):
         compiled.step(
             net, level, gains, constants, x, covariance, weight, filters, history, held, scratch,
@@ -165,8 +171,7 @@ def step(
     """Run `compiled.step` once; see `replay`."""
     net, level, gains, constants = unpack_network(numbers, whole)
     x, covariance, weight, filters, history, held = unpack_memory(memory, whole)
-    width = max(whole[MODELS], whole[HYPOTHESES], whole[STATES] + 1)
-    scratch = np.empty((7 + whole[STATES], width))
+    scratch = _scratch(whole)
     compiled.step(
         net, level, gains, constants, x, covariance, weight, filters, history, held, scratch,
         current_A, voltage_V, temperature_degC, out,

@@ -24,6 +24,7 @@ _MAY_BE_ZERO = (
     "capacity_std",
     "voltage_offset_std_V",
     "resistance_std",
+    "judged_noise_V",
 )
 
 
@@ -50,6 +51,8 @@ class ObserverSettings:
     voltage_offset_std_V : standard deviation of the voltage sensor's offset against the rig that the model was
         identified on (an offset that was there already is in the model); 0 leaves it out
     band_factor : by how much the standard deviation of the SoC is widened, calibrated on data
+    judged_noise_V : white noise by which innovations are judged where `voltage_std_V` is more for the sake of the SoC,
+        with which health would be blind; 0 is `voltage_std_V`
     gain : "kalman", from the covariance of the moment, or "steady", the local models' steady-state gains blended by
         the validity functions (eq. 2.42), once the start is over
     """
@@ -68,6 +71,7 @@ class ObserverSettings:
     capacity_std: float = 0.005
     voltage_offset_std_V: float = 0.0
     band_factor: float = 1.0
+    judged_noise_V: float = 0.0
     gain: str = "kalman"
 
     def to_json(self) -> dict[str, Any]:

@@ -17,9 +17,10 @@ from scipy.signal import lfilter
 
 from models.electrothermal_loop import CODES, FILTERED, RELAXATION, SQUARED
 from models.errors import ModelError
+from models.input_correction import as_read
 from models.local_model_network import LocalModelNetwork
-from models.observer.compiled import NET_S
 from models.observer.fuzzy_observer import FuzzyObserver
+from models.observer.places import NET_S
 from models.observer.settings import ObserverSettings, default_settings, error_levels
 from models.prediction_band import NORMAL_95
 from models.regression import Dataset
@@ -62,12 +63,16 @@ _STEP_SOC = 0.002
 # So many samples are looked at, the same number from the beginning of each run.
 _LONGEST = 100_000
 _ITERATIONS = 500
-# The band is calibrated from these wrong starts, and widened by no more than this.
-_STARTS_OFF = (-0.3, 0.0, 0.3)
-_BAND_FACTORS = (0.7, 8.0)
+# The band is calibrated from these wrong starts, each with an offset of the current sensor in multiples of the assumed
+# standard deviation, and widened by no more than this.
+_STARTS_OFF = ((-0.3, -2.0), (0.0, 0.0), (0.3, 2.0))
+_BAND_FACTORS = (0.5, 8.0)
+_HELD = 0.95
+# Neighbouring samples say the same; one in so many is enough to judge by.
+_EVERY = 10
 # Factors on slow error and noise, tried around what is most likely; the first is that itself.
-_AROUND = ((1.0, 1.0), (0.3, 1.0), (3.0, 1.0), (0.3, 3.0), (1.0, 3.0), (3.0, 3.0))
-_CLEARLY, _WORTH_SOC = 0.9, 0.001
+_AROUND = tuple((slow, noise) for noise in (1.0, 3.0, 10.0) for slow in (1.0, 0.3, 3.0))
+_CLEARLY = 0.9
 
 
 @dataclass(frozen=True)
@@ -119,8 +124,12 @@ def tune(
     ModelError
         Nothing was measured.
     """
-    grid = [to_grid(run, network.dt_s) for run in runs]
-    judged = None if held_out is None else ([to_grid(run, network.dt_s) for run in held_out[0]], held_out[1])
+
+    def read(run: TimeSeries) -> GridRun:
+        return to_grid(as_read(network.record, run), network.dt_s)
+
+    grid = [read(run) for run in runs]
+    judged = None if held_out is None else ([read(run) for run in held_out[0]], held_out[1])
     return tune_on_grid(network, grid, initial_soc, settings, judged)
 
 
@@ -177,38 +186,80 @@ def tune_on_grid(
     )
     values = dict(zip(_TUNED, np.exp(np.clip(found.x, low, high)).tolist(), strict=True))
     judged = (runs, initial_soc) if held_out is None else held_out
-    likely = replace(first, **values, band_factor=1.0)
+    likely = replace(first, **values)
     around = [
         replace(likely, slow_error_std_V=slow * likely.slow_error_std_V, voltage_std_V=noise * likely.voltage_std_V)
         for slow, noise in _AROUND
     ]
-    errors = [_errors(network, runs, initial_soc, settings)[0] for settings in around]
+    bands = [calibrated_band(network, *judged, candidate) for candidate in around]
+    best = int(np.argmin([band.score for band in bands]))
     # What is most likely stays unless something near it is clearly better at what it is for.
-    best = int(np.argmin(errors))
-    chosen = around[best] if errors[best] < min(_CLEARLY * errors[0], errors[0] - _WORTH_SOC) else likely
-    return replace(chosen, band_factor=_errors(network, *judged, chosen)[1])
+    if bands[best].score > _CLEARLY * bands[0].score:
+        best = 0
+    # Halfway: the likely noise alone calls what the model errs by an alarm, the noise chosen for the SoC hides it.
+    judged_V = float(np.sqrt(likely.voltage_std_V * around[best].voltage_std_V))
+    return replace(around[best], band_factor=bands[best].factor, judged_noise_V=judged_V)
 
 
-def _errors(
+@dataclass(frozen=True)
+class Band:
+    """How good estimates from wrong starts and with sensor offsets are.
+
+    Attributes
+    ----------
+    soc_rmse : RMS error of the SoC
+    factor : by how much the standard deviation must be widened so that 1.96 of it hold 95 % of the errors
+    score : mean interval score of the band so widened (Gneiting and Raftery, J. Am. Stat. Assoc. 102, 2007, eq. 43):
+        its width, and what lies beyond it times 2 / 0.05; small for an accurate estimate whose band follows its error
+    """
+
+    soc_rmse: float
+    factor: float
+    score: float
+
+
+def calibrated_band(
     network: LocalModelNetwork, runs: list[GridRun], initial_soc: list[float], settings: ObserverSettings
-) -> tuple[float, float]:
-    """RMS error of the SoC from wrong starts, and by how much the band must be wider to hold 95 % of it.
+) -> Band:
+    """Judge settings by the SoC that they lead to, and say by how much the band must be wider.
 
     The likelihood sees how the model's error changes from sample to sample; what stays with a place on the
     open-circuit curve, and what a bent curve does to a linear filter, it hardly sees.
     """
-    observer = FuzzyObserver(network, settings)
-    ratios, errors = [], []
+    observer = FuzzyObserver(network, replace(settings, band_factor=1.0))
+    errors, stds = [], []
     for run, soc in zip(runs, initial_soc, strict=True):
         counted = soc_by_counting(run.charge_Ah, soc, network.cell.capacity_Ah, network.cell.efficiency)
-        for off in _STARTS_OFF:
+        late, seen = slice(len(run) // 4, None, _EVERY), []
+        for off, offset in _STARTS_OFF:
             state = observer.initial(float(np.clip(soc + off, 0.0, 1.0)))
-            _, rows = observer.replay(state, run.current_A, run.voltage_V, run.temperature_degC)
-            late = slice(len(rows) // 4, None)
-            errors.append(np.abs(rows[late, 0] - counted[late]))
-            ratios.append(errors[-1] / np.maximum(rows[late, 1], 1e-9))
-    factor = float(np.clip(np.percentile(np.concatenate(ratios), 95.0) / NORMAL_95, *_BAND_FACTORS))
-    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), factor
+            current_A = run.current_A + offset * settings.current_offset_std_C * network.cell.capacity_Ah
+            seen.append(observer.replay(state, current_A, run.voltage_V, run.temperature_degC)[1][late, :2])
+        errors.append(np.concatenate([np.abs(rows[:, 0] - counted[late]) for rows in seen]))
+        stds.append(np.concatenate([np.maximum(rows[:, 1], 1e-9) for rows in seen]))
+    error, std = np.concatenate(errors), np.concatenate(stds)
+    widest = _ratio_that_holds([error / std for error, std in zip(errors, stds, strict=True)])
+    factor = float(np.clip(widest / NORMAL_95, *_BAND_FACTORS))
+    half_width = factor * NORMAL_95 * std
+    score = 2.0 * half_width + 2.0 / (1.0 - _HELD) * np.maximum(error - half_width, 0.0)
+    return Band(float(np.sqrt(np.mean(error**2))), factor, float(np.mean(score)))
+
+
+def _ratio_that_holds(ratios: list[FloatArray]) -> float:
+    """Error in standard deviations that 95 % stay below, in a run that was not among those it was found from.
+
+    Errors differ more from run to run than within one: the quantile is raised until each run, judged by the quantile
+    of the others, is held often enough on average.
+    """
+    together = np.concatenate(ratios)
+    for level in np.arange(_HELD, 0.9951, 0.005) if len(ratios) > 1 else ():
+        held = [
+            np.mean(own <= np.quantile(np.concatenate(ratios[:i] + ratios[i + 1 :]), level))
+            for i, own in enumerate(ratios)
+        ]
+        if np.mean(held) >= _HELD:
+            return float(np.quantile(together, level))
+    return float(np.quantile(together, _HELD if len(ratios) == 1 else 0.995))
 
 
 def tuning_data(network: LocalModelNetwork, runs: list[GridRun], initial_soc: list[float]) -> TuningData:

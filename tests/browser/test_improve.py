@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from browser_rig import PHONE, OpenPage, served
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from bench_service.client import BenchClient
 
 pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(400)]
 
-# A cell whose hysteresis is far larger than anything that the small structure can take in; the page does not know.
+# A cell whose hysteresis is far larger than anything that the small structure can take in; the page does not know,
+# nor does anybody else before the seal is opened.
 _CONFIG = """
 [bench.sim.simulate]
 seed = 3
-effects = { hysteresis = 0.03, relaxation = 0.0 }
+effects = { relaxation = 0.0 }
+hidden_effect = "hysteresis"
 """
 _CAMPAIGN = {"bench": "sim", "name": "hidden", "structure": "minimal", "seed": 3}
 _LONG_MS = 150_000
@@ -59,6 +62,9 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
     page.get_by_role("button", name="Compare model and runs").click()
     # Compare and where.
     expect(step(page, "compare").locator(".figure").first).to_contain_text("times the noise floor", timeout=60_000)
+    white = step(page, "compare").locator(".figure", has_text="White part of it")
+    expect(white).to_contain_text("of the squared error hangs together")
+    assert 0.9 < millivolts(white.inner_text())[0] < 4.0  # the simulated sensor has 1 mV
     expect(step(page, "compare").locator("canvas").first).to_be_attached()
     expect(step(page, "where").locator(".regions li").first).to_contain_text("of the squared error in", timeout=60_000)
     expect(step(page, "where").locator(".heat canvas").first).to_be_attached()
@@ -70,6 +76,13 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
     finding = step(page, "which").locator(".finding[data-effect=hysteresis]")
     expect(finding).to_contain_text("Confidence")
     expect(finding.locator(".parameter", has_text="amplitude")).to_contain_text("mV")
+    # The sealed game: what was hidden is told now, and beside it what was found.
+    seal = page.locator(".seal[data-seal=sim]")
+    expect(seal).to_contain_text("An effect is hidden")
+    assert "hysteresis" not in seal.inner_text()
+    seal.get_by_role("button", name="Open the seal").click()
+    expect(seal.locator("strong")).to_contain_text("voltage hysteresis, 3")
+    expect(seal).to_contain_text("That is what the diagnosis named: amplitude")
     # Add.
     finding.get_by_role("button", name="Add voltage hysteresis").click()
     expect(step(page, "add").get_by_role("progressbar")).to_be_visible()
@@ -100,8 +113,8 @@ def test_a_model_from_a_file_and_a_choice_that_cannot_be(
     open_page: OpenPage, address: str, campaign: dict[str, Any], tmp_path: Any
 ) -> None:
     with BenchClient(address) as client:
-        document = client._send("GET", f"/api/v1/models/{campaign['model_id']}/document").content
-    (tmp_path / "mine.json").write_bytes(document)
+        document = client.model_document(campaign["model_id"])
+    (tmp_path / "mine.json").write_text(json.dumps(document), encoding="utf-8")
     (tmp_path / "cake.json").write_text('{"kind": "cake"}', encoding="utf-8")
     (tmp_path / "broken.json").write_text("{", encoding="utf-8")
     page = open_page("sim", PHONE)
@@ -121,6 +134,40 @@ def test_a_model_from_a_file_and_a_choice_that_cannot_be(
     page.get_by_role("button", name="Compare model and runs").click()
     expect(step(page, "compare").locator(".figure strong").first).to_contain_text("mV", timeout=60_000)
     assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
+
+
+def test_news_wipe_neither_a_message_nor_what_was_set(
+    open_page: OpenPage, address: str, campaign: dict[str, Any], tmp_path: Any
+) -> None:
+    (tmp_path / "broken.json").write_text("{", encoding="utf-8")
+    late: list[Route] = []
+
+    def hold_all_but_the_first(page: Page) -> None:
+        seen = 0
+
+        def answer(route: Route) -> None:
+            nonlocal seen
+            seen += 1
+            if seen == 1:
+                route.continue_()
+            else:
+                late.append(route)
+
+        page.route("**/api/v1/models?limit=200", answer)
+
+    page = open_page("sim", prepare=hold_all_but_the_first)
+    page.get_by_label("Use of hidden: train").select_option("judge")
+    page.locator("#improve-file").set_input_files(tmp_path / "broken.json")
+    message = step(page, "choose").locator(".form-message")
+    expect(message).to_contain_text("is not JSON")
+    assert late, "the page asks for the models again as soon as the benches are known"
+    with BenchClient(address) as client:
+        newer = client.import_model(client.model_document(campaign["model_id"]))
+    for route in late:
+        route.continue_()
+    expect(page.get_by_label("Model", exact=True).locator(f"option[value='{newer['id']}']")).to_be_attached()
+    expect(message).to_contain_text("is not JSON")
+    expect(page.get_by_label("Use of hidden: train")).to_have_value("judge")
 
 
 def test_a_change_is_looked_for_in_runs_that_the_model_was_not_made_from(

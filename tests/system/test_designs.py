@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx
 import numpy as np
 import pytest
 from service_rig import Service
@@ -41,7 +40,7 @@ def model_id(client: BenchClient) -> str:
 def test_a_design_becomes_a_profile_within_its_limits(client: BenchClient, model_id: str, tmp_path: Path) -> None:
     made = client.design("best", REQUEST | {"model": model_id}, timeout_s=90)
     assert made["figures"]["n_samples"] == 60 and made["figures"]["log_det_information"] is not None
-    profile = httpx.get(f"{_url(client)}/api/v1/profiles/{made['profile_id']}", params={"points": True}).json()
+    profile = client.profile(made["profile_id"], points=True)
     assert profile["name"] == "best" and profile["time_s"][-1] == 600.0
     current = np.array(profile["current_A"])
     assert current.min() >= -4.0 - 1e-9 and current.max() <= 2.0 + 1e-9
@@ -53,6 +52,19 @@ def test_a_stored_profile_serves_as_load_cycle(client: BenchClient, model_id: st
     assert client.design("cycled", asked, timeout_s=60)["figures"]["duration_s"] == 600.0
 
 
+def test_two_stored_models_are_told_apart(client: BenchClient, model_id: str) -> None:
+    other = client.import_model(resistive(2).to_json())["id"]
+    made = client.design("apart", REQUEST | {"criterion": "discriminate", "rivals": [model_id, other]}, timeout_s=90)
+    assert min(made["figures"]["separation"]) > 0.0
+    assert made["figures"]["n_samples"] == 60
+
+
+def test_effects_need_a_model_and_runs(client: BenchClient, model_id: str) -> None:
+    asked = REQUEST | {"criterion": "discriminate", "rivals": ["hysteresis", "relaxation"], "model": model_id}
+    with pytest.raises(ClientError, match="runs is missing"):
+        client.design("apart", asked, timeout_s=60)
+
+
 @pytest.mark.parametrize(
     ("changes", "status", "says"),
     [
@@ -60,6 +72,7 @@ def test_a_stored_profile_serves_as_load_cycle(client: BenchClient, model_id: st
         ({"signal": "chirp"}, 422, "chirp"),
         ({"limits": {"current_A": [4, -4]}}, 422, "low end"),
         ({"runs": ["none"]}, 404, "none"),
+        ({"rivals": ["hysteresis", "none"]}, 404, "none"),
     ],
 )
 def test_requests_that_cannot_be_are_refused_at_once(
@@ -74,7 +87,3 @@ def test_what_only_the_design_can_tell_is_told_by_the_job(client: BenchClient, m
     narrow = REQUEST | {"model": model_id, "limits": {"current_A": [-4, 2], "voltage_V": [3.0, 3.1]}}
     with pytest.raises(ClientError, match="voltage_V is 3..3.1 V"):
         client.design("narrow", narrow, timeout_s=60)
-
-
-def _url(client: BenchClient) -> str:
-    return str(client._http.base_url).rstrip("/")

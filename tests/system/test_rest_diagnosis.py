@@ -1,5 +1,6 @@
 """Compare, where, which, add and watch over REST: a real service, real workers, the stored runs of a campaign."""
 
+import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,12 @@ from service_rig import Service
 
 # Short because it stays in the middle of the range; the model is the small one, which lacks much.
 CAMPAIGN = {"bench": "sim", "name": "short", "duration_s": 4200.0, "soc": [0.4, 0.6], "structure": "minimal", "seed": 4}
+BENCHES = """
+[bench.sim]
+simulate = { seed = 3 }
+[bench.game]
+simulate = { seed = 3, hidden_effect = "series_resistance" }
+"""
 pytestmark = pytest.mark.timeout(240)  # the first test waits for the whole campaign
 
 VERDICTS = {"missing", "nothing_missing", "ambiguous", "unknown_effect"}
@@ -34,7 +41,7 @@ class Rest:
 
 @pytest.fixture(scope="module")
 def rest(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rest]:
-    service = Service(tmp_path_factory.mktemp("diagnosis"), "[bench.sim]\nsimulate = { seed = 3 }\n")
+    service = Service(tmp_path_factory.mktemp("diagnosis"), BENCHES)
     yield Rest(service)
     assert service.end() == (0, "")
 
@@ -66,6 +73,26 @@ def test_the_catalogue_says_how_to_recognise_an_effect(rest: Rest) -> None:
     assert {each["name"]: each["unit"] for each in hysteresis["parameters"]}["amplitude_V"] == "V"
     assert hysteresis["title"] and hysteresis["recognise"] and hysteresis["source"]
     assert effects["voltage_offset"]["absorbed"] is True and hysteresis["absorbed"] is False
+
+
+def test_a_seal_is_opened_once_for_all(rest: Rest) -> None:
+    seal = rest.service.client.bench("game")["seal"]
+    assert seal["opened"] is None and len(seal["sha256"]) == 64
+    assert refusal(rest.post("/benches/sim/seal/open", None))[0] == 404
+    told = rest.service.client.open_seal("game")
+    assert told["sha256"] == seal["sha256"] == hashlib.sha256(told["opened"]["contents"].encode()).hexdigest()
+    assert told["opened"]["effect"] == "series_resistance" and told["opened"]["value"] > told["opened"]["before"]
+    assert rest.service.client.open_seal("game") == told == rest.service.client.bench("game")["seal"]
+    events = [each for each in rest.service.client.events() if each["code"] == "seal_opened"]
+    assert len(events) == 1 and "series_resistance" in events[0]["text"]
+
+
+def test_a_comparison_tells_noise_from_what_hangs_together(rest: Rest, campaign: dict[str, Any]) -> None:
+    result = rest.service.client.comparison(campaign["comparison"])["result"]
+    assert 0.9 < result["whiteness"]["white_mV"] < result["overall"]["rmse_mV"]  # the simulated sensor has 1 mV
+    assert result["whiteness"]["text"] and result["corrections"] == []
+    assert all(region["share_of_squared_error"] > region["share_of_time"] for region in result["regions"])
+    assert result["inside_training"]["n_samples"] <= result["overall"]["n_samples"]
 
 
 def test_where_a_comparison_is_off(rest: Rest, campaign: dict[str, Any]) -> None:
@@ -184,3 +211,18 @@ def test_the_page_documents_every_address(rest: Rest) -> None:
     for path in ("/diagnoses", "/comparisons/{comparison_id}/where", "/effects", "/models/{model_id}/chain"):
         assert f"`GET /api/v1{path}`" in written
     assert "`POST /api/v1/models/{model_id}/effects`" in written and "`POST /api/v1/diagnoses`" in written
+
+
+def test_a_refit_is_one_more_version(rest: Rest, campaign: dict[str, Any]) -> None:
+    runs = [campaign["validate"]], [campaign["train"]]
+    made = rest.service.client.refit(campaign["model"], runs[0], validate_run_ids=runs[1], timeout_s=100)
+    assert made["parent"] == campaign["model"] and made["effect"] is None
+    assert made["error_before_mV"] > 0 and made["error_after_mV"] > 0
+    chain = rest.service.client.model_chain(made["model"])
+    assert chain["chain"] == [campaign["model"], made["model"]]
+    assert chain["models"][-1]["held_out"]["rmse_mV"] == made["error_after_mV"]
+    judged = rest.service.client.compare(made["model"], runs[1])["result"]["overall"]["rmse_mV"]
+    assert judged == pytest.approx(made["error_after_mV"], rel=1e-6)
+    body = {"train_run_ids": runs[0], "validate_run_ids": runs[0]}
+    assert refusal(rest.post(f"/models/{campaign['model']}/refit", body))[:2] == (422, ["validate_run_ids"])
+    assert refusal(rest.post(f"/models/{campaign['model']}/refit", {}))[:2] == (422, ["train_run_ids"])

@@ -7,9 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench_service.cli.arguments import fractions
 from bench_service.cli.command import Command
-from bench_service.cli.files import add_current_sign, read_model, read_runs, write_document
+from bench_service.cli.files import add_runs_to_learn_from, read_model, read_runs, write_document
 from bench_service.cli.initial_soc import initial_soc
 from bench_service.cli.output import Output
 
@@ -22,14 +21,7 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("effect", metavar="EFFECT", help="name of an effect, as `diagnose` gives it")
     parser.add_argument("--train", type=Path, nargs="+", required=True, metavar="RUN", help="runs to refit to")
     parser.add_argument("--validate", type=Path, nargs="+", required=True, metavar="RUN", help="runs that only judge")
-    parser.add_argument(
-        "--initial-soc",
-        type=fractions,
-        metavar="S[,S...]",
-        help="of the training, then the validation runs; one value, or one for each; default: their soc_ref",
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="MODEL2.json")
-    add_current_sign(parser)
+    add_runs_to_learn_from(parser, "MODEL2.json")
 
 
 def _run(options: Namespace, output: Output) -> int:
@@ -37,6 +29,7 @@ def _run(options: Namespace, output: Output) -> int:
 
     from bench_service.exchange.atomic import check_writable
     from models.diagnosis import add_effect
+    from models.observer.tuning import with_tuned_observer
 
     check_writable(options.out)
     network = read_model(options.model)
@@ -47,8 +40,9 @@ def _run(options: Namespace, output: Output) -> int:
         added = add_effect(
             network, options.effect, train, soc[: len(train)], validate, soc[len(train) :], progress=report
         )
-    record = {**added.network.record, "parent": str(options.model)}
-    write_document(options.out, replace(added.network, record=record).to_json())
+        network = with_tuned_observer(added.network, train, soc[: len(train)])
+    record = {**network.record, "parent": str(options.model)}
+    write_document(options.out, replace(network, record=record).to_json())
     answer = {
         "effect": added.effect,
         "model": str(options.out),

@@ -51,10 +51,22 @@ def _show(console: Console, result: dict[str, Any]) -> None:
     rows = [(each["run"], each) for each in result["runs"]]
     if len(rows) > 1:
         rows.append(("overall", result["overall"]))
+    if result["outside"] is not None and result["inside_training"] is not None:
+        rows += [("inside the trained domain", result["inside_training"]), ("outside of it", result["outside"])]
     console.print(metrics_table("Free run against measurement", rows))
-    console.print(where_table("Where it fails (largest error first)", result["where"][:_WORST]))
+    for each in result["corrections"]:
+        sizes = ", ".join(f"{name} {value:.4g}" for name, value in each["values"].items())
+        console.print(f"the runs were corrected as the model says: {each['effect']} ({sizes})")
     if result["noise_floor_mV"] is not None:
         console.print(f"noise floor of the measurement: {result['noise_floor_mV']:.2f} mV")
+    if result["whiteness"] is not None:
+        console.print(result["whiteness"]["text"])
+    console.print("\n[bold]Where it fails[/bold]")
+    for each in result["regions"]:
+        console.print(f"  {each['text']} ({each['rmse_mV']:.1f} mV there)")
+    if not result["regions"]:
+        console.print("  no region stands out: the error is spread evenly")
+    console.print(where_table("By one variable (the most telling first)", result["where"][:_WORST]))
     console.print(f"outside the trained domain: {100 * result['outside_training']:.1f} % of the samples")
     for name, share in result["outside_by"].items():
         if share > 0.0:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("request", type=Path, metavar="REQUEST.toml", help="limits, duration, model and criterion")
     parser.add_argument("--out", type=Path, required=True, metavar="PROFILE.csv", help="columns time_s,current_A")
+    parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with pictures of the test")
 
 
 def _run(options: Namespace, output: Output) -> int:
@@ -31,6 +32,8 @@ def _run(options: Namespace, output: Output) -> int:
     from models.design.request import read_request
 
     check_writable(options.out)
+    if options.report is not None:
+        check_writable(options.report)
     request = read_request(_read_toml(options.request))
     material = _material(request, options.request.parent, output)
     with output.progress("Designing") as report:
@@ -44,6 +47,13 @@ def _run(options: Namespace, output: Output) -> int:
         output.warn("no initial_soc: the design takes 0.5 as the start")
     write_atomically(options.out, _csv(found.profile))
     figures = {"profile": str(options.out), **found.figures}
+    if options.report is not None and found.design is not None and found.asked is not None:
+        from bench_service.cli.design_page import design_page
+
+        write_atomically(options.report, design_page(options.out.name, *found.asked, found.design))
+        figures["report"] = str(options.report)
+    elif options.report is not None:
+        output.warn("no report: there are pictures of designs only, not of a pre-test or of a test between rivals")
     output.result(figures, lambda console: _show(console, figures))
     return 0
 
@@ -61,13 +71,8 @@ def _read_toml(path: Path) -> dict[str, Any]:
 def _material(request: WrittenRequest, beside: Path, output: Output) -> Material:
     """Read what the request names; names are relative to its file."""
     from models.design.answer import Material
+    from models.design.rivals import is_effect
 
-    effects = [rival for rival in request.rivals if not rival.endswith(".json")]
-    if effects:
-        raise UsageError(
-            f"rivals names {effects[0]!r}, which is no model file: make a model with each effect (bench-service "
-            "add-effect) and name the two files"
-        )
     cycle_A, cycle_dt_s = None, 1.0
     if request.load_cycle is not None:
         cycle_A, cycle_dt_s = _load_cycle(beside / request.load_cycle)
@@ -76,7 +81,7 @@ def _material(request: WrittenRequest, beside: Path, output: Output) -> Material
         runs=tuple(read_runs([beside / run for run in request.runs], None, output)),
         cycle_A=cycle_A,
         cycle_dt_s=cycle_dt_s,
-        rivals=tuple(read_model(beside / rival) for rival in request.rivals),
+        rivals=tuple(rival if is_effect(rival) else read_model(beside / rival) for rival in request.rivals),
     )
 
 

@@ -55,7 +55,7 @@ def _run(options: Namespace, output: Output) -> int:
 
 
 def _show(console: Console, result: dict[str, Any]) -> None:
-    from bench_service.cli.diagnosis_page import VERDICTS
+    from bench_service.cli.diagnosis_page import VERDICTS, left_over
 
     console.print(f"[bold]{VERDICTS[result['verdict']]}[/bold]")
     for finding in result["findings"]:
@@ -67,8 +67,7 @@ def _show(console: Console, result: dict[str, Any]) -> None:
         console.print(finding["explanation"])
     for each in result["depends_on"]:
         console.print(f"the error depends on {each['variable']}: {100 * each['strength']:.0f} % of it")
-    if result["noise_floor_mV"] is not None:
-        console.print(f"\nnoise floor {result['noise_floor_mV']:.2f} mV, unexplained {result['unexplained_mV']:.2f} mV")
+    console.print(f"\n{left_over(result)}")
     if result["next_experiment"] is not None:
         rivals = " from ".join(result["next_experiment"]["rivals"])
         console.print(f"next experiment: a profile that tells {rivals} (the request is in the --json answer)")

@@ -8,9 +8,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench_service.cli.arguments import fractions, positive
+from bench_service.cli.arguments import positive
 from bench_service.cli.command import Command
-from bench_service.cli.files import add_current_sign, read_runs, read_structure, write_document
+from bench_service.cli.files import add_runs_to_learn_from, read_runs, read_structure, write_document
 from bench_service.cli.initial_soc import initial_soc
 from bench_service.cli.output import Output
 from bench_service.cli.tables import metrics_table, readout_lines
@@ -27,14 +27,7 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--validate", type=Path, nargs="+", default=[], metavar="RUN", help="runs the fit never sees")
     parser.add_argument("--capacity-Ah", type=positive, required=True, metavar="Q")
     parser.add_argument("--structure", default="full", metavar="full|minimal|auto|FILE.json")
-    parser.add_argument(
-        "--initial-soc",
-        type=fractions,
-        metavar="S[,S...]",
-        help="of the training, then the validation runs; one value, or one for each; default: their soc_ref",
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="MODEL.json")
-    add_current_sign(parser)
+    add_runs_to_learn_from(parser, "MODEL.json")
 
 
 def _run(options: Namespace, output: Output) -> int:

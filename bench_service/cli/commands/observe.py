@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench_service.cli.arguments import fractions
 from bench_service.cli.command import Command
-from bench_service.cli.files import add_current_sign, read_model, read_runs
+from bench_service.cli.files import add_current_sign, read_model, read_module, read_runs
 from bench_service.cli.initial_soc import guessed_soc
 from bench_service.cli.output import Output
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bench_service.cli.observation import Observation
+    from models.observer import FuzzyObserver
+    from models.timeseries import TimeSeries
 
 _FIGURES = (
     ("soc_rmse", "SoC RMSE %", 100.0),
@@ -36,6 +38,8 @@ def _arguments(parser: ArgumentParser) -> None:
         metavar="S[,S...]",
         help="where the observer starts; default: soc_ref, else 0.5",
     )
+    parser.add_argument("--module", type=Path, metavar="MODULE.json", help="the runs are of a module (S1 to S4)")
+    parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page: estimates, convergence")
     parser.add_argument("--out", type=Path, metavar="SOC.csv", help="also write the estimates")
     add_current_sign(parser)
 
@@ -44,13 +48,17 @@ def _run(options: Namespace, output: Output) -> int:
     from bench_service.cli.observation import observe
     from bench_service.exchange.atomic import check_writable
     from models.observer import FuzzyObserver
+    from models.observer.module_observer import ModuleObserver
 
-    if options.out is not None:
-        check_writable(options.out)
+    for path in (options.out, options.report):
+        if path is not None:
+            check_writable(path)
     network = read_model(options.model)
-    observer = FuzzyObserver(network)
+    cell = FuzzyObserver(network)
+    observer = cell if options.module is None else ModuleObserver(cell, read_module(options.module))
     runs = read_runs(options.runs, options.current_sign, output)
-    starts = guessed_soc(runs, options.initial_soc, network, output)
+    as_cells = [observer.mean_cell_run(run) for run in runs] if isinstance(observer, ModuleObserver) else runs
+    starts = guessed_soc(as_cells, options.initial_soc, network, output)
     observed: list[Observation] = []
     with output.progress("Observing") as report:
         for done, (run, (soc, soc_std)) in enumerate(zip(runs, starts, strict=True)):
@@ -60,6 +68,9 @@ def _run(options: Namespace, output: Output) -> int:
     if options.out is not None:
         _write(options.out, observed)
         answer["file"] = str(options.out)
+    if options.report is not None:
+        _report(options, cell, as_cells, observed)
+        answer["report"] = str(options.report)
     output.result(answer, lambda console: _show(console, answer))
     return 0
 
@@ -75,6 +86,22 @@ def _answer(observed: Sequence[Observation]) -> dict[str, Any]:
         "innovation_rms_mV": 1e3 * float(np.sqrt(np.mean(known**2))) if len(known) else None,
         "us_per_step": 1e6 * sum(each.seconds for each in observed) / n,
     }
+
+
+def _report(options: Namespace, cell: FuzzyObserver, runs: Sequence[TimeSeries], observed: list[Observation]) -> None:
+    from bench_service.cli.observer_page import observer_page
+    from bench_service.exchange.atomic import write_atomically
+    from models.errors import ModelError
+    from models.input_correction import as_read
+    from models.observer.trade_off import trade_off
+    from models.resampling import to_grid
+
+    grid = [to_grid(as_read(cell.network.record, run), cell.dt_s) for run in runs]
+    try:
+        choices = trade_off(cell, grid)
+    except ModelError:
+        choices = []
+    write_atomically(options.report, observer_page(options.model.name, cell, observed, choices))
 
 
 def _write(path: Path, observed: Sequence[Observation]) -> None:
@@ -106,8 +133,9 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
     if answer["innovation_rms_mV"] is not None:
         console.print(f"innovation: {answer['innovation_rms_mV']:.2f} mV RMS")
     console.print(f"{answer['us_per_step']:.2f} us per step")
-    if "file" in answer:
-        console.print(f"wrote {answer['file']}")
+    for key in ("file", "report"):
+        if key in answer:
+            console.print(f"wrote {answer[key]}")
 
 
 COMMAND = Command("observe", "replay measured runs through the state-of-charge observer", _arguments, _run)

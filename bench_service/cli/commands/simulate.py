@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from argparse import ArgumentParser, Namespace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench_service.cli.arguments import fraction, named_numbers, natural, number, port, positive
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
+from bench_service.cli.sealed_effect import sealed_effect
 
 if TYPE_CHECKING:
     from simulators.can_bus import CanBusSettings
@@ -41,6 +43,12 @@ def _arguments(parser: ArgumentParser) -> None:
         metavar="NAME=X,...",
         help="physical effects and their size, such as hysteresis=0.02,relaxation=0.008",
     )
+    parser.add_argument(
+        "--hidden-effect",
+        metavar="NAME|random",
+        help="one more effect, drawn by the seed and not told",
+    )
+    parser.add_argument("--seal", type=Path, metavar="FILE", help="keep the hidden effect from one start to the next")
     parser.add_argument(
         "--faults",
         default="",
@@ -88,9 +96,14 @@ def _run(options: Namespace, output: Output) -> int:
     from simulators.bench import SimulatorError, SimulatorSettings, serve
     from simulators.serial_line import SerialSettings
 
+    hidden = None
+    if options.hidden_effect is not None:
+        hidden = sealed_effect(options.hidden_effect, options.cell, options.seed, options.seal)
+
     def ready(address: str) -> None:
-        answer = {"address": address, "state": "listening"}
-        output.result(answer, lambda console: console.print(f"listening on {address}"))
+        answer = {"address": address, "state": "listening", "seal": None if hidden is None else hidden.seal}
+        words = "" if hidden is None else f"; an effect is hidden, its seal (SHA-256) is {hidden.seal}"
+        output.result(answer, lambda console: console.print(f"listening on {address}{words}"))
 
     try:
         settings = SimulatorSettings(
@@ -101,7 +114,7 @@ def _run(options: Namespace, output: Output) -> int:
             serial=SerialSettings(device=options.device, baud=options.baud),
             can=can_bus(options.channel, options.node),
             cell=options.cell,
-            effects=options.effects,
+            effects=options.effects | ({} if hidden is None else {hidden.name: hidden.value}),
             faults=options.faults,
             devices=options.devices,
             module=_module(options.module),

@@ -41,6 +41,7 @@ export const api = {
   benches: async () => list(await get("/benches"), "benches"),
   // A stop is worth a quick verdict: the person at the bench needs to know whether to use the emergency stop.
   stopBench: (name) => post(`/benches/${id(name)}/stop`, undefined, 5),
+  openSeal: (name) => post(`/benches/${id(name)}/seal/open`),
   acknowledge: (name) => post(`/benches/${id(name)}/acknowledge`),
   runs: async (filter) => list(await get(`/runs?${query(filter)}`), "runs"),
   run: (runId) => get(`/runs/${id(runId)}`),

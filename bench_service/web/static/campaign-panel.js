@@ -35,12 +35,17 @@ function drawForm(state, body, view, draw) {
     return;
   }
   // Built once per list of benches: a frame of the feed must not wipe what somebody is typing.
-  renderKeyed(body, `form ${[...state.benches.keys()].join(" ")}`, () => campaignForm(state, (campaign) => {
-    Object.assign(view, { form: false, message: "" });
-    state.shownCampaign = campaign?.id ?? null;
-    if (campaign) state.mergeCampaign(campaign);
-    draw();
-  }));
+  renderKeyed(body, `form ${[...state.benches.keys()].join(" ")}`, () => {
+    const form = campaignForm(state, (campaign) => {
+      Object.assign(view, { form: false, message: "" });
+      state.shownCampaign = campaign?.id ?? null;
+      if (campaign) state.mergeCampaign(campaign);
+      draw();
+    });
+    // Nor must the first campaign of somebody else.
+    form.addEventListener("input", () => { view.form = true; });
+    return form;
+  });
 }
 
 /** Who looks at another bench means that one. */

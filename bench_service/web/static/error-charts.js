@@ -108,7 +108,7 @@ export function errorLeft(node, before, findings, floor) {
 
 const PROFILE = {
   soc: ["SoC / %", 100], soc_at_rest: ["SoC / %, at rest", 100], since_step_s: ["time since the last current step / s", 1], current_A: ["current / A", 1],
-  time_h: ["test time / h", 1], temperature_degC: ["cell temperature / °C", 1],
+  time_h: ["test time / h", 1], throughput_Ah: ["charge moved / Ah", 1], temperature_degC: ["cell temperature / °C", 1],
 };
 
 // With the page's own minus sign.

@@ -1,6 +1,6 @@
 // Step 1: which model, which runs, and what one wants to know.
 import { api } from "./api.js";
-import { el } from "./dom.js";
+import { el, renderKeyed } from "./dom.js";
 import { duration, timeElement } from "./format.js";
 
 const MODES = [
@@ -9,19 +9,28 @@ const MODES = [
 ];
 const ROLES = [["", "not used"], ["judge", "look at it"], ["train", "refit to it"]];
 
-/** `view` keeps the choice; `chosen()` starts the comparison, `changed()` when another model is taken. */
-export function chooseStep(view, { changed, chosen }) {
+/**
+ * The form. `view` keeps the choice; `chosen()` starts the comparison, `changed()` when another model or question is taken.
+ * It is built once and `draw()` changes only the lists that are new: news must not wipe a message or what somebody has set.
+ */
+export function chooseForm(view, { changed, chosen }) {
   const message = el("p", { class: "form-message", role: "alert" });
-  const go = el("button", { class: "primary", type: "submit", text: "Compare model and runs" });
+  const models = el("div", { class: "field" });
+  const runs = el("div", { class: "run-list" });
   const form = el("form", { class: "improve-form", "aria-label": "Choose model and runs" },
-    el("div", { class: "choose-model" }, modelField(view, changed, message), questions(view, changed)),
-    runTable(view), el("div", { class: "form-end" }, go, message));
+    el("div", { class: "choose-model" }, el("div", {}, models, fileField(view, changed, message)), questions(view, changed)),
+    runs, el("div", { class: "form-end" }, el("button", { class: "primary", type: "submit", text: "Compare model and runs" }), message));
+  form.addEventListener("change", () => { message.textContent = ""; });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     message.textContent = fault(view);
     if (!message.textContent) chosen();
   });
-  return form;
+  const draw = () => {
+    renderKeyed(models, JSON.stringify([view.modelId, view.models.map(modelText)]), () => modelField(view, changed));
+    renderKeyed(runs, JSON.stringify([ownRuns(view), [...view.roles], view.runs.map(({ id, name }) => [id, name])]), () => runTable(view));
+  };
+  return { node: form, draw };
 }
 
 /** Runs by what they are used for. */
@@ -39,8 +48,13 @@ export function ownRuns(view) {
   return (view.models.find((model) => model.id === view.modelId)?.train ?? []).map((run) => run.run_id);
 }
 
+/** What each run is used for: as somebody has said, else as usual. */
+export function rolesOf(view) {
+  return new Map([...usualRoles(view), ...view.said]);
+}
+
 /** What a model's runs are used for where nobody has said otherwise. */
-export function usualRoles(view) {
+function usualRoles(view) {
   const model = view.models.find((each) => each.id === view.modelId);
   const [own, judge] = [new Set(ownRuns(view)), new Set((model?.validate ?? []).map((run) => run.run_id))];
   const campaign = model?.campaign_id;
@@ -56,17 +70,22 @@ function fault(view) {
   return usedRuns(view).looked.length ? "" : "Choose at least one run to look at.";
 }
 
-function modelField(view, changed, message) {
+const modelText = (model) => `${model.name} · ${model.structure} · ${String(model.id).slice(0, 6)}`;
+
+function modelField(view, changed) {
+  if (!view.models.length) return [el("span", { text: "Model" }), el("p", { class: "empty", text: "No model yet: run a campaign, or load one." })];
   const select = el("select", { id: "improve-model", on: { change: () => { view.modelId = select.value; changed(); } } },
-    view.models.map((model) => el("option", { value: model.id, selected: model.id === view.modelId,
-      text: `${model.name} · ${model.structure} · ${String(model.id).slice(0, 6)}` })));
+    view.models.map((model) => el("option", { value: model.id, selected: model.id === view.modelId, text: modelText(model) })));
+  return [el("label", { for: "improve-model", text: "Model" }), select];
+}
+
+function fileField(view, changed, message) {
   const file = el("input", { type: "file", id: "improve-file", accept: ".json,application/json", class: "visually-hidden", on: { change: async () => {
     const [chosen] = file.files;
     if (!chosen) return;
-    message.textContent = "";
     try {
       const record = await api.importModel(JSON.parse(await chosen.text()), chosen.name.replace(/\.json$/i, "").slice(0, 100).trim() || "imported");
-      view.models.unshift(record);
+      view.models = [record, ...view.models.filter((model) => model.id !== record.id)];
       view.modelId = record.id;
       changed();
     } catch (error) {
@@ -75,9 +94,7 @@ function modelField(view, changed, message) {
       file.value = "";
     }
   } } });
-  return el("div", { class: "field" }, el("label", { for: "improve-model", text: "Model" }),
-    view.models.length ? select : el("p", { class: "empty", text: "No model yet: run a campaign, or load one." }),
-    el("label", { class: "file-button", for: "improve-file" }, "Load a MODEL.json …"), file);
+  return el("div", { class: "field" }, el("label", { class: "file-button", for: "improve-file" }, "Load a MODEL.json …"), file);
 }
 
 function questions(view, changed) {
@@ -95,7 +112,8 @@ function runTable(view) {
     el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))),
     el("tbody", {}, view.runs.map((run) => {
       const name = run.name ?? `run ${String(run.id).slice(0, 8)}`;
-      const role = el("select", { "aria-label": `Use of ${name}`, on: { change: () => view.roles.set(run.id, role.value) } },
+      const say = () => { view.said.set(run.id, role.value); view.roles.set(run.id, role.value); };
+      const role = el("select", { id: `use-of-${run.id}`, "aria-label": `Use of ${name}`, on: { change: say } },
         ROLES.map(([value, text]) => el("option", { value, text, selected: (view.roles.get(run.id) ?? "") === value })));
       const note = own.has(run.id) ? el("span", { class: "about block", text: "the model was made from it" }) : null;
       return el("tr", {}, [el("span", { title: run.id }, name, note), run.bench, timeElement(run.started_utc ?? run.created_utc),

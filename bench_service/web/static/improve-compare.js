@@ -4,21 +4,41 @@ import { chartBox, figure } from "./campaign-result.js";
 import { el } from "./dom.js";
 import { heatMap } from "./error-charts.js";
 import { MISSING, fixed, percent, quantity } from "./format.js";
+import { parameterText } from "./improve-which.js";
 import { overlayChart } from "./result-charts.js";
 
 export function compareStep(comparison, runs, keep) {
-  const { overall, noise_floor_mV: floor, outside_training: outside, temperature, band } = comparison.result;
+  const { overall, noise_floor_mV: floor, outside_training: outside, outside: guessed, inside_training: known, temperature, band, whiteness, corrections = [] } = comparison.result;
   const times = Number.isFinite(floor) && floor > 0 ? `${(overall.rmse_mV / floor).toFixed(1)} times the noise floor of ${quantity(floor, 1, "mV")}` : "noise floor unknown";
   const names = new Map(runs.map((run) => [run.id, run.name ?? String(run.id).slice(0, 8)]));
   return [
     el("div", { class: "result-figures" },
       figure("Voltage error", quantity(overall.rmse_mV, 2, "mV"), `RMS in free run, ${times}`),
       figure("95 % of the samples below", quantity(overall.p95_mV, 1, "mV"), `largest ${quantity(overall.max_mV, 1, "mV")}`),
-      figure("Outside what the model knows", percent(outside, 1), "of the samples: there it only guesses"),
+      whiteness ? figure("White part of it", quantity(whiteness.white_mV, 2, "mV"), whitenessWords(whiteness)) : null,
+      figure("Outside what the model knows", percent(outside, 1), guessed && known
+        ? `of the samples: there it only guesses, ${quantity(guessed.rmse_mV, 1, "mV")}; inside ${quantity(known.rmse_mV, 1, "mV")}` : "of the samples: there it only guesses"),
       band?.coverage_95_inside !== undefined && band?.coverage_95_inside !== null ? figure("Inside the 95 % band", percent(band.coverage_95_inside, 0), "of the samples that the model knows") : null,
       temperature?.rmse_K !== undefined ? figure("Temperature error", quantity(temperature.rmse_K, 2, "K"), "RMS in free run") : null),
+    corrections.length ? el("p", { class: "about", text: `The runs are read as the model was made: ${corrections.map(correctionWords).join(", ")}.` }) : null,
     overlay(comparison, names, keep),
   ];
+}
+
+/** An error that hangs together can be foretold, so a better model would not make it. */
+function whitenessWords({ white_share: share, correlation_time_s: time_s }) {
+  if (share >= WHITE || !Number.isFinite(time_s)) return "nothing that a model could foretell is left";
+  return `${percent(1 - share, 0)} of the squared error hangs together, for about ${roughly(time_s)}`;
+}
+
+/** In whole hours, minutes or seconds: it is an estimate. */
+function roughly(time_s) {
+  const [unit_s, unit] = [[3600, "h"], [60, "min"], [1, "s"]].find(([each]) => time_s >= 1.5 * each) ?? [1, "s"];
+  return quantity(time_s / unit_s, 0, unit);
+}
+
+function correctionWords({ effect, values }) {
+  return `${effect.replaceAll("_", " ")} (${Object.entries(values).map(([name, value]) => parameterText(name, { value, unit: UNITS[name] ?? "1" })).join(", ")})`;
 }
 
 function overlay(comparison, names, keep) {
@@ -38,6 +58,8 @@ function overlay(comparison, names, keep) {
   return el("div", {}, el("label", { class: "inline" }, "Run", choose), box);
 }
 
+const WHITE = 0.9;
+const UNITS = { offset_A: "A", leakage_A: "A", offset_V: "V", offset_K: "K", delay_s: "s", gain: "1" };
 const AXES = { current_A: "current", temperature_degC: "temperature" };
 const KINDS = [["rmse_mV", "size of the error"], ["bias_mV", "mean error with its sign"]];
 

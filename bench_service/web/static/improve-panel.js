@@ -1,11 +1,12 @@
 // One path: choose runs and a model, compare, see where, learn which effect is missing, add it, watch the error fall.
 import { api } from "./api.js";
 import { chip, el, renderKeyed } from "./dom.js";
-import { chooseStep, ownRuns, usedRuns, usualRoles } from "./improve-choose.js";
+import { chooseForm, ownRuns, rolesOf, usedRuns } from "./improve-choose.js";
 import { compareStep, whereStep } from "./improve-compare.js";
 import { playBox } from "./improve-play.js";
+import { sealBox } from "./improve-seal.js";
 import { addedStep, watchStep } from "./improve-watch.js";
-import { inText, whichStep } from "./improve-which.js";
+import { inText, namedBy, whichStep } from "./improve-which.js";
 import { busyBox, follow } from "./jobs.js";
 
 const STEPS = [["choose", "Choose"], ["compare", "Compare"], ["where", "Where"], ["which", "Which"], ["add", "Add"], ["watch", "Watch"]];
@@ -17,38 +18,56 @@ export function improvePanel(state) {
   const load = () => panel.load().catch((error) => console.warn(error.message));
   state.on("campaigns benches-listed", (change) => { if (!change || change.stateBefore !== state.campaigns.get(change.id)?.state) load(); });
   state.on("runs", () => panel.offer(state.runs ?? []));
+  state.on("benches", () => panel.seals.draw());
 }
 
 class Improve {
   constructor(root, state) {
     this.root = root;
     this.state = state;
-    this.view = { models: [], runs: [], modelId: null, roles: new Map(), mode: "structure" };
+    // `said`: what somebody has set by hand; `roles`: what every run is used for.
+    this.view = { models: [], runs: [], modelId: null, said: new Map(), roles: new Map(), mode: "structure" };
     this.titles = new Map();
     this.charts = new Map();
     this.busy = null;
     this.round = 0; // answers of an earlier choice are not shown
+    this.asked = 0;
+    this.answered = 0; // nor is a list that was asked for before the one that is shown
     this.parts = new Map(STEPS.map(([key, title], k) => [key, el("section", { class: "step", id: `improve-${key}`, hidden: key !== "choose", "aria-label": title, data: { step: key } },
       el("h3", {}, el("span", { class: "step-number", text: String(k + 1) }), title), el("div", { class: "step-body" }))]));
     this.track = el("ol", { class: "stages steps", "aria-label": "Steps" });
+    this.named = []; // by diagnoses, for whoever plays the sealed game
+    this.seals = sealBox(state, this.titleOf, () => this.named);
+    this.form = chooseForm(this.view, { chosen: () => this.compare(), changed: () => this.chooseAnew() });
   }
 
   titleOf = (effect) => this.titles.get(effect) ?? effect.replaceAll("_", " ");
 
   async load() {
     this.naming ??= this.name();
+    this.asked += 1;
+    const asked = this.asked;
     const [models, runs] = await Promise.all([api.models(), api.runs({ limit: SHOWN_RUNS })]);
-    this.view.models = models;
+    if (asked < this.answered) return;
+    this.answered = asked;
+    // A model may have been loaded from a file while the list was under way.
+    const chosen = this.view.models.find((model) => model.id === this.view.modelId && !models.some((each) => each.id === model.id));
+    this.view.models = chosen ? [chosen, ...models] : models;
     this.takeRuns(runs);
     if (!this.view.modelId && models.length) this.view.modelId = models[0].id;
-    if (!this.root.contains(this.track)) renderKeyed(this.root, "improve", () => [this.track, ...this.parts.values()]);
-    if (!this.started) this.drawChoose(true);
+    if (!this.root.contains(this.track)) {
+      this.fill("choose", this.form.node);
+      renderKeyed(this.root, "improve", () => [this.track, this.seals.node, ...this.parts.values()]);
+    }
+    this.drawChoose();
+    this.seals.draw();
   }
 
   /** What effects are called; the first question after the service's start takes it seconds, and nothing waits for it. */
   async name() {
     try {
       for (const each of await api.effects()) this.titles.set(each.name, each.title);
+      this.seals.draw();
     } catch (error) {
       this.naming = null;
       console.warn(error.message);
@@ -61,7 +80,7 @@ class Improve {
     const fresh = runs.filter((run) => run.n_samples && run.ended_utc && !known.has(run.id));
     if (!fresh.length || !this.root.contains(this.track)) return;
     this.takeRuns([...fresh, ...this.view.runs]);
-    this.drawChoose(false);
+    this.drawChoose();
   }
 
   takeRuns(runs) {
@@ -92,9 +111,20 @@ class Improve {
     }));
   }
 
-  drawChoose(anew) {
-    if (anew) this.view.roles = usualRoles(this.view);
-    this.fill("choose", chooseStep(this.view, { chosen: () => this.compare(), changed: () => { this.started = false; this.round += 1; this.clearFrom("compare"); this.drawChoose(true); this.watch(); } }));
+  /** Once the comparison has begun, a run that is new gets no use by itself. */
+  drawChoose() {
+    if (!this.started) this.view.roles = rolesOf(this.view);
+    this.form.draw();
+  }
+
+  /** Another model or question: what was said of the runs holds, but not of those that the model was made from. */
+  chooseAnew() {
+    this.started = false;
+    this.round += 1;
+    for (const id of ownRuns(this.view)) this.view.said.delete(id);
+    this.clearFrom("compare");
+    this.drawChoose();
+    this.watch();
   }
 
   /** Work with a bar in its step; what goes wrong is said there, in the service's words. */
@@ -144,6 +174,9 @@ class Improve {
       return api.diagnosis(result.diagnosis_id);
     });
     if (!found) return;
+    const named = namedBy(found.result);
+    if (named) this.named = [...this.named.filter(({ effect }) => effect !== named.effect), named];
+    this.seals.draw();
     this.fill("which", whichStep(found, this.titleOf, this.keep("which"), { add: (effect) => this.add(effect), addNote: this.addNote(), profiles: this.profiles ?? [], play: () => playBox(this.state, found.id, (run) => this.useAlso(run)) })).scrollIntoView({ block: "start" });
   }
 
@@ -170,21 +203,18 @@ class Improve {
 
   /** A run that has just been played joins those that are looked at, and the question is asked again. */
   async useAlso(run) {
-    const { roles } = this.view;
     this.offer([run]);
-    this.view.roles = new Map([...roles, [run.id, "judge"]]);
-    this.drawChoose(false);
+    for (const uses of [this.view.said, this.view.roles]) uses.set(run.id, "judge");
+    this.drawChoose();
     await this.compare();
     if (!this.parts.get("where").hidden) await this.diagnose();
   }
 
+  /** Another version with the same runs, so that the errors can be compared. */
   async goOn(modelId) {
-    const { roles } = this.view;
     this.view.models = await api.models().catch(() => this.view.models);
     this.view.modelId = modelId;
-    this.drawChoose(true);
-    this.view.roles = roles; // the same runs, so that the errors can be compared
-    this.drawChoose(false);
+    this.form.draw();
     await this.compare();
   }
 

@@ -32,7 +32,7 @@ export function watchStep(chain, titleOf, keep, { goOn }) {
   const judged = models.filter((each) => each.held_out);
   const plot = el("div", { class: "plot tall", role: "img", "aria-label": "Held-out error from version to version" });
   const sets = new Set(judged.map((each) => [...each.held_out.run_ids].sort().join()));
-  const versions = judged.map((each) => ({ id: each.id, label: each.effect ? `+ ${inText(titleOf(each.effect))}` : "first model", before: each.held_out.before_mV ?? NaN, after: each.held_out.rmse_mV, kept: each.in_chain }));
+  const versions = judged.map((each) => ({ id: each.id, label: each.effect ? `+ ${inText(titleOf(each.effect))}` : each.parent_id ? "refitted" : "first model", before: each.held_out.before_mV ?? NaN, after: each.held_out.rmse_mV, kept: each.in_chain }));
   const now = judged.find((each) => each.id === chain.model_id);
   if (now && now.parent_id) versions.push({ id: now.id, label: "now", before: NaN, after: now.held_out.rmse_mV, kept: true, now: true });
   requestAnimationFrame(() => { if (plot.isConnected && versions.length) keep(waterfall(plot, versions, chain.noise_floor_mV ?? NaN, goOn)); });
@@ -48,7 +48,7 @@ function table(chain, models, titleOf, goOn) {
   return el("div", { class: "table-scroll" }, el("table", { class: "rows" }, el("caption", { text: "Versions" }),
     el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))),
     el("tbody", {}, models.map((each) => {
-      const name = each.effect ? titleOf(each.effect) : "none, first model";
+      const name = each.effect ? titleOf(each.effect) : each.parent_id ? "none, refitted" : "none, first model";
       const button = each.id === now ? el("span", { class: "about", text: "shown now" })
         : el("button", { type: "button", class: "small", text: chain.chain.includes(each.id) ? "Back to this one" : "Go on from here", on: { click: () => goOn(each.id) } });
       return el("tr", { data: { model: each.id } }, [el("span", { title: each.id }, el("strong", { text: each.name })), name, each.held_out ? quantity(each.held_out.rmse_mV, 2, "mV") : "not judged",

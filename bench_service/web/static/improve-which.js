@@ -4,12 +4,14 @@ import { legend } from "./charts.js";
 import { errorLeft, profileChart } from "./error-charts.js";
 import { duration, fixed, percent, quantity } from "./format.js";
 
+// An error that is larger than so many times the noise is more than noise to anybody.
+const FAR_ABOVE_NOISE = 2;
 const TONE = { missing: "active", nothing_missing: "good", ambiguous: "warn", unknown_effect: "warn" };
 // Over what an effect shows best; the first of these that the runs have.
 const OVER = {
   hysteresis: ["soc_at_rest", "soc"], relaxation: ["since_step_s"], dead_time: ["since_step_s"], charge_transfer: ["current_A"], charge_discharge_asymmetry: ["current_A"],
   series_resistance: ["current_A"], temperature_dependence: ["temperature_degC"], temperature_sensor: ["temperature_degC"], current_offset: ["time_h"],
-  self_discharge: ["time_h"], resistance_growth: ["time_h"],
+  self_discharge: ["time_h"], resistance_growth: ["throughput_Ah", "time_h"],
 };
 const PREFIX = { V: [1e3, "mV"], Ohm: [1e3, "mΩ"], "V/K": [1e3, "mV/K"], "W/K": [1, "W/K"] };
 
@@ -22,7 +24,7 @@ export function whichStep(record, titleOf, keep, { add, addNote, play, profiles 
   return [
     el("div", { class: "notice verdict", role: "status", data: { tone: TONE[verdict] ?? "neutral", verdict } },
       el("strong", { text: verdictWords(record, titleOf) }),
-      el("span", { text: `Left unexplained: ${quantity(left, 2, "mV")}${Number.isFinite(floor) ? `, noise floor ${quantity(floor, 2, "mV")}` : ""}.` }),
+      el("span", { text: leftWords(record.result) }),
       remarks.map((text) => el("span", { class: "about", text: `Note: ${text}.` }))),
     depends.length ? el("div", {}, el("h4", { text: "What the rest depends on" }), el("ul", { class: "regions" }, depends.map(dependence))) : null,
     findings.length ? el("div", { class: "which" }, el("ol", { class: "findings", "aria-label": "Findings" }, findings.map((each) => finding(each, titleOf, add, addNote, picture(each.effect, profiles, keep)))),
@@ -31,16 +33,35 @@ export function whichStep(record, titleOf, keep, { add, addNote, play, profiles 
   ];
 }
 
-function verdictWords({ result: { verdict, mode, findings } }, titleOf) {
-  const [first] = findings;
+const above = ({ unexplained_mV: left, noise_floor_mV: floor }) => (Number.isFinite(floor) && left > FAR_ABOVE_NOISE * floor ? 1 - (floor / left) ** 2 : 0);
+
+/** What nothing in the answer explains; where that is much more than noise, "nothing is missing" is not all there is to say. */
+function leftWords(result) {
+  const { verdict, mode, unexplained_mV: left, noise_floor_mV: floor } = result;
+  const words = `Left unexplained: ${quantity(left, 2, "mV")}${Number.isFinite(floor) ? `, noise floor ${quantity(floor, 2, "mV")}` : ""}.`;
+  if (verdict !== "nothing_missing" || !above(result)) return words;
+  return `${words} ${percent(above(result), 0)} of its square is more than noise: the model itself is off by that much. ${mode === "change"
+    ? "A change that shows less cannot be seen with it." : "Structure “auto”, more local models or more training data come before any effect."}`;
+}
+
+function verdictWords({ result }, titleOf) {
+  const { verdict, mode, findings: [first] } = result;
   const what = first ? titleOf(first.effect) : "An effect";
   if (verdict === "missing") return mode === "change" ? `${what}: that is new since the model was made.` : `${what}: that is what the model lacks.`;
-  if (verdict === "nothing_missing") return `Nothing significant ${mode === "change" ? "has changed" : "is missing"}: what is left is the model's own error and noise.`;
+  if (verdict === "nothing_missing") {
+    return `Nothing significant ${mode === "change" ? "has changed" : "is missing"}: ${above(result) ? "no known effect explains what is left" : "what is left is the model's own error and noise"}.`;
+  }
   if (verdict === "ambiguous") {
     const rivals = [what, ...(first?.confounded_with ?? []).map((name) => inText(titleOf(name)))];
     return rivals.length > 1 ? `Something is there, but these data cannot tell: ${rivals.join(" or ")}?` : "Something is there, but these data cannot tell what.";
   }
   return "Something is there that no known effect explains.";
+}
+
+/** The effect that a verdict names, with its sizes; null where it names none. */
+export function namedBy({ verdict, findings: [first] }) {
+  if (!first || !["missing", "ambiguous"].includes(verdict)) return null;
+  return { effect: first.effect, words: Object.entries(first.parameters).map(([name, value]) => parameterText(name, value)).join(", ") };
 }
 
 function dependence({ variable, strength }) {
@@ -57,6 +78,12 @@ export function parameterText(name, { value, std, unit }) {
   const digits = Math.min(4, Math.max(0, 1 - Math.floor(Math.log10(size || 1))));
   const band = Number.isFinite(std) ? ` ± ${fixed(std * scale, digits)}` : "";
   return `${words} ${fixed(value * scale, digits)}${band} ${shown}`.trim();
+}
+
+/** A size to three digits, its unit in front of small numbers. */
+export function sizeText(value, unit) {
+  const [scale, shown] = PREFIX[unit] ?? [1, unit === "1" ? "" : unit];
+  return `${Number((value * scale).toPrecision(3))} ${shown}`.trim();
 }
 
 /** The error of the model as it is, over the variable by which one tells the effect. */

@@ -32,7 +32,7 @@ export function benchWord(state, bench) {
 }
 
 const STAGE_TITLES = {
-  design: "Design profile", run: "Run on the bench", fit: "Fit the model", observe: "Observe live",
+  design: "Design profile", run: "Run on the bench", fit: "Fit the model", rounds: "Design again", observe: "Observe live",
   compare: "Compare", report: "Report", done: "Done",
 };
 

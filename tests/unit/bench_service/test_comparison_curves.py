@@ -5,8 +5,8 @@ import json
 import numpy as np
 
 from bench_service.jobs.modelling import _curves, plain
-from models.comparison import RunComparison
 from models.resampling import to_grid
+from models.simulated_runs import RunComparison
 from models.timeseries import TimeSeries
 
 

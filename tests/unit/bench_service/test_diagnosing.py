@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bench_service.bench.limits import Limits
-from bench_service.campaign.diagnosing import Diagnosing, catalogue, on_bench
-from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.diagnosing import catalogue, on_bench
+from bench_service.campaign.versions import chain, judging_runs
 from bench_service.store.metadata import MetadataStore
 
 BENCH = Limits((2.5, 4.2), (-4.0, 2.0), (-20.0, 60.0), (0.0, 1.0), None, 7200.0)
@@ -28,8 +28,6 @@ class House:
 
     def __init__(self, store: MetadataStore) -> None:
         self.store = store
-        modelling = Modelling(store, None, Path(), "1")  # pyright: ignore[reportArgumentType]
-        self.diagnosing = Diagnosing(store, None, modelling, Path(), "1")  # pyright: ignore[reportArgumentType]
         self.profile_id = store.add_profile("p", np.array([0.0, 1.0]), np.array([1.0, 0.0])).id
 
     def run(self, campaign_id: str | None = None) -> str:
@@ -66,26 +64,26 @@ def test_a_chain_sets_every_step_beside_what_else_was_tried(house: House) -> Non
     kept = house.model(first, "hysteresis", (9.0, 4.0), validate=judge)
     worse = house.model(first, "relaxation", (9.0, 9.5), validate=judge)
     last = house.model(kept, "charge_transfer", (4.0, 2.0), validate=judge)
-    chain = house.diagnosing.chain(last)
-    assert chain["chain"] == [first, kept, last] and chain["noise_floor_mV"] == 1.0
-    assert [each["id"] for each in chain["models"]] == [first, kept, worse, last]
-    assert [each["in_chain"] for each in chain["models"]] == [True, True, False, True]
-    assert [each["held_out"]["rmse_mV"] for each in chain["models"]] == [9.0, 4.0, 9.5, 2.0]
-    assert [each["held_out"]["before_mV"] for each in chain["models"]] == [None, 9.0, 9.0, 4.0]
-    assert house.diagnosing.chain(worse)["chain"] == [first, worse]
+    found = chain(house.store, last)
+    assert found["chain"] == [first, kept, last] and found["noise_floor_mV"] == 1.0
+    assert [each["id"] for each in found["models"]] == [first, kept, worse, last]
+    assert [each["in_chain"] for each in found["models"]] == [True, True, False, True]
+    assert [each["held_out"]["rmse_mV"] for each in found["models"]] == [9.0, 4.0, 9.5, 2.0]
+    assert [each["held_out"]["before_mV"] for each in found["models"]] == [None, 9.0, 9.0, 4.0]
+    assert chain(house.store, worse)["chain"] == [first, worse]
 
 
 def test_a_first_version_is_judged_by_a_comparison_with_runs_that_it_has_not_seen(house: House) -> None:
     learned, unseen = house.run(), house.run()
     model = house.model(train=house.store.references([learned]))
-    assert house.diagnosing.chain(model)["models"][0]["held_out"] is None
+    assert chain(house.store, model)["models"][0]["held_out"] is None
     result = {"overall": {"rmse_mV": 7.0}, "noise_floor_mV": 0.9}
     house.store.add_comparison(model, house.store.references([unseen]), result, code_version="1")
     flattering = {"overall": {"rmse_mV": 1.0}, "noise_floor_mV": 0.9}
     house.store.add_comparison(model, house.store.references([learned]), flattering, code_version="1")
-    chain = house.diagnosing.chain(model)
-    assert chain["models"][0]["held_out"]["rmse_mV"] == 7.0 and chain["noise_floor_mV"] == 0.9
-    assert chain["models"][0]["held_out"]["run_ids"] == [unseen]
+    found = chain(house.store, model)
+    assert found["models"][0]["held_out"]["rmse_mV"] == 7.0 and found["noise_floor_mV"] == 0.9
+    assert found["models"][0]["held_out"]["run_ids"] == [unseen]
 
 
 def test_runs_that_judge_where_nobody_names_any(house: House) -> None:
@@ -94,7 +92,7 @@ def test_runs_that_judge_where_nobody_names_any(house: House) -> None:
     train = house.store.references([learned])
 
     def judging(**fields: Any) -> list[str]:
-        return house.diagnosing.judging_runs(house.store.model(house.model(train=train, **fields)))
+        return judging_runs(house.store, house.store.model(house.model(train=train, **fields)))
 
     assert judging() == []
     assert judging(campaign_id=campaign.id) == [other]

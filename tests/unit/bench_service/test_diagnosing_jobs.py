@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench_service.jobs import diagnosing
+from bench_service.jobs import diagnosing, refitting
 from bench_service.jobs.modelling import RunInput
 from models.identification import fit_network
 from models.local_model_network import LocalModelNetwork
@@ -35,7 +35,8 @@ def document() -> dict[str, Any]:
 
 @pytest.fixture(autouse=True)
 def stored(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(diagnosing, "read_series", lambda directory, ids: [series(name) for name in ids])
+    for jobs in (diagnosing, refitting):
+        monkeypatch.setattr(jobs, "read_series", lambda directory, ids: [series(name) for name in ids])
 
 
 class Reports:
@@ -99,3 +100,13 @@ def test_an_experiment_between_two_effects_keeps_its_limits(document: dict[str, 
     assert 0.4 - 1e-6 <= soc.min() and soc.max() <= 0.8 + 1e-6
     assert min(found["figures"]["separation"]) > 0.0
     assert any("hysteresis" in text for text in reports.texts)
+
+
+def test_a_refit_keeps_the_structure_and_carries_what_a_model_carries(document: dict[str, Any]) -> None:
+    found = refitting.refit_to(Reports(), Path(), document, [JUDGED], [LEARNED])  # pyright: ignore[reportArgumentType]
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    network = LocalModelNetwork.from_json(found["document"])
+    assert network.structure == LocalModelNetwork.from_json(document).structure
+    assert found["metrics"]["effect"] is None and found["metrics"]["error_after_mV"] > 0
+    assert {"tables", "sums", "observer", "version"} <= set(network.record)
+    assert network.record["sums"]["n_samples"] > document["record"]["sums"]["n_samples"]

@@ -136,7 +136,17 @@ def test_what_is_left_out_lies_within_the_bench() -> None:
     check_plan(complete(bench(SIMULATED), {"bench": "b"}, None), bench(SIMULATED).limits, 2.5)
 
 
-@pytest.mark.parametrize("changes", [{}, {"initial_soc": 0.1}, {"initial_soc": 0.9}, {"current_A": (-1.0, 0.5)}])
+def test_what_follows_the_rounds_is_checked_before_they_are_played() -> None:
+    tight = replace(REQUEST, initial_soc=0.9, duration_s=12_500.0)
+    check_plan(tight, LIMITS, 2.5)
+    with pytest.raises(ModelError, match="do not suffice"):
+        check_plan(replace(tight, rounds=2), LIMITS, 2.5)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"initial_soc": 0.1}, {"initial_soc": 0.9}, {"current_A": (-1.0, 0.5)}, {"initial_soc": 0.9, "rounds": 2}],
+)
 def test_the_duration_that_is_left_out_suffices(changes: dict[str, Any]) -> None:
     request = complete(bench(SIMULATED), {"bench": "b"} | changes, None)
     check_plan(request, bench(SIMULATED).limits, 2.5)

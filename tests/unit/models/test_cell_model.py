@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from models.baselines import CellModel, fit_enhanced_self_correcting, fit_equivalent_circuit
-from models.comparison import compare, simulate_runs
+from models.comparison import compare
 from models.resampling import to_grid
+from models.simulated_runs import simulate_runs
 from tests.unit.models.baselines import circuits
 from tests.unit.models.hand_network import everything, grid_run
 

@@ -3,10 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.comparison import compare, simulate_runs
+from models.comparison import compare
 from models.errors import ModelError
 from models.identification import fit_network
 from models.metrics import metrics, noise_floor_V
+from models.simulated_runs import simulate_runs
 from models.timeseries import TimeSeries
 from tests.unit.models import synthetic
 
@@ -38,7 +39,9 @@ def network():
 
 def test_shares_add_up_within_each_variable(network) -> None:
     result = compare(network, [synthetic.run(2000, seed=5, noise_V=1e-3)], [0.6])
-    for variable in ("soc", "current_A", "direction", "temperature_degC"):
+    one_by_one = ("soc", "current_A", "direction", "since_step_s", "throughput_Ah", "time_h", "temperature_degC")
+    assert {row["variable"] for row in result["where"]} == set(one_by_one)
+    for variable in one_by_one:
         rows = [row for row in result["where"] if row["variable"] == variable]
         assert sum(row["share_of_squared_error"] for row in rows) == pytest.approx(1.0)
         assert sum(row["share_of_time"] for row in rows) == pytest.approx(1.0)
@@ -48,9 +51,12 @@ def test_a_local_error_is_named_first(network) -> None:
     run = synthetic.run(3000, seed=5)
     wrong = run.voltage_V + np.where(run.current_A > 2.5, 0.03, 0.0)
     hidden = TimeSeries(run.time_s, run.current_A, wrong, run.temperature_degC, None, run.soc_ref)
-    worst = compare(network, [hidden], [0.6])["where"][0]
+    result = compare(network, [hidden], [0.6])
+    worst = result["where"][0]
     assert worst["variable"] == "current_A"
     assert worst["from"] >= 2.0
+    assert "charge above" in result["regions"][0]["text"]
+    assert result["regions"][0]["share_of_squared_error"] > 2.0 * result["regions"][0]["share_of_time"]
 
 
 def test_samples_outside_the_trained_domain_are_counted(network) -> None:
@@ -83,6 +89,11 @@ def test_what_lies_outside_is_told_by_dimension(network) -> None:
     assert result["outside_by"]["temperature_degC"] == pytest.approx(0.5, abs=0.01)
     assert result["outside_by"]["current_A"] == 0.0
     assert result["outside_training"] >= max(result["outside_by"].values())
+    # What the model only guesses at is kept apart, and does not tell where the model is off.
+    parts = result["inside_training"], result["outside"]
+    assert sum(part["n_samples"] for part in parts) == result["overall"]["n_samples"]
+    hottest = max(row["to"] for row in result["where"] if row["variable"] == "temperature_degC")
+    assert hottest < run.temperature_degC.max() + 5.0
 
 
 def test_gaps_are_reported(network) -> None:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bench_service.jobs.modelling import plain
-from models.comparison import RunComparison
 from models.error_map import error_map
 from models.error_samples import since_step_s
 from models.errors import ModelError
 from models.resampling import to_grid
+from models.simulated_runs import RunComparison
 from models.timeseries import TimeSeries
 from tests.unit.models import hand_network
 

@@ -236,7 +236,9 @@ class SlowObserver:
     def __init__(self) -> None:
         self.steps = 0
 
-    def step(self, current_A: float, voltage_V: float, temperature_degC: float) -> ObserverRow:
+    def step(
+        self, current_A: float, voltage_V: float, temperature_degC: float, ambient_degC: float = math.nan
+    ) -> ObserverRow:
         self.steps += 1
         until_s = time.monotonic() + (0.25 if self.steps == 3 else 0.0)
         while time.monotonic() < until_s:
@@ -255,7 +257,9 @@ async def test_no_heartbeat_from_a_reading_that_has_grown_old(bench: Bench) -> N
 
 
 class DivergingObserver:
-    def step(self, current_A: float, voltage_V: float, temperature_degC: float) -> ObserverRow:
+    def step(
+        self, current_A: float, voltage_V: float, temperature_degC: float, ambient_degC: float = math.nan
+    ) -> ObserverRow:
         raise ObserverError("the observer has diverged")
 
     def new_alarms(self) -> list[str]:

@@ -69,6 +69,25 @@ def test_two_model_files_are_told_apart(directory: Path) -> None:
     assert min(json.loads(text)["separation"]) > 0.0
 
 
+def test_a_page_shows_the_test(directory: Path) -> None:
+    page = directory / "page.html"
+    status, text, complaints = call(written(directory), "--out", directory / "profile.csv", "--report", page, "--json")
+    assert (status, complaints) == (0, "") and json.loads(text)["report"] == str(page)
+    shown = page.read_text()
+    for words in ("limit 4.2 V", "Load cycle", "State of charge", "Where the time is spent", "multisine"):
+        assert words in shown
+    # Self-contained: nothing is fetched.
+    assert "http" not in shown and "<script" not in shown
+    assert "nan" not in shown
+
+
+def test_a_pre_test_has_no_page(directory: Path) -> None:
+    path = directory / "first.toml"
+    path.write_text("capacity_Ah = 2.0\nduration_s = 20000\n[limits]\ncurrent_A = [-4, 4]\nsoc = [0.1, 0.9]\n")
+    status, _, complaints = call(path, "--out", directory / "first.csv", "--report", directory / "page.html", "--json")
+    assert status == 0 and "no report" in complaints and not (directory / "page.html").exists()
+
+
 def test_a_person_reads_what_to_expect(directory: Path) -> None:
     status, text, _ = call(written(directory), "--out", directory / "profile.csv")
     assert status == 0 and "predicted: SoC" in text and "log det" in text
@@ -92,7 +111,8 @@ def test_without_a_model_a_pre_test_is_written(directory: Path) -> None:
         ('"drive_cycle"', '"chirp"', "signal is 'chirp'"),
         ('"model.json"', '"none.json"', "no such file"),
         ('"cycle.csv"', '"none.csv"', "no such file"),
-        ("seed = 1", 'criterion = "discriminate"\nrivals = ["hysteresis", "relaxation"]', "no model file"),
+        ("seed = 1", 'criterion = "discriminate"\nrivals = ["hysteresis", "relaxation"]', "runs is missing"),
+        ("seed = 1", 'criterion = "discriminate"\nrivals = ["hysteresis", "none.json"]', "no such file"),
         ("seed = 1", "seed = ", "not valid TOML"),
         ("seed = 1", "rest_ration = 8", "'rest_ration' is unknown"),
     ],

@@ -4,7 +4,7 @@ import re
 from typing import Any
 from xml.etree import ElementTree
 
-from bench_service.cli.diagnosis_page import VERDICTS, error_bars
+from bench_service.cli.diagnosis_page import VERDICTS, error_bars, left_over
 
 
 def answer(**changed: Any) -> dict[str, Any]:
@@ -40,3 +40,15 @@ def test_without_a_finding_or_a_noise_floor_nothing_is_drawn_for_it() -> None:
 
 def test_every_verdict_has_words() -> None:
     assert set(VERDICTS) == {"missing", "nothing_missing", "ambiguous", "unknown_effect"}
+
+
+def test_nothing_missing_in_a_coarse_model_says_how_much_is_left() -> None:
+    def words(left_mV: float, verdict: str = "nothing_missing", mode: str = "structure") -> str:
+        return left_over({"verdict": verdict, "mode": mode, "unexplained_mV": left_mV, "noise_floor_mV": 1.0})
+
+    assert words(1.5) == "Unexplained: 1.50 mV, noise floor 1.00 mV."
+    assert "99 % of its square is more than noise" in words(10.0) and "more training data" in words(10.0)
+    assert "cannot be seen" in words(10.0, mode="change")
+    assert "more than noise" not in words(10.0, verdict="missing")
+    unknown = {"verdict": "nothing_missing", "mode": "change", "unexplained_mV": 3.0, "noise_floor_mV": None}
+    assert left_over(unknown) == "Unexplained: 3.00 mV."

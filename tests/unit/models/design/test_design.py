@@ -64,6 +64,17 @@ def test_a_load_cycle_bounds_the_blocks() -> None:
     for block in found.blocks:
         inside = found.current_A[block.first : block.last]
         assert inside.min() >= -2.0 - 1e-9 and inside.max() <= 1.5 + 1e-9
+    # Blocks within a cycle can move little charge: the plan knows that before, and keeps the duration.
+    assert 0.97 * 20_000.0 <= found.duration_s <= 20_000.0
+
+
+def test_a_sequence_ends_with_a_rest() -> None:
+    found, asked = design(experiment(), request()), design(experiment(), request(final_rest_s=4000.0))
+    assert request().rest_s == 1800.0 and not found.current_A[-180:].any()
+    assert not asked.current_A[-400:].any() and asked.duration_s == pytest.approx(20_000.0, rel=0.02)
+    assert request(signal="aprbs").rest_s == 0.0 and request(soc_levels=()).rest_s == 0.0
+    with pytest.raises(InfeasibleError, match="final_rest_s is 11000 s"):
+        request(final_rest_s=11_000.0)
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,10 @@ from models.design.reference_model import (
     pre_test,
     predicted_temperature,
 )
-from models.design.voltage_band import LearntBand, VoltageBand, planned_run, recorded_band
+from models.design.voltage_band import LearntBand, Tail, VoltageBand, planned_run, recorded_band
 from models.identification import fit_network
 from models.local_model_network import LocalModelNetwork
+from models.residual_correlation import ResidualCorrelation
 from models.structure import InputChannel, PartitionAxis, Structure
 from models.uncertainty import uncertainty_of
 from simulators.catalogue import CELLS
@@ -58,10 +59,11 @@ def test_the_band_of_the_parameters_holds_for_all_samples_at_once() -> None:
     np.testing.assert_allclose(width, np.sqrt(chi2.ppf(0.997, 15)) * spread, rtol=1e-6)
 
 
-def test_a_fitted_network_says_itself_how_far_off_it_may_be(fitted: LocalModelNetwork) -> None:
+@pytest.mark.parametrize("seed", [7, 21, 22, 23])
+def test_a_fitted_network_says_itself_how_far_off_it_may_be(fitted: LocalModelNetwork, seed: int) -> None:
     band, where = recorded_band(fitted), experiment_with(fitted, 0.6)
     assert isinstance(band, LearntBand)
-    current = pulses_A(3000, fitted.cell.capacity_Ah, 7)
+    current = pulses_A(3000, fitted.cell.capacity_Ah, seed)
     evaluator = Evaluator(where, 3000)
     width = band.width_V(where, current, evaluator.predict(current))
     played = np.concatenate([[0.0], current])
@@ -71,6 +73,22 @@ def test_a_fitted_network_says_itself_how_far_off_it_may_be(fitted: LocalModelNe
     # Further from the trained data it knows less.
     hard = 3.0 * current
     assert band.width_V(where, hard, evaluator.predict(hard)).max() > 1.5 * width.max()
+
+
+def test_the_scale_of_a_band_follows_the_number_of_draws(fitted: LocalModelNetwork) -> None:
+    uncertainty = uncertainty_of(fitted)
+    assert uncertainty is not None
+    white = replace(uncertainty, correlation=ResidualCorrelation(1.0, np.zeros(0), np.zeros(0)))
+    assert LearntBand(white).scale(4000) == pytest.approx(np.log(4000.0 / 0.003) / np.sqrt(2.0), rel=1e-9)
+    draws = np.random.default_rng(0).laplace(scale=np.sqrt(0.5), size=(4000, 1000))
+    assert (np.abs(draws) > LearntBand(white).scale(1000)).any(axis=1).mean() < 0.006
+    # Slow errors draw less often.
+    assert LearntBand(uncertainty).scale(4000) < LearntBand(white).scale(4000)
+    # A run that is as Laplace would have it changes nothing; one with a shorter tail does, with room for good luck.
+    laplace, bounded = Tail(2.12, 8.0, 4000), Tail(1.9, 2.6, 4000)
+    assert LearntBand(white, laplace).scale(4000) == pytest.approx(LearntBand(white).scale(4000), abs=0.01)
+    assert 1.2 * 2.6 < LearntBand(white, bounded).scale(4000) < 5.0
+    assert LearntBand(white, Tail(2.0, 20.0, 4000)).scale(4000) == 20.0
 
 
 def test_a_network_without_record_is_taken_at_its_word() -> None:

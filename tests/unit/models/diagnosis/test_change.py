@@ -13,8 +13,9 @@ from models.errors import ModelError
 from models.resampling import to_grid
 from models.timeseries import TimeSeries
 from simulators.catalogue import CELLS
-from simulators.cell import CellParameters
+from simulators.cell import Branch, Cell, CellParameters
 from tests.unit.models.diagnosis.cells import SOC, measured, simple_network
+from tests.unit.models.simulated_cells import record
 
 CELL = CELLS["nmc"].parameters
 
@@ -105,6 +106,58 @@ def test_an_offset_of_the_current_and_a_leak_name_each_other(memory: Memory) -> 
     assert set(answer.next_experiment["rivals"]) == {"current_offset", "self_discharge"}
     drift = next(each for each in answer.findings if each.effect == "current_offset")
     assert drift.parameters["offset_A"].value == pytest.approx(0.02, rel=0.1)
+
+
+def test_two_changes_are_named_together_and_sized(memory: Memory) -> None:
+    cell = replace(CELL, hysteresis_amplitude_V=0.016)
+    answer = diagnosed(memory, measured(cell, 2, current_error_A=0.03))
+    named = [
+        each
+        for k, each in enumerate(answer.findings)
+        if not any(each.effect in earlier.confounded_with for earlier in answer.findings[:k])
+    ]
+    names = {each.effect for each in named}
+    assert "hysteresis" in names and names & {"current_offset", "self_discharge"} and len(names) == 2
+    loop = next(each for each in named if each.effect == "hysteresis")
+    assert loop.parameters["amplitude_V"].value == pytest.approx(0.012, rel=0.15)
+    # Each finding says what it leaves beside those before it.
+    assert named[1].error_before_mV == pytest.approx(named[0].error_after_mV)
+
+
+def discharged(cell: CellParameters, seed: int) -> TimeSeries:
+    """Constant current and nothing else."""
+    current = np.full(1900, -1.5)
+    current[0] = 0.0
+    return replace(record(Cell(cell, 0.8, 22.0), current, seed), name="discharge")
+
+
+def test_a_constant_current_alone_leaves_rivals_and_the_next_experiment_settles_them(memory: Memory) -> None:
+    cell = replace(CELL, slow=Branch(0.03, 900.0))
+    alone = diagnosed(memory, discharged(cell, 3), 0.8)
+    assert alone.verdict == "ambiguous"
+    assert "relaxation" in {each.effect for each in alone.findings}
+    assert alone.findings[0].confidence < 0.7
+    request = alone.next_experiment
+    assert request is not None and request["criterion"] == "discriminate"
+    # What it asks for: both directions and rests, inside its limits.
+    further = measured(cell, 2)
+    low, high = request["limits"]["current_A"]
+    assert low <= further.current_A.min() and further.current_A.max() <= high
+    both = diagnose(
+        simple_network(CELL.capacity_Ah), [discharged(cell, 3), further], [0.8, SOC], memory=memory, mode="change"
+    )
+    assert (both.verdict, both.findings[0].effect) == ("missing", "relaxation")
+
+
+def test_a_nearly_linear_charge_transfer_is_a_rival_of_a_resistance(memory: Memory) -> None:
+    # At these currents its asinh is a straight line to 0.1 %.
+    cell = replace(CELL, exchange_current_A=60.0, charge_transfer_V=0.0514 + 0.1)
+    plain = replace(CELL, exchange_current_A=60.0)
+    known = memory_of([to_grid(measured(plain, 1), 1.0)], [SOC], CELL.capacity_Ah)
+    answer = diagnosed(known, measured(cell, 2))
+    names = {answer.findings[0].effect, *answer.findings[0].confounded_with}
+    assert answer.verdict == "ambiguous"
+    assert names >= {"series_resistance", "charge_transfer"}
 
 
 def test_a_wrong_temperature_reading_is_seen_in_the_temperature(memory: Memory) -> None:

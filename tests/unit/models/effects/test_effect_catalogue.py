@@ -113,6 +113,14 @@ def test_what_the_full_structure_has_is_not_added_again() -> None:
         assert extend(full, {}, CAPACITY_AH) == full
 
 
+@pytest.mark.parametrize("name", ["hysteresis", "charge_transfer", "entropic_voltage"])
+def test_an_input_that_is_there_is_not_added_with_other_constants(name: str) -> None:
+    extend = effect(name).extend
+    assert extend is not None
+    once = extend(minimal_structure(1.0, output_order=0), {}, CAPACITY_AH)
+    assert extend(once, {"rate": 7.0, "exchange_current_A": 0.3}, CAPACITY_AH) == once
+
+
 def test_capacity_scales_the_charge_since_the_start(view: View) -> None:
     shift = effect("capacity").shift
     assert shift is not None
@@ -135,6 +143,15 @@ def test_delay_is_the_voltage_of_the_current_before(view: View) -> None:
     current = view.run.current_A
     later = RESISTANCE_OHM * (np.concatenate([current[:1], current[:-1]]) - current)
     np.testing.assert_allclose(regressors(view)[:, 0], later[view.index], atol=1e-12)
+
+
+@pytest.mark.parametrize("delay_s", [0.4, 1.0, 1.7, -0.6])
+def test_a_delay_between_two_samples_is_a_straight_line(view: View, delay_s: float) -> None:
+    shift = effect("dead_time").shift
+    assert shift is not None
+    time_s, current = view.run.time_s, view.run.current_A
+    later = RESISTANCE_OHM * (np.interp(time_s - delay_s, time_s, current) - current)
+    np.testing.assert_allclose(shift.voltage(view, delay_s), later[view.index], atol=1e-12)
 
 
 def test_warmer_cells_resist_less_with_a_positive_activation(view: View) -> None:

@@ -16,38 +16,44 @@ def run() -> TimeSeries:
     return synthetic.run(2000, seed=11, noise_V=1e-3)
 
 
+@pytest.fixture(params=["by default", "tuned"])
+def observer(request: pytest.FixtureRequest, fitted: FuzzyObserver, tuned: FuzzyObserver) -> FuzzyObserver:
+    """What is watched must not depend on where the settings come from."""
+    return fitted if request.param == "by default" else tuned
+
+
 def alarms(observer: FuzzyObserver, run: TimeSeries, voltage: np.ndarray, soc: float = 0.6) -> np.ndarray:
     """(N,) alarm bits over a run."""
     _, rows = observer.replay(observer.initial(soc, 0.05), run.current_A, voltage, run.temperature_degC)
     return watching.watch(rows, voltage)[:, 2].astype(int)
 
 
-def test_a_model_that_fits_raises_no_alarm(fitted: FuzzyObserver, run: TimeSeries) -> None:
-    assert not alarms(fitted, run, run.voltage_V).any()
+def test_a_model_that_fits_raises_no_alarm(observer: FuzzyObserver, run: TimeSeries) -> None:
+    assert not alarms(observer, run, run.voltage_V).any()
 
 
-def test_a_stuck_sensor_is_named_within_a_minute(fitted: FuzzyObserver, run: TimeSeries) -> None:
+def test_a_stuck_sensor_is_named_within_a_minute(observer: FuzzyObserver, run: TimeSeries) -> None:
     voltage = run.voltage_V.copy()
     voltage[1000:] = voltage[999]
-    found = alarms(fitted, run, voltage)
+    found = alarms(observer, run, voltage)
     assert not found[:1000].any()
     assert (found[1000:1060] & (STUCK | MODEL)).any()
     assert (found[1000:1120] & STUCK).any()
 
 
-def test_a_reading_that_rests_with_the_cell_is_not_stuck(fitted: FuzzyObserver) -> None:
+def test_a_reading_that_rests_with_the_cell_is_not_stuck(observer: FuzzyObserver) -> None:
     n = 600
     volts = float(synthetic.ocv_V(np.array([0.6]))[0])
     still = TimeSeries(np.arange(n) * 1.0, np.zeros(n), np.full(n, volts), np.full(n, 25.0))
-    assert not (alarms(fitted, still, still.voltage_V) & STUCK).any()
+    assert not (alarms(observer, still, still.voltage_V) & STUCK).any()
 
 
-def test_a_model_of_another_cell_is_named_within_a_minute(fitted: FuzzyObserver, run: TimeSeries) -> None:
+def test_a_model_of_another_cell_is_named_within_a_minute(observer: FuzzyObserver, run: TimeSeries) -> None:
     # Another chemistry: lower and flatter; and the same chemistry with three times the resistance.
     other = 3.3 + 0.1 * (run.voltage_V - 3.7) + 0.02 * run.current_A
     worn = run.voltage_V + 0.1 * run.current_A
     for voltage in (other, worn):
-        found = alarms(fitted, run, voltage)
+        found = alarms(observer, run, voltage)
         assert (found[:60] & MODEL).any()
     row = np.zeros(11)
     row[3], row[4], row[10] = 1.0, 0.01, 50.0
@@ -57,33 +63,33 @@ def test_a_model_of_another_cell_is_named_within_a_minute(fitted: FuzzyObserver,
     assert "does not fit" in verdict.reasons[0]
 
 
-def test_missing_voltage_is_coasted_through_and_told(fitted: FuzzyObserver, run: TimeSeries) -> None:
+def test_missing_voltage_is_coasted_through_and_told(observer: FuzzyObserver, run: TimeSeries) -> None:
     voltage = run.voltage_V.copy()
     voltage[500:900] = np.nan
-    found = alarms(fitted, run, voltage)
+    found = alarms(observer, run, voltage)
     assert not (found[:550] & MISSING).any()
     assert (found[600:900] & MISSING).all()
     assert not found[960:].any()
 
 
-def test_a_missing_current_is_bridged_with_a_wider_band(fitted: FuzzyObserver, run: TimeSeries) -> None:
+def test_a_missing_current_is_bridged_with_a_wider_band(observer: FuzzyObserver, run: TimeSeries) -> None:
     current, voltage = run.current_A.copy(), run.voltage_V.copy()
     current[1000:1030] = voltage[1000:1030] = np.nan
-    _, rows = fitted.replay(fitted.initial(0.6, 0.02), current, voltage, run.temperature_degC)
+    _, rows = observer.replay(observer.initial(0.6, 0.02), current, voltage, run.temperature_degC)
     assert np.isfinite(rows[:, :3]).all()
     assert rows[1029, 1] > 2.0 * rows[999, 1]
     assert run.soc_ref is not None
     assert abs(rows[-1, 0] - run.soc_ref[-1]) < 0.01
 
 
-def test_a_state_of_charge_pressed_against_its_limit_is_told(fitted: FuzzyObserver) -> None:
+def test_a_state_of_charge_pressed_against_its_limit_is_told(observer: FuzzyObserver) -> None:
     n = 3000
     full = TimeSeries(np.arange(n) * 1.0, np.full(n, 8.0), np.full(n, 5.0), np.full(n, 25.0))
-    assert (alarms(fitted, full, full.voltage_V) & RANGE)[-1]
+    assert (alarms(observer, full, full.voltage_V) & RANGE)[-1]
 
 
-def test_live_judges_as_replay_does(fitted: FuzzyObserver, run: TimeSeries) -> None:
-    _, rows = fitted.replay(fitted.initial(0.4), run.current_A, run.voltage_V, run.temperature_degC)
+def test_live_judges_as_replay_does(observer: FuzzyObserver, run: TimeSeries) -> None:
+    _, rows = observer.replay(observer.initial(0.4), run.current_A, run.voltage_V, run.temperature_degC)
     whole = watching.watch(rows, run.voltage_V)
     memory = watching.fresh_memory()
     for k in range(300):
@@ -106,11 +112,11 @@ def test_another_sampling_time_is_put_on_the_models_grid() -> None:
     assert np.isnan(seen.innovation_V[1::2]).all() and not np.isnan(seen.innovation_V[2::2]).any()
 
 
-def test_an_alarm_is_told_once_for_as_long_as_it_lasts(fitted: FuzzyObserver, run: TimeSeries) -> None:
-    watcher, state, told = watching.Watcher(), fitted.initial(0.6, 0.05), []
+def test_an_alarm_is_told_once_for_as_long_as_it_lasts(observer: FuzzyObserver, run: TimeSeries) -> None:
+    watcher, state, told = watching.Watcher(), observer.initial(0.6, 0.05), []
     for k in range(200):
         voltage = np.nan if 20 <= k < 120 else run.voltage_V[k]
-        state, out = fitted.step(state, run.current_A[k], voltage, run.temperature_degC[k])
+        state, out = observer.step(state, run.current_A[k], voltage, run.temperature_degC[k])
         watcher.step(out, voltage)
         told += [(k, reason) for reason in watcher.new_alarms()]
     assert [(k, reason.partition(":")[0]) for k, reason in told] == [(79, "no voltage for too long")]

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,24 @@ def test_live_equals_replay_to_the_bit(fitted: FuzzyObserver) -> None:
     for k in range(len(run)):
         state, out = observer.step(state, *(float(values[k]) for values in arrays))
         assert (out.soc, out.soc_std, out.model_voltage_V) == (rows[k, 0], rows[k, 1], rows[k, 2])
+
+
+def test_the_mean_cells_run_is_the_modules_without_what_is_beside_the_cells(fitted: FuzzyObserver) -> None:
+    run = synthetic.run(300, seed=3)
+    observer = ModuleObserver(fitted, MODELS["S3"])
+    module_V = SERIES * run.voltage_V + 0.01 * PARALLEL * run.current_A + 0.2
+    module = replace(run, current_A=PARALLEL * run.current_A, voltage_V=module_V)
+    cell = observer.mean_cell_run(module)
+    np.testing.assert_allclose(cell.voltage_V, run.voltage_V, atol=1e-12)
+    np.testing.assert_allclose(cell.current_A, run.current_A, atol=1e-12)
+
+
+def test_the_modules_offset_and_capacity_are_those_of_all_its_cells(fitted: FuzzyObserver) -> None:
+    observer = ModuleObserver(fitted, MODELS["S1"])
+    row = np.zeros(11)
+    row[5:9] = 0.02, 1e-4, 4.0, 1e-3
+    told = observer.told_sensors(row)
+    assert told["current_offset_A"] == pytest.approx({"value": 0.02, "std": 1e-4})
+    assert told["capacity_Ah"] == pytest.approx({"value": 4.0, "std": 1e-3})
+    row[6] = 1.0
+    assert observer.told_sensors(row)["current_offset_A"] is None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from models.observer import ObserverSettings
-from models.observer.observability import observability, observability_matrix, windowed_gramian
+from models.observer.observability import error_ball, observability, observability_matrix, windowed_gramian
 from models.observer.stability import common_lyapunov, overlapping_pairs, stability
 from tests.unit.models.observer.test_gains import network
 
@@ -16,6 +16,17 @@ def test_a_sloping_curve_is_observable_and_its_spread_follows_the_slope(order: i
     assert (seen.rank == max(order, 1) + 1).all()
     np.testing.assert_allclose(seen.slope_V, [0.4, 1.0], rtol=0.15)
     np.testing.assert_allclose(seen.soc_std, 2e-3 / seen.slope_V, rtol=1e-6)
+
+
+def test_the_error_ball_of_a_line_is_error_over_slope_and_a_plateau_is_all_of_it() -> None:
+    grid = np.linspace(0.0, 1.0, 1001)
+    np.testing.assert_allclose(error_ball(grid, 3.4 + 0.7 * grid, np.array([0.5]), 0.007), 0.01, atol=1.1e-3)
+    plateau = 3.3 + np.maximum(grid - 0.8, 0.0)
+    np.testing.assert_allclose(error_ball(grid, plateau, np.array([0.2]), 0.01), 0.61, atol=2e-3)
+    # A dip that the error reaches across is inside, one that it does not reach ends the ball.
+    bent = 3.3 + 0.02 * np.sin(2.0 * np.pi * grid)
+    assert error_ball(grid, bent, np.array([0.0]), 0.03)[0] == 1.0
+    assert error_ball(grid, bent, np.array([0.0]), 0.01)[0] < 0.1
 
 
 def test_a_flat_curve_is_blind() -> None:

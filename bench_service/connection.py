@@ -1,0 +1,114 @@
+"""How the Python client talks to a service: requests, refusals, and waiting for an end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+from urllib.parse import quote
+
+import httpx
+
+Record = dict[str, Any]
+# Within one wait the service may be restarted; longer silence is an error.
+_LONGEST_SILENCE_S = 30.0
+
+
+class ClientError(Exception):
+    """The service refused a request, or did not answer; the message is the service's own.
+
+    Parameters
+    ----------
+    message : str
+        One line for a person.
+    status : int or None
+        HTTP status; None where there was no answer.
+    code : str
+        The service's name for the kind of error.
+    where : list
+        Path to the offending part of the request.
+    """
+
+    def __init__(self, message: str, status: int | None = None, code: str = "no_answer", where: Any = None) -> None:
+        super().__init__(message)
+        self.status = status
+        self.code = code
+        self.where = where or []
+
+
+class Connection:
+    """Sends requests to one service; to be closed.
+
+    Parameters
+    ----------
+    url : str
+        Address of the service.
+    timeout_s : float
+        Longest wait for one answer.
+    """
+
+    def __init__(self, url: str, timeout_s: float) -> None:
+        # trust_env=False: a proxy from the environment must not stand between a client and its bench.
+        self._http = httpx.Client(base_url=url, timeout=timeout_s, trust_env=False)
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def get(self, address: str, **params: Any) -> Any:
+        """Ask for JSON; parameters that are None are left out."""
+        given = {name: value for name, value in params.items() if value is not None}
+        return self.send("GET", address, params=given).json()
+
+    def post(self, address: str, body: Record | None = None) -> Any:
+        """Send JSON, give the JSON that comes back."""
+        return self.send("POST", address, json=body).json()
+
+    def send(self, method: str, address: str, **content: Any) -> httpx.Response:
+        """Send a request, give its answer; raises `ClientError` where it was refused or none came."""
+        try:
+            answer = self._http.request(method, address, **content)
+        except httpx.HTTPError as error:
+            raise ClientError(f"no answer from {self._http.base_url}: {error}") from error
+        except ValueError as error:  # a number that JSON has no form for
+            raise ClientError(f"the request cannot be written as JSON: {error}", code="bad_request") from error
+        if answer.is_success:
+            return answer
+        raise _refusal(answer)
+
+
+def _refusal(answer: httpx.Response) -> ClientError:
+    try:
+        error = answer.json()["error"]
+        return ClientError(error["message"], answer.status_code, error["code"], error["where"])
+    except (ValueError, KeyError, TypeError):
+        shown = f"{answer.status_code} {answer.reason_phrase}"
+        return ClientError(f"{answer.url} answered {shown}; is it a bench-service?", answer.status_code, "error")
+
+
+def part(name: str) -> str:
+    """Write a name as one part of an address."""
+    return quote(name, safe="")
+
+
+def wait_until(
+    look: Callable[[], Record],
+    ended: Callable[[Record], bool],
+    what: str,
+    timeout_s: float | None,
+    poll_s: float,
+) -> Record:
+    """Look every `poll_s` until `ended`, and give what was seen; raises `ClientError` after `timeout_s`."""
+    start_s = heard_s = time.monotonic()
+    while True:
+        try:
+            record = look()
+            heard_s = time.monotonic()
+            if ended(record):
+                return record
+        except ClientError as error:
+            if error.status is not None or time.monotonic() - heard_s > _LONGEST_SILENCE_S:
+                raise
+        if timeout_s is not None and time.monotonic() - start_s > timeout_s:
+            raise ClientError(f"{what} has not ended within {timeout_s:g} s; it goes on", code="timeout")
+        time.sleep(poll_s)

@@ -1,0 +1,85 @@
+"""A model's parameters fitted again to new runs, with all that a MODEL.json carries; the models are imported inside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench_service.jobs.modelling import RunInput, plain
+from bench_service.jobs.progress import Reporter
+from bench_service.jobs.series import noise_floor_mV, read_series
+
+if TYPE_CHECKING:
+    from models.local_model_network import LocalModelNetwork
+    from models.timeseries import TimeSeries
+
+
+def refitted(
+    parent: LocalModelNetwork, runs: list[TimeSeries], initial_soc: list[float], old_weight: float | None
+) -> LocalModelNetwork:
+    """Refit a network with the sums that it holds of its old runs, read out its tables, and tune its observer.
+
+    Parameters
+    ----------
+    parent : LocalModelNetwork
+    runs, initial_soc : list
+        New runs and where they start.
+    old_weight : float or None
+        How much an old sample counts beside a new one; None: chosen on parts of the new runs.
+    """
+    from models.observer.tuning import with_tuned_observer
+    from models.readouts import read_out
+    from models.refit import refit
+    from models.stored_sums import StoredSums
+
+    sums = parent.record.get("sums")
+    made = refit(
+        parent,
+        runs,
+        initial_soc=initial_soc,
+        old=None if sums is None else StoredSums.from_json(sums),
+        old_weight=old_weight,
+        code_version=version("bench-service"),
+    )
+    network = with_tuned_observer(made.network, runs, initial_soc)
+    return replace(network, record=network.record | {"tables": read_out(network)})
+
+
+def refit_to(
+    report: Reporter,
+    data_dir: Path,
+    document: dict[str, Any],
+    train: Sequence[RunInput],
+    validate: Sequence[RunInput],
+) -> dict[str, Any]:
+    """Refit a model to stored runs.
+
+    Returns
+    -------
+    dict
+        As `jobs.diagnosing.add_effect_to`, without an effect and parameters.
+    """
+    from models.local_model_network import LocalModelNetwork
+    from models.simulated_runs import free_run_metrics
+
+    report(0.02, "reading samples")
+    learned, judged = (read_series(data_dir, [run.run_id for run in runs]) for runs in (train, validate))
+    learned_soc, judged_soc = ([run.initial_soc for run in runs] for runs in (train, validate))
+    parent = LocalModelNetwork.from_json(document)
+    report(0.1, "refitting to the training runs")
+    network = refitted(parent, learned, learned_soc, None)
+    metrics = {
+        "effect": None,
+        "error_before_mV": free_run_metrics(parent, judged, judged_soc)["rmse_mV"],
+        "error_after_mV": free_run_metrics(network, judged, judged_soc)["rmse_mV"],
+        "parameters": {},
+        "remark": "structure and partition stay; the parameters were fitted again",
+        "noise_floor_mV": noise_floor_mV(judged, parent.structure.dt_s),
+    }
+    structure, capacity_Ah = network.structure.name, network.cell.capacity_Ah
+    return plain(
+        {"document": network.to_json(), "structure": structure, "capacity_Ah": capacity_Ah, "metrics": metrics}
+    )

@@ -1,0 +1,140 @@
+"""State of charge of simulated modules by the observer with each of the module models S1 to S4, in one table.
+
+``python benchmarks/observer_modules.py [--cells nmc lfp] [--layout 4x1] [--cases 200] [--models DIR]``
+
+The model of one cell is that of `observer_cases.py`. The modules are of unequal cells with connectors: R and V_0 are
+identified from runs of two modules, the noise is tuned on these for each module model, its band on further modules, and
+random cases of yet others (random load, chamber steps between 0 and 40 degC) are observed from starts up to 40 points
+off. The reference is the mean state of charge of the module's cells.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from observer_cases import LARGEST_START, SENSORS, models, one_case, print_table, slope_over_soc, summary
+from observer_cells import DT_S, Case, chamber_degC, load_A
+from threadpoolctl import threadpool_limits
+
+from models.local_model_network import LocalModelNetwork
+from models.module import KINDS, ModuleRun, as_cell_run, identify_module
+from models.observer import FuzzyObserver
+from models.observer.module_observer import ModuleObserver
+from models.observer.tuning import tune
+from models.resampling import to_grid
+from models.timeseries import TimeSeries
+from simulators.catalogue import cell_type
+from simulators.module import Module, ModuleLayout
+from simulators.sensors import SensorParameters, Sensors
+
+SPREAD = ModuleLayout(
+    connector_resistance_Ohm=0.003,
+    capacity_spread=0.02,
+    resistance_spread=0.05,
+    soc_spread=0.01,
+)
+CASE_S = 3600.0
+# Seeds of the runs that identify, and of those that only calibrate the band.
+_IDENTIFIED, _CALIBRATED = (20_000, 20_001), tuple(range(20_002, 20_010))
+
+
+def main() -> int:
+    arguments = _arguments()
+    rows = []
+    with threadpool_limits(1, user_api="blas"):
+        for cell in arguments.cells:
+            network, _ = models(cell, arguments.models)
+            observers = module_observers(cell, network, arguments.layout)
+            cases = [module_case(cell, arguments.layout, number) for number in range(arguments.cases)]
+            rows += judge(cell, network, observers, cases)
+    if arguments.json:
+        print(json.dumps({"cases": arguments.cases, "rows": rows}))
+    else:
+        title = f"State of charge after convergence, modules, start up to {100 * LARGEST_START:.0f} points off"
+        print_table(title, rows)
+    return 0
+
+
+def module_observers(cell: str, network: LocalModelNetwork, layout: ModuleLayout) -> dict[str, ModuleObserver]:
+    """Identify the four module models from the first runs, and tune an observer with each."""
+    size = layout.cells_in_series, layout.cells_in_parallel
+    cases = [module_case(cell, layout, seed) for seed in (*_IDENTIFIED, *_CALIBRATED)]
+    known = [
+        ModuleRun(
+            case.series.voltage_V,
+            case.series.current_A,
+            network.free_run_V(to_grid(as_cell_run(case.series, *size), DT_S), case.initial_soc),
+        )
+        for case in cases[: len(_IDENTIFIED)]
+    ]
+    rest_A = 0.005 * cell_type(cell).parameters.capacity_Ah * layout.cells_in_parallel
+    starts = [case.initial_soc for case in cases]
+    found = {}
+    for kind in KINDS:
+        module = identify_module(kind, known, *size, rest_A)
+        plain = ModuleObserver(FuzzyObserver(network), module)
+        runs = [plain.mean_cell_run(case.series) for case in cases]
+        settings = tune(network, runs[: len(_IDENTIFIED)], starts[: len(_IDENTIFIED)], None, (runs, starts))
+        found[kind] = ModuleObserver(FuzzyObserver(network, settings), module)
+    return found
+
+
+def judge(
+    cell: str, network: LocalModelNetwork, observers: dict[str, ModuleObserver], cases: list[Case]
+) -> list[dict[str, Any]]:
+    """Figures of every module model over all cases, a row for each and sensor; offsets are those of one cell."""
+    rows, curve = [], slope_over_soc(network)
+    for sensor, offset_C, offset_V in SENSORS:
+        for kind, observer in observers.items():
+            known = replace(observer.cell.settings, voltage_offset_std_V=offset_V)
+            seeing = ModuleObserver(FuzzyObserver(network, known), observer.module)
+            in_series, parallel = observer.module.cells_in_series, observer.module.cells_in_parallel
+            offset_A, volts = parallel * offset_C * network.cell.capacity_Ah, in_series * offset_V
+            each = [one_case(seeing, curve, *case, offset_A, volts, in_series) for case in enumerate(cases)]
+            rows.append({"cell": cell, "sensor": sensor, "observer": f"module model {kind}", **summary(each)})
+    return rows
+
+
+def module_case(cell: str, layout: ModuleLayout, seed: int) -> Case:
+    """Random load with rests and a stepping chamber on a module of its own spread."""
+    rng = np.random.default_rng([15_485_863, seed])
+    parameters = cell_type(cell).parameters
+    initial_soc = float(rng.uniform(0.2, 0.9))
+    n = round(CASE_S / DT_S) + 1
+    current_A = layout.cells_in_parallel * load_A(n, parameters.capacity_Ah, initial_soc, rng)
+    ambient_degC = chamber_degC(n, rng)
+    module = Module(parameters, replace(layout, seed=seed), initial_soc, float(ambient_degC[0]))
+    sensors = Sensors(SensorParameters(), rng)
+    rows, soc = [], np.empty(n)
+    for k, (current, degC) in enumerate(zip(current_A.tolist(), ambient_degC.tolist(), strict=True)):
+        module.ambient_degC = degC
+        truth = module.step(current, DT_S if k else 0.0)
+        rows.append(sensors.measure(truth, current, degC))
+        soc[k] = truth.soc
+    voltage, measured, temperature, ambient = (np.array(column) for column in zip(*rows, strict=True))
+    name = f"{cell} module {seed}"
+    return Case(TimeSeries(np.arange(n) * DT_S, measured, voltage, temperature, ambient, soc, name), float(soc[0]))
+
+
+def _layout(text: str) -> ModuleLayout:
+    in_series, parallel = text.split("x")
+    return replace(SPREAD, cells_in_series=int(in_series), cells_in_parallel=int(parallel))
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cells", nargs="+", choices=("nmc", "lfp"), default=["nmc", "lfp"])
+    parser.add_argument("--layout", type=_layout, default="4x1", help="cells in series x parallel")
+    parser.add_argument("--cases", type=int, default=200)
+    parser.add_argument("--models", type=Path, help="folder in which models of the cell are kept between runs")
+    parser.add_argument("--json", action="store_true")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

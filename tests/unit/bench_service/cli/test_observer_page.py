@@ -1,0 +1,58 @@
+"""The observer's page, and the command with a module."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench_service.cli.main import main
+from models.identification import fit_network
+from models.module import ModuleModel
+from tests.unit.models import synthetic
+
+_HEADER = "Test Time / s,Current / A,Voltage / V,Surface Temperature / degC,soc_ref"
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    network = fit_network(
+        [synthetic.run(5000, seed=2, noise_V=1e-3)], capacity_Ah=synthetic.CAPACITY_AH, structure="full"
+    ).network
+    path = tmp_path_factory.mktemp("observer") / "model.json"
+    path.write_text(json.dumps(network.to_json()))
+    return path
+
+
+def _write(path: Path, in_series: int, parallel: int) -> Path:
+    run = synthetic.run(1500, seed=11, noise_V=1e-3)
+    assert run.soc_ref is not None
+    volts = in_series * run.voltage_V + 0.01 * parallel * run.current_A
+    columns = np.column_stack([run.time_s, parallel * run.current_A, volts, run.temperature_degC, run.soc_ref])
+    lines = [",".join(f"{value:.6f}" for value in row) for row in columns]
+    path.write_text("\n".join([_HEADER, *lines]))
+    return path
+
+
+def test_a_module_is_observed_and_the_page_shows_the_choice(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, module, page = _write(tmp_path / "run.csv", 4, 2), tmp_path / "module.json", tmp_path / "page.html"
+    module.write_text(json.dumps(ModuleModel("S2", 4, 2, (0.01, 0.01)).to_json()))
+    arguments = ["observe", model, run, "--module", module, "--report", page, "--json"]
+    assert main([str(argument) for argument in arguments]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["runs"][0]["soc_rmse"] < 0.01
+    assert answer["report"] == str(page)
+    html = page.read_text()
+    assert "Convergence against accuracy" in html and "Stability" in html and "error ball" in html
+    assert html.count("<svg") == 5
+    assert "http" not in html
+
+
+def test_without_the_module_model_the_alarm_says_why(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = _write(tmp_path / "run.csv", 4, 2)
+    assert main(["observe", str(model), str(run), "--json"]) == 0
+    assert "does not fit" in json.loads(capsys.readouterr().out)["runs"][0]["alarms"][0]
