@@ -9,6 +9,8 @@ VENV   := .venv
 READY  := $(VENV)/.installed
 BIN    := $(VENV)/bin
 PYTEST_ARGS ?=
+# Test processes side by side; each file stays in one of them.
+WORKERS ?= 2
 PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 .PHONY: install demo test lint clean
@@ -30,7 +32,7 @@ demo: $(READY)
 	@$(BIN)/bench-service demo $(if $(EXIT),--exit)
 
 test: $(READY)
-	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
 
 lint: $(READY)
 	@$(BIN)/ruff check .

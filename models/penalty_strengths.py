@@ -29,6 +29,8 @@ _WORTH = 3e-3
 _HOPE = 4.0
 _MOST_STEPS = 12
 _SMALLEST_CURVATURE = 1e-3
+# A squared error below this share of the squared signal is rounding.
+_ROUNDING = 1e-14
 _LN_10 = float(np.log(10.0))
 # Without the checks of `cho_factor`, which take as long as the factor of a small matrix.
 _POTRF, _POTRS = get_lapack_funcs(("potrf", "potrs"), (np.zeros(0),))
@@ -116,7 +118,8 @@ class StrengthJudge:
             total += float(fold.yy + b[i] @ (off[i] - fold.xy))
             gradient += 2.0 * (off[i] @ moved)
             hessian += 2.0 * (moved.T @ (fold.xx @ moved)) - 2.0 * (bent + bent.T) - 2.0 * np.diag(back[i] @ push)
-        total = max(total, 1e-300)
+        # Runs without any noise can be met to the last digit; what is left is rounding.
+        total = max(total, _ROUNDING * sum(fold.yy for fold in self.folds), 1e-300)
         slope = gradient / total
         bend = hessian / total - np.outer(slope, slope)
         return HeldOutError(total / max(sum(f.count for f in self.folds), 1.0), _LN_10 * slope, _LN_10**2 * bend)

@@ -19,6 +19,7 @@ from models.circuit_start import circuit_alternatives, circuit_starts
 from models.given_structure import GivenCandidate, pole_alternatives, poles_for, size_alternatives
 from models.holdout import groups
 from models.lolimot import grow_partitions
+from models.metrics import noise_floor_V
 from models.moved_constants import held_out_errors, moved
 from models.partition import Partition
 from models.regression import VOLTAGE, CellContext, Dataset, Scaling, SignalBank, build_dataset, find_scaling
@@ -43,6 +44,9 @@ _FASTEST_SAMPLES = 2.0
 _WORTH = 0.005
 # Held-out errors that differ by less than this share are alike: errors hang together over hundreds of samples.
 _ALIKE = 0.04
+# Nothing simulates better than the measurement's noise. A held-out error of that many times the noise is at it: its
+# parameters cost a few percent on the samples of the search, and the noise is not known better.
+_AT_THE_NOISE = 1.1
 # Samples in the sums while candidates are compared.
 _SEARCH_SAMPLES = 6_000
 # More local models than any candidate asks for.
@@ -204,37 +208,46 @@ class Search:
 
     def _best_auto(self) -> AutoCandidate:
         offer = find_offer(self.bank)
+        circuit = self._circuit(offer.warm)
+        if circuit is not None and self._known[circuit] < _AT_THE_NOISE * self._noise_floor_V():
+            return circuit
         best = first_candidate(self.cell.capacity_Ah, offer)
-        for done in (0.0, 0.5):
+        for done in (0.1, 0.55):
             before, stage = best, 0
             while tried := alternatives(best, offer, stage):
                 best = self._choose(best, tried, done + 0.02 * stage)
                 stage += 1
-            best = self._moved(best)
+            best = self._moved(best, done + 0.4)
             if best == before:
                 break
-        return self._from_circuit(best, offer.warm)
+        # Of two that simulate alike the circuit, whose few constants were moved until they fit.
+        if circuit is not None and self._known[circuit] < (1.0 + _ALIKE) * self._known[best]:
+            return circuit
+        return best
 
-    def _from_circuit(self, best: AutoCandidate, warm: bool) -> AutoCandidate:
-        """Search once more from an equivalent circuit's terms; the better of both ends."""
+    def _circuit(self, warm: bool) -> AutoCandidate | None:
+        """Search from an equivalent circuit's terms; None where the runs cannot tell them."""
         starts = [each for each in circuit_starts(self.cell.capacity_Ah, warm) if self._stands_apart(each)]
         if not starts:
-            return best
-        circuit, stage = min((self._moved(each) for each in starts), key=self._known.__getitem__), 0
+            return None
+        circuit, stage = min((self._moved(each, 0.02) for each in starts), key=self._known.__getitem__), 0
         while (tried := circuit_alternatives(circuit, warm, stage)) is not None:
-            self.progress(0.9, f"trying {circuit}")
+            self.progress(0.04 + 0.01 * stage, f"trying {circuit}")
             # No change is too small: constants are moved, not terms added.
             apart = [each for each in tried if self._stands_apart(each)]
             errors = {each: self._held_out_error(each, circuit) for each in dict.fromkeys([circuit, *apart])}
             chosen = min(errors, key=errors.__getitem__)
-            circuit, stage = self._moved(chosen) if chosen != circuit else circuit, stage + 1
-        # Of two that simulate alike the circuit, whose few constants were moved until they fit.
-        better = self._known[circuit] < (1.0 + _ALIKE) * self._known[best]
-        return circuit if better else best
+            circuit, stage = self._moved(chosen, 0.05) if chosen != circuit else circuit, stage + 1
+        return circuit
 
-    def _moved(self, best: AutoCandidate) -> AutoCandidate:
+    def _noise_floor_V(self) -> float:
+        """Median over the runs; 0 where no run is steady for long enough to show it."""
+        floors = np.array([noise_floor_V(run.voltage_V, run.current_A) for run in self.runs])
+        return float(np.median(floors[np.isfinite(floors)])) if np.isfinite(floors).any() else 0.0
+
+    def _moved(self, best: AutoCandidate, share_done: float) -> AutoCandidate:
         """Move the constants of the signals to where the held-out error is least."""
-        self.progress(0.9, f"moving the constants of {best}")
+        self.progress(share_done, f"moving the constants of {best}")
         self._held_out_error(best, best)
         strengths, own = self._strengths[best], set(best.structure(self.dt_s).signals)
 

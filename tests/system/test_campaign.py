@@ -102,31 +102,6 @@ def test_events_tell_the_story(service: Service, completed: dict[str, Any]) -> N
 
 
 @pytest.mark.timeout(400)
-def test_a_second_round_plays_what_was_designed_from_the_first(service: Service) -> None:
-    client = service.client
-    service.idle("sim")
-    ended = client.wait_campaign(client.start_campaign(SHORT | {"rounds": 2})["id"], timeout_s=350)
-    assert ended["state"] == "completed", ended["message"]
-    result = ended["result"]
-    assert [run["role"] for run in result["runs"]] == ["train", "train_2", "validate"]
-    first, second = result["rounds"]
-    assert first["design"] is None and second["design"]["pre_test"] is False
-    assert second["run_id"] == result["runs"][1]["run_id"] and second["model_id"] == result["model_id"]
-    assert [each["validation_rmse_mV"] for each in (first, second)] == [
-        each["validation_rmse_mV"] for each in result["model_chain"]
-    ]
-    assert second["validation_rmse_mV"] == result["validation"]["rmse_mV"]
-    assert [run["run_id"] for run in client.model(result["model_id"])["train"]] == [first["run_id"], second["run_id"]]
-    # What was played is the design: its current, within the sensor's noise, and its voltage within the band.
-    played = client.samples(second["run_id"])["columns"]
-    assert len(played["time_s"]) == second["design"]["n_samples"] + 1
-    low, high = second["design"]["predicted"]["voltage_with_band_V"]
-    assert low - 0.005 < min(played["voltage_V"]) < max(played["voltage_V"]) < high + 0.005
-    # The next run begins where this one has left the cell.
-    last = client.run(result["runs"][2]["run_id"])
-    assert last["initial_soc"] == pytest.approx(counted_end(service, second["run_id"]), abs=1e-9)
-
-
 def test_the_observer_is_judged_in_the_report(completed: dict[str, Any]) -> None:
     soc = completed["result"]["soc"]
     assert soc["started_off_by"] == 0.2 and 0 < soc["rmse"] <= soc["max_error"] <= 0.2
@@ -206,6 +181,31 @@ def test_a_bench_with_a_run_takes_no_campaign(service: Service) -> None:
         lambda: next((e for e in service.client.events(run["id"]) if e["code"] == "run_stopped"), None), "told"
     )
     assert "stopped by a client" in ended["text"] and ended["severity"] == "warning"
+
+
+def test_a_second_round_plays_what_was_designed_from_the_first(service: Service) -> None:
+    client = service.client
+    service.idle("sim")
+    ended = client.wait_campaign(client.start_campaign(SHORT | {"rounds": 2})["id"], timeout_s=350)
+    assert ended["state"] == "completed", ended["message"]
+    result = ended["result"]
+    assert [run["role"] for run in result["runs"]] == ["train", "train_2", "validate"]
+    first, second = result["rounds"]
+    assert first["design"] is None and second["design"]["pre_test"] is False
+    assert second["run_id"] == result["runs"][1]["run_id"] and second["model_id"] == result["model_id"]
+    assert [each["validation_rmse_mV"] for each in (first, second)] == [
+        each["validation_rmse_mV"] for each in result["model_chain"]
+    ]
+    assert second["validation_rmse_mV"] == result["validation"]["rmse_mV"]
+    assert [run["run_id"] for run in client.model(result["model_id"])["train"]] == [first["run_id"], second["run_id"]]
+    # What was played is the design: its current, within the sensor's noise, and its voltage within the band.
+    played = client.samples(second["run_id"])["columns"]
+    assert len(played["time_s"]) == second["design"]["n_samples"] + 1
+    low, high = second["design"]["predicted"]["voltage_with_band_V"]
+    assert low - 0.005 < min(played["voltage_V"]) < max(played["voltage_V"]) < high + 0.005
+    # The next run begins where this one has left the cell.
+    last = client.run(result["runs"][2]["run_id"])
+    assert last["initial_soc"] == pytest.approx(counted_end(service, second["run_id"]), abs=1e-9)
 
 
 def test_a_restart_keeps_what_is_done_and_tells_what_is_not(house: House, completed: dict[str, Any]) -> None:
