@@ -48,6 +48,8 @@ _LEAST_SIDE = 0.5
 _SOC_PIECES = 24
 # Temperatures that differ by less than this cannot show what temperature does.
 _TEMPERATURE_RANGE_K = 3.0
+# Over fewer kelvin one activation serves as well as several, which then differ only where nothing was measured.
+_PARTS_RANGE_K = 15.0
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,11 @@ class Offer:
         """Whether the temperature varies enough to show what it does."""
         return self.temperature_range_K >= _TEMPERATURE_RANGE_K
 
+    @property
+    def several_activations(self) -> bool:
+        """Whether it varies enough to show that parts of the resistance depend on it unlike each other."""
+        return self.temperature_range_K >= _PARTS_RANGE_K
+
 
 def find_offer(bank: SignalBank) -> Offer:
     """Find out which terms the runs can tell from the open-circuit curve."""
@@ -243,7 +250,7 @@ def alternatives(best: AutoCandidate, offer: Offer, stage: int) -> list[AutoCand
             *(replace(best, surface=(d, s, surface_K[0])) for d in _SURFACE_DEPTH for s in _SURFACE_S),
         ],
         lambda: [replace(best, surface=(*best.surface[:2], k)) for k in surface_K] if best.surface else [],
-        lambda: _activations(best) if warm else [],
+        lambda: _activations(best, offer) if warm else [],
         lambda: [replace(best, exchange_c_rate=rate) for rate in _EXCHANGE_C_RATE],
         lambda: [
             replace(best, squared=None),
@@ -252,7 +259,7 @@ def alternatives(best: AutoCandidate, offer: Offer, stage: int) -> list[AutoCand
         lambda: [replace(best, hysteresis_rates=rates) for rates in offer.hysteresis_rates],
         lambda: [replace(best, direction=not best.direction)],
         lambda: [replace(best, entropic=not best.entropic)] if warm else [],
-        lambda: [replace(best, unscaled=not best.unscaled), *_second(best)] if best.activation_K else [],
+        lambda: _parts(best) if best.activation_K and offer.several_activations else [],
         lambda: [replace(best, soc_k_sigma=k) for k in _SOC_K_SIGMA],
         lambda: [replace(best, temperature_k_sigma=k) for k in _TEMPERATURE_K_SIGMA] if best.temperature_parts else [],
         lambda: [replace(best, n_models=size) for size in _SIZES],
@@ -261,21 +268,26 @@ def alternatives(best: AutoCandidate, offer: Offer, stage: int) -> list[AutoCand
     return (stages[stage]() or [best]) if stage < len(stages) else []
 
 
-def _activations(best: AutoCandidate) -> list[AutoCandidate]:
+def _activations(best: AutoCandidate, offer: Offer) -> list[AutoCandidate]:
     """One activation for all resistances, or parts that temperature moves unlike, with the open-circuit voltage moving.
 
     These are tried together: a single resistance that rises with cold takes up what each of the others would show.
     """
+    one = [replace(best, activation_K=k) for k in _ACTIVATION_K]
+    if not offer.several_activations:
+        return one
     apart = replace(best, unscaled=True, entropic=True)
     return [
-        *(replace(best, activation_K=k) for k in _ACTIVATION_K),
+        *one,
         *(replace(apart, activation_K=k) for k in _PART_ACTIVATION_K),
         replace(apart, activation_K=_SECOND_ACTIVATION_K[0], second_activation_K=_SECOND_ACTIVATION_K[1]),
     ]
 
 
-def _second(best: AutoCandidate) -> list[AutoCandidate]:
-    return [replace(best, second_activation_K=k) for k in (0.0, *_SECOND_ACTIVATION_K) if k != best.activation_K]
+def _parts(best: AutoCandidate) -> list[AutoCandidate]:
+    """With or without a part that temperature does not move, and a second part that it moves."""
+    second = [replace(best, second_activation_K=k) for k in (0.0, *_SECOND_ACTIVATION_K) if k != best.activation_K]
+    return [replace(best, unscaled=not best.unscaled), *second]
 
 
 def _up_to(longest_s: float) -> list[tuple[float, ...]]:

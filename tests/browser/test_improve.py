@@ -13,7 +13,7 @@ from playwright.sync_api import Page, Route, expect
 
 from bench_service.client import BenchClient
 
-pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(900)]
 
 # A cell whose hysteresis is far larger than anything that the small structure can take in; the page does not know,
 # nor does anybody else before the seal is opened.
@@ -24,7 +24,7 @@ effects = { relaxation = 0.0 }
 hidden_effect = "hysteresis"
 """
 _CAMPAIGN = {"bench": "sim", "name": "hidden", "structure": "minimal", "seed": 3}
-_LONG_MS = 150_000
+_LONG_MS = 600_000
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def campaign(address: str) -> dict[str, Any]:
     """A completed campaign: two runs, and a model of one of them."""
     with BenchClient(address) as client:
-        ended = client.wait_campaign(client.start_campaign(_CAMPAIGN)["id"], timeout_s=300)
+        ended = client.wait_campaign(client.start_campaign(_CAMPAIGN)["id"], timeout_s=600)
     assert ended["state"] == "completed", ended["message"]
     return ended["result"]
 

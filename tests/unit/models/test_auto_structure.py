@@ -61,6 +61,13 @@ def test_parts_of_the_resistance_that_temperature_moves_unlike_are_offered() -> 
     }
 
 
+def test_over_a_few_kelvin_one_activation_is_all_that_is_offered() -> None:
+    offer = find_offer(_bank(_pulses(), np.linspace(24.0, 31.0, 6000)))
+    tried = [c for stage in range(22) for c in alternatives(first_candidate(2.0, offer), offer, stage)]
+    assert {c.activation_K for c in tried} > {0.0, 2500.0}
+    assert not any(c.second_activation_K or (c.activation_K and c.unscaled) for c in tried)
+
+
 def test_unknown_temperature_counts_as_none() -> None:
     assert find_offer(_bank(_pulses(), np.nan)).temperature_range_K == 0.0
 
