@@ -27,6 +27,7 @@ from bench_service.campaign.story import Workshop
 from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
 from bench_service.jobs.runner import JobRunner
 from bench_service.simulation import SimulatorProcess
+from bench_service.store.interrupted import mark_interrupted_runs
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import utc_text
 from bench_service.store.samples import SampleReader
@@ -61,7 +62,7 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
         await recorder.start()
         stack.push_async_callback(recorder.stop)
         await close_left_open(store, journal)
-        for run in await asyncio.to_thread(store.mark_interrupted_runs, samples):
+        for run in await asyncio.to_thread(mark_interrupted_runs, store, samples):
             journal.note(run.bench, _interrupted_event(run.id, run.state))
         jobs = JobRunner(config.workers)
         await jobs.start()

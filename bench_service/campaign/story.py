@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from bench_service.campaign.benches import Benches
@@ -13,6 +13,7 @@ from bench_service.campaign.designing import Designing, pauses_between_s, round_
 from bench_service.campaign.diagnosing import Diagnosing, DiagnosisOrder
 from bench_service.campaign.modelling import FitOrder, Modelling
 from bench_service.campaign.plan import CHANGED, CHANGED_VALIDATE, TRAIN, VALIDATE, plan_profiles
+from bench_service.campaign.progress import Progress, Round, campaign_result
 from bench_service.campaign.request import OBSERVER_OFFSET_SOC, CampaignRequest
 from bench_service.campaign.runs import RunOrder, Runs
 from bench_service.campaign.stages import stages_of
@@ -52,41 +53,6 @@ class Workshop:
     jobs: JobRunner
 
 
-@dataclass(slots=True)
-class _Round:
-    """One round of a campaign: a training run more, and the model of all of them so far."""
-
-    role: str
-    model_id: str
-    fit: dict[str, Any]
-    design: dict[str, Any] | None = None
-    held_out: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(slots=True)
-class _Progress:
-    """What the stages have produced so far."""
-
-    profiles: dict[str, str] = field(default_factory=dict)
-    runs: dict[str, RunRecord] = field(default_factory=dict)
-    rounds: list[_Round] = field(default_factory=list)
-    comparison_id: str = ""
-    comparison: dict[str, Any] = field(default_factory=dict)
-    diagnosis: dict[str, Any] | None = None
-    addition: dict[str, Any] | None = None
-    result: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def model_id(self) -> str:
-        """Of the last round."""
-        return self.rounds[-1].model_id
-
-    @property
-    def learned(self) -> list[str]:
-        """Runs that the last model was made from."""
-        return [self.runs[each.role].id for each in self.rounds]
-
-
 class Story:
     """One campaign, told stage by stage.
 
@@ -104,7 +70,7 @@ class Story:
         self._id = campaign_id
         self._request = request
         self._report = report
-        self._done = _Progress()
+        self._done = Progress()
 
     async def tell(self) -> dict[str, Any]:
         """Go through all stages and return the campaign's result.
@@ -182,7 +148,7 @@ class Story:
         )
         found = await self._watched(stage, await self._workshop.modelling.start_fit(order))
         metrics = found["metrics"]
-        self._done.rounds.append(_Round(role, found["model_id"], metrics, design))
+        self._done.rounds.append(Round(role, found["model_id"], metrics, design))
         what = "training run" if number == 1 else f"{number} training runs"
         return (
             f"{metrics['n_local_models']} local models in {metrics['seconds']:.1f} s, "
@@ -278,66 +244,9 @@ class Story:
         return job.result
 
     async def _write_report(self) -> str:
-        runs = self._done.runs
-        soc = await self._workshop.modelling.soc_figures(runs[VALIDATE])
-        self._done.result = {
-            "runs": [
-                {"run_id": run.id, "role": role, "n_samples": run.n_samples, "missed_ticks": run.missed_ticks}
-                for role, run in runs.items()
-            ],
-            "samples": sum(run.n_samples or 0 for run in runs.values()),
-            "missed_ticks": sum(run.missed_ticks or 0 for run in runs.values()),
-            "model_id": self._done.model_id,
-            "train": self._done.rounds[-1].fit["train"],
-            "validation": self._done.comparison["overall"],
-            "sensor_noise_mV": self._done.comparison["noise_floor_mV"],
-            "soc": {
-                "rmse": soc["soc_rmse"],
-                "max_error": soc["soc_max_error"],
-                "end_error": soc["soc_end_error"],
-                "converged_after_s": soc["converged_after_s"],
-                "coverage_95": soc["coverage_95"],
-                "started_off_by": OBSERVER_OFFSET_SOC,
-            },
-            "rounds": self._rounds(),
-            "model_chain": self._model_chain(),
-            "comparison_id": self._done.comparison_id,
-            "diagnosis": self._done.diagnosis,
-        }
+        soc = await self._workshop.modelling.soc_figures(self._done.runs[VALIDATE])
+        self._done.result = campaign_result(self._done, soc)
         return "done"
-
-    def _rounds(self) -> list[dict[str, Any]]:
-        """What each round played, and the error that its model makes on the run that no fit saw."""
-        return [
-            {
-                "round": number,
-                "run_id": self._done.runs[each.role].id,
-                "model_id": each.model_id,
-                "train_rmse_mV": each.fit["train"]["rmse_mV"],
-                "validation_rmse_mV": each.held_out["rmse_mV"],
-                "design": each.design,
-            }
-            for number, each in enumerate(self._done.rounds, 1)
-        ]
-
-    def _model_chain(self) -> list[dict[str, Any]]:
-        """Every version with its error on runs that it never saw; an added effect with that before and after it."""
-        added = self._done.addition
-        chain: list[dict[str, Any]] = [
-            {"model": each.model_id, "effect": None, "validation_rmse_mV": each.held_out["rmse_mV"]}
-            for each in self._done.rounds
-        ]
-        if added is not None:
-            chain[-1]["validation_rmse_mV"] = added["error_before_mV"]
-            chain.append(
-                {
-                    "model": added["model"],
-                    "effect": added["effect"],
-                    "validation_rmse_mV": added["error_after_mV"],
-                    "parameters": added["parameters"],
-                }
-            )
-        return chain
 
     async def _play(
         self,

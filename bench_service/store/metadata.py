@@ -32,8 +32,6 @@ from bench_service.store.records import (
     Severity,
     utc_text,
 )
-from bench_service.store.samples import SampleReader
-from bench_service.streams import content_hash
 
 
 class MetadataStore:
@@ -210,33 +208,21 @@ class MetadataStore:
         """Return runs with their content hashes, as the inputs of a model or a comparison."""
         return tuple(RunReference(run_id, self.run(run_id).sha256) for run_id in run_ids)
 
-    def mark_interrupted_runs(self, samples: SampleReader) -> list[RunRecord]:
-        """End the runs and campaigns that an earlier service process left open; return those runs.
-
-        To be called at start, after the recorder has started (it waits for the one before to store its last rows).
-        A run becomes ``interrupted`` with as many samples as are stored, unless the control process closed it in
-        another state after the API process had died.
-        """
+    def interrupt_campaigns(self) -> None:
+        """End the campaigns that an earlier service process left open."""
         with self._file.write() as link:
             link.execute(
                 update(schema.campaign)
                 .where(schema.campaign.c.state == "running")
                 .values(state="interrupted", message="the service ended in the middle of it", ended_utc=self._now())
             )
-        query = select(schema.run).where(schema.run.c.state.in_(OPEN_RUN_STATES))
-        with self._file.read() as link:
-            left = [rows.run(row) for row in link.execute(query)]
-        return [self._interrupt(run, samples) for run in left]
 
-    def _interrupt(self, run: RunRecord, samples: SampleReader) -> RunRecord:
-        closed = samples.closed(run.id)
-        if closed is None:
-            reason = "the service ended in the middle of it"
-            data = samples.read(run.id)
-            digest = None if data.damaged else content_hash(data.columns)
-            return self.end_run(run.id, "interrupted", reason, n_samples=samples.n_rows(run.id), sha256=digest)
-        state = rows.run_state(closed.state)
-        return self.end_run(run.id, state, closed.reason, n_samples=closed.n_samples, sha256=closed.sha256)
+    def open_runs(self) -> list[RunRecord]:
+        """Return runs that have not ended."""
+        with self._file.read() as link:
+            return [
+                rows.run(row) for row in link.execute(select(schema.run).where(schema.run.c.state.in_(OPEN_RUN_STATES)))
+            ]
 
     def _move_run(self, run_id: str, allowed: Sequence[RunState], values: Json) -> RunRecord:
         table = schema.run

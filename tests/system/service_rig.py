@@ -12,7 +12,7 @@ from typing import Any
 
 from bench_service.client import BenchClient, ClientError
 
-DEADLINE_S = 30.0
+DEADLINE_S = 90.0
 
 
 class Service:

@@ -19,6 +19,7 @@ from alembic.script import ScriptDirectory
 from bench_service.errors import ConflictError, NotFoundError, StoreError
 from bench_service.store import engine as engines
 from bench_service.store import migrate, schema
+from bench_service.store.interrupted import mark_interrupted_runs
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import RunReference
 from bench_service.store.sample_writer import Rows, SampleWriter
@@ -178,8 +179,8 @@ def test_open_runs_and_campaigns_are_interrupted_at_start_with_what_is_stored(st
         writer.commit([Rows(closed.id, "samples", 0, layout, {"time_s": np.arange(5.0)})])
         end = writer.close_run(closed.id, "fault", "over-voltage")
     with closing(SampleReader(data)) as samples:
-        ended = {run.id: run for run in store.mark_interrupted_runs(samples)}
-        assert store.mark_interrupted_runs(samples) == []
+        ended = {run.id: run for run in mark_interrupted_runs(store, samples)}
+        assert mark_interrupted_runs(store, samples) == []
     assert ended.keys() == {lost.id, closed.id, created.id}
     assert (ended[lost.id].state, ended[lost.id].n_samples) == ("interrupted", 7)
     assert ended[lost.id].sha256 == hashlib.sha256(np.arange(7.0).tobytes()).hexdigest()

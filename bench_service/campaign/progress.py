@@ -1,0 +1,112 @@
+"""What the stages of a campaign have produced so far, and the result that is made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from bench_service.campaign.request import OBSERVER_OFFSET_SOC
+from bench_service.store.records import RunRecord
+
+
+@dataclass(slots=True)
+class Round:
+    """One round of a campaign: a training run more, and the model of all of them so far."""
+
+    role: str
+    model_id: str
+    fit: dict[str, Any]
+    design: dict[str, Any] | None = None
+    held_out: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class Progress:
+    """What the stages have produced so far."""
+
+    profiles: dict[str, str] = field(default_factory=dict)
+    runs: dict[str, RunRecord] = field(default_factory=dict)
+    rounds: list[Round] = field(default_factory=list)
+    comparison_id: str = ""
+    comparison: dict[str, Any] = field(default_factory=dict)
+    diagnosis: dict[str, Any] | None = None
+    addition: dict[str, Any] | None = None
+    result: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def model_id(self) -> str:
+        """Of the last round."""
+        return self.rounds[-1].model_id
+
+    @property
+    def learned(self) -> list[str]:
+        """Runs that the last model was made from."""
+        return [self.runs[each.role].id for each in self.rounds]
+
+
+def campaign_result(done: Progress, soc: dict[str, Any]) -> dict[str, Any]:
+    """Return the result of a campaign whose stages have all ended.
+
+    Parameters
+    ----------
+    done : what they produced
+    soc : figures of the live observer on the last run
+    """
+    return {
+        "runs": [
+            {"run_id": run.id, "role": role, "n_samples": run.n_samples, "missed_ticks": run.missed_ticks}
+            for role, run in done.runs.items()
+        ],
+        "samples": sum(run.n_samples or 0 for run in done.runs.values()),
+        "missed_ticks": sum(run.missed_ticks or 0 for run in done.runs.values()),
+        "model_id": done.model_id,
+        "train": done.rounds[-1].fit["train"],
+        "validation": done.comparison["overall"],
+        "sensor_noise_mV": done.comparison["noise_floor_mV"],
+        "soc": {
+            "rmse": soc["soc_rmse"],
+            "max_error": soc["soc_max_error"],
+            "end_error": soc["soc_end_error"],
+            "converged_after_s": soc["converged_after_s"],
+            "coverage_95": soc["coverage_95"],
+            "started_off_by": OBSERVER_OFFSET_SOC,
+        },
+        "rounds": _rounds(done),
+        "model_chain": _model_chain(done),
+        "comparison_id": done.comparison_id,
+        "diagnosis": done.diagnosis,
+    }
+
+
+def _rounds(done: Progress) -> list[dict[str, Any]]:
+    """What each round played, and the error that its model makes on the run that no fit saw."""
+    return [
+        {
+            "round": number,
+            "run_id": done.runs[each.role].id,
+            "model_id": each.model_id,
+            "train_rmse_mV": each.fit["train"]["rmse_mV"],
+            "validation_rmse_mV": each.held_out["rmse_mV"],
+            "design": each.design,
+        }
+        for number, each in enumerate(done.rounds, 1)
+    ]
+
+
+def _model_chain(done: Progress) -> list[dict[str, Any]]:
+    """Every version with its error on runs that it never saw; an added effect with that before and after it."""
+    added = done.addition
+    chain: list[dict[str, Any]] = [
+        {"model": each.model_id, "effect": None, "validation_rmse_mV": each.held_out["rmse_mV"]} for each in done.rounds
+    ]
+    if added is not None:
+        chain[-1]["validation_rmse_mV"] = added["error_before_mV"]
+        chain.append(
+            {
+                "model": added["model"],
+                "effect": added["effect"],
+                "validation_rmse_mV": added["error_after_mV"],
+                "parameters": added["parameters"],
+            }
+        )
+    return chain
