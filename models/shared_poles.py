@@ -182,9 +182,11 @@ def fit(sums: Moments, forms: list[FloatArray], start: tuple[float, ...] | None 
     ----------
     sums : moments of each group
     forms : penalties
-    start : powers of ten that served a similar candidate, near which the search begins
+    start : powers of ten that served a similar candidate; the search begins there and once more without them
     """
-    strengths, mse = StrengthJudge.of(sums.xx, sums.xy, sums.yy, sums.count, forms).best(start)
+    judge = StrengthJudge.of(sums.xx, sums.xy, sums.yy, sums.count, forms)
+    # What served on fewer samples can lie in a side valley of the error on all of them.
+    strengths, mse = min((judge.best(first) for first in dict.fromkeys((start, None))), key=lambda found: found[1])
     weighted = [10.0**s * form for s, form in zip(strengths, forms, strict=True)]
     penalty = np.add.reduce(weighted) * float(sums.count.sum())
     b = Factored.of(sums.xx.sum(axis=0) + penalty).solve(sums.xy.sum(axis=0))
