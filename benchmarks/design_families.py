@@ -4,10 +4,11 @@
 
 All signals last the same time within -2C..1C, SoC 0.1..0.9 and the cell's voltage limits, from SoC 0.5 at rest. The
 designed one is a whole sequence, pulses and rests included. Its reference model comes from a pre-test of the same cell
-with other noise, of which only a network of one local model is made (``optimal``); ``optimal, round 2`` is designed
-with the network that was fitted to the first designed run, ``optimal, load cycle`` within the currents' histogram of a
-drive of the same kind as those that judge. Each signal is played on the cell, a network is fitted to
-what the sensors read, and its free run on drive cycles that no fit has seen is compared with the noise-free voltage.
+with other noise, of which only a network of one local model is made (``optimal``), or one with the structure that its
+data choose (``optimal, fitted reference``); ``optimal, round 2`` is designed with the network that was fitted to the
+first designed run, ``optimal, load cycle`` within the currents' histogram of a drive of the same kind as those that
+judge. Each signal is played on the cell, a network is fitted to what the sensors read, and its free run on drive cycles
+that no fit has seen is compared with the noise-free voltage.
 Parameter standard deviations are the Cramer-Rao bounds of one and the same network of the cell for all signals, as
 geometric mean; a network of 6 local models along the SoC with relaxation, fitted to two other runs. With the same
 network, the error on the drive cycles that noise alone leaves: what remains beside it is the structure's.
@@ -44,7 +45,7 @@ from simulators.catalogue import cell_type
 
 DT_S, INITIAL_SOC = 1.0, 0.5
 C_RATES, SOC = (-2.0, 1.0), (0.1, 0.9)
-LEVELS = tuple(np.linspace(0.15, 0.78, 8).round(3).tolist())
+LEVELS = tuple(np.linspace(0.12, 0.85, 8).round(3).tolist())
 _PRE_TEST_S = 14_000.0
 _DRIVE_S, _DRIVE_SOC = 5000.0, 0.5
 SIX = Structure(
@@ -54,7 +55,8 @@ SIX = Structure(
     dt_s=DT_S,
     name="six",
 )
-OPTIMAL, SECOND, BOUNDED = "optimal", "optimal, round 2", "optimal, load cycle"
+OPTIMAL, FITTED, SECOND, BOUNDED = "optimal", "optimal, fitted reference", "optimal, round 2", "optimal, load cycle"
+_DESIGNED = ("first", "fitted", "second", "cycle")
 
 
 def main() -> int:
@@ -87,7 +89,8 @@ def judge(
     limits = limits_of(cell)
     capacity_Ah = cell_type(cell).parameters.capacity_Ah
     first = pre_test(limits, capacity_Ah, INITIAL_SOC, _PRE_TEST_S, DT_S, seed)
-    reference = first_reference([play(cell, first, (seed, 90)).series], capacity_Ah, DT_S)
+    pre_run = play(cell, first, (seed, 90)).series
+    reference = first_reference([pre_run], capacity_Ah, DT_S)
     drives = [drive_profile(capacity_Ah, np.random.default_rng([seed, 70 + i])) for i in range(2)]
     held_out = [play(cell, drive, (seed, 80 + i)) for i, drive in enumerate(drives)]
     rows = []
@@ -121,12 +124,21 @@ def judge(
     cycle_A, _ = even_cycle(known.time_s, known.current_A)
     experiment = experiment_with(reference, INITIAL_SOC, use_prior=False, noise_V=noise_V())
     request = DesignRequest(limits, arguments.duration_s, soc_levels=LEVELS, seed=seed)
-    fitted = add(OPTIMAL, design(experiment, request), 0)
-    again = experiment_with(fitted, INITIAL_SOC, use_prior=False, noise_V=noise_V())
-    add(SECOND, design(again, request), 1)
-    bounded = DesignRequest(limits, arguments.duration_s, soc_levels=LEVELS, cycle_A=cycle_A, seed=seed)
-    add(BOUNDED, design(experiment, bounded), 2)
-    for number, name in enumerate(arguments.families or find_families()):
+    if "first" in arguments.designed or "second" in arguments.designed:
+        fitted = add(OPTIMAL, design(experiment, request), 0)
+        if "second" in arguments.designed:
+            again = experiment_with(fitted, INITIAL_SOC, use_prior=False, noise_V=noise_V())
+            add(SECOND, design(again, request), 1)
+    if "cycle" in arguments.designed:
+        bounded = DesignRequest(limits, arguments.duration_s, soc_levels=LEVELS, cycle_A=cycle_A, seed=seed)
+        add(BOUNDED, design(experiment, bounded), 2)
+    if "fitted" in arguments.designed:
+        network = fit_network([pre_run], capacity_Ah=capacity_Ah, structure="auto", dt_s=DT_S).network
+        rich = experiment_with(network, INITIAL_SOC, use_prior=False, noise_V=noise_V())
+        add(FITTED, design(rich, request), 3)
+    for number, name in enumerate(find_families()):
+        if arguments.families is not None and name not in arguments.families:
+            continue
         asked = DesignRequest(
             limits, arguments.duration_s, signal=name, cycle_A=cycle_A, final_rest_s=arguments.family_rest_s, seed=seed
         )
@@ -243,7 +255,8 @@ def _print(summary: list[dict[str, Any]]) -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cells", nargs="+", default=["nmc", "lfp"])
-    parser.add_argument("--families", nargs="+", help="literature families; default: all")
+    parser.add_argument("--families", nargs="*", help="literature families; default: all")
+    parser.add_argument("--designed", nargs="*", choices=_DESIGNED, default=_DESIGNED, help="default: all")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--structure", default=SIX.name, help="six: the judging network's; or full, minimal, auto")

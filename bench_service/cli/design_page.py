@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +38,7 @@ def design_page(title: str, experiment: Experiment, request: DesignRequest, foun
         f"<p>{found.duration_s / 3600.0:.2f} h, {len(found.current_A)} samples, {throughput_Ah:.2f} Ah moved, "
         f"{100.0 * found.touched.mean():.0f} % of the samples lie at a limit. The voltage's band is meant for all "
         "samples at once.</p>",
+        *_accuracy(request, found),
         *_course(hours, request, found),
         *_ratio(experiment, request),
         *_load(request),
@@ -46,6 +48,16 @@ def design_page(title: str, experiment: Experiment, request: DesignRequest, foun
         *_telling(experiment, request, found),
     ]
     return page(f"{title}: design", parts)
+
+
+def _accuracy(request: DesignRequest, found: Design) -> list[str]:
+    if request.target_std is None:
+        return []
+    reached = "reached" if found.largest_std <= request.target_std else "not reached"
+    return [
+        f"<p>Accuracy asked for: {request.target_std:g} (normalised units); {found.largest_std:.3g} after "
+        f"{len(found.blocks)} visits, {reached}. {found.saved_h:.2f} h of {found.planned_s / 3600.0:.2f} h saved.</p>"
+    ]
 
 
 def _course(hours: Values, request: DesignRequest, found: Design) -> list[str]:
@@ -110,7 +122,9 @@ def _telling(experiment: Experiment, request: DesignRequest, found: Design) -> l
     own = mean_std(found.information)
     line = Line("this test", time_s / 3600.0, np.log10(std), None, _BLUE)
     rows: list[dict[str, Any]] = [{"signal": request.signal, "mean std": own, "over this test": 1.0}]
-    for name, other in family_std(experiment, request).items():
+    # The others get the time that this test takes, which may have ended before its plan did.
+    same_time = replace(request, duration_s=found.duration_s, target_std=None)
+    for name, other in family_std(experiment, same_time).items():
         if name != request.signal:
             told = "not possible" if other is None else other
             rows.append({"signal": name, "mean std": told, "over this test": "" if other is None else other / own})

@@ -110,12 +110,13 @@ def answer(request: WrittenRequest, material: Material, progress: Progress | Non
         soc_levels=request.soc_levels,
         rest_ratio=request.rest_ratio,
         final_rest_s=request.final_rest_s,
+        target_std=request.target_std,
         cycle_A=_on_grid(material, network.structure.dt_s),
         seed=request.seed,
     )
     found = design(experiment, asked, progress)
     found = replace(found, seconds=time.perf_counter() - began)
-    return Answer(found.profile(), figures(found), found, (experiment, asked))
+    return Answer(found.profile(), figures(found) | _accuracy(found, asked.target_std), found, (experiment, asked))
 
 
 def even_cycle(time_s: FloatArray, current_A: FloatArray) -> tuple[FloatArray, float]:
@@ -151,6 +152,22 @@ def figures(found: Design) -> dict[str, Any]:
         ],
         "optimality": max((o.optimality for o in optima), default=None),
         "local_optima_spread": max((o.spread for o in optima), default=None),
+    }
+
+
+def _accuracy(found: Design, target_std: float | None) -> dict[str, Any]:
+    """What came of an accuracy that was asked for, and the hours it saves against the whole plan."""
+    if target_std is None:
+        return {}
+    return {
+        "accuracy": {
+            "target_std": target_std,
+            "largest_std": found.largest_std,
+            "reached": found.largest_std <= target_std,
+            "visits": len(found.blocks),
+            "planned_s": found.planned_s,
+            "saved_h": found.saved_h,
+        }
     }
 
 

@@ -13,7 +13,6 @@ from models.design.feasible import Demands
 from models.design.limitation import LimitationRatio, default_ratio, limitation_ratio
 from models.design.limits import CurrentBounds, InfeasibleError, Limits, Window
 from models.design.load_cycle import amplitude_bounds, load_cycle_bounds, load_histogram, mean_current_range
-from models.design.profile import final_rest_s
 from models.design.reference_model import predicted_temperature
 from models.design.voltage_band import recorded_band
 from models.local_model_network import LocalModelNetwork
@@ -27,6 +26,8 @@ _LEAST_LONGEST_S = 50.0
 _LIMITATION_S = 300.0
 # Of the range of the mean current that the intervals of a load cycle leave.
 _RANGE_SHARE = 0.7
+# Rest at the end of a sequence, of its time and at most; its pulses have rests of their own.
+_FINAL_REST_SHARE, _FINAL_REST_S = 0.06, 1800.0
 
 
 @dataclass(frozen=True)
@@ -42,12 +43,14 @@ class DesignRequest:
     soc_levels : states of charge at which optimised blocks are played, pulses and rests around them; none: one block
     rest_ratio : rest over pulse
     final_rest_s : rest at the end, part of the duration: slow relaxation shows nowhere else, and the next run begins
-        with a cell that has forgotten this one; by default 12 % of a sequence, at most half an hour, and none of
+        with a cell that has forgotten this one; by default 6 % of a sequence, at most half an hour, and none of
         anything else
     cycle_A : (n,) recorded load cycle at the network's sampling time: its histogram bounds the blocks' currents
     amplitude_levels : shares of the largest current between which the blocks of a sequence change, where there is no
         load cycle. What is D-optimal for a model that is linear in the current uses the largest currents only, and a
         cell is not linear: the model would be wrong at all others.
+    target_std : a sequence ends after the visit at which every parameter is expected to be known as well as this
+        (standard deviation, normalised units), once all levels have been visited; None: it takes the whole duration
     n_starts : of each optimisation; by default 40 of one block, 10 of each of several
     seed : of everything that is drawn
     """
@@ -60,7 +63,8 @@ class DesignRequest:
     rest_ratio: float = 8.0
     final_rest_s: float | None = None
     cycle_A: FloatArray | None = None
-    amplitude_levels: tuple[float, ...] = (1.0, 0.6, 0.25)
+    amplitude_levels: tuple[float, ...] = (0.8, 0.4, 0.15)
+    target_std: float | None = None
     n_starts: int | None = None
     seed: int = 0
 
@@ -71,6 +75,12 @@ class DesignRequest:
                 f"final_rest_s is {self.final_rest_s:g} s; it must lie between 0 and half the duration of "
                 f"{self.duration_s:g} s"
             )
+        if self.target_std is None:
+            return
+        if not (np.isfinite(self.target_std) and self.target_std > 0.0):
+            raise InfeasibleError(f"target_std is {self.target_std:g}; a standard deviation must be positive")
+        if not self.soc_levels:
+            raise InfeasibleError("target_std is given without soc_levels: only a sequence of visits can end early")
 
     @property
     def rest_s(self) -> float:
@@ -78,7 +88,7 @@ class DesignRequest:
         if self.final_rest_s is not None:
             return self.final_rest_s
         is_sequence = self.signal == OPTIMAL and bool(self.soc_levels)
-        return final_rest_s(self.duration_s) if is_sequence else 0.0
+        return min(_FINAL_REST_S, _FINAL_REST_SHARE * self.duration_s) if is_sequence else 0.0
 
     @property
     def active_s(self) -> float:

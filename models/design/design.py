@@ -22,6 +22,7 @@ from models.design.excitation_sequence import (
     ExcitationSequence,
     build_sequence,
     compact_profile,
+    estimated_duration_s,
 )
 from models.design.experiment import Evaluator, Experiment, parameter_names, parameter_std
 from models.design.family import FamilyRequest, family
@@ -51,6 +52,7 @@ class Design:
     blocks : where the optimised currents lie
     optima : of each optimisation: how good it is, and the spread of the local optima
     seconds : that the design took
+    planned_s : duration of the whole plan; a test ends before it where the accuracy asked for is reached
     """
 
     current_A: FloatArray
@@ -67,11 +69,22 @@ class Design:
     blocks: tuple[Block, ...]
     optima: tuple[Optimum, ...]
     seconds: float
+    planned_s: float
 
     @property
     def duration_s(self) -> float:
         """How long the test takes."""
         return len(self.current_A) * self.dt_s
+
+    @property
+    def saved_h(self) -> float:
+        """Hours that the whole plan would have taken longer."""
+        return max(self.planned_s - self.duration_s, 0.0) / 3600.0
+
+    @property
+    def largest_std(self) -> float:
+        """Of the parameters, normalised units."""
+        return max(self.parameter_std.values())
 
     def profile(self) -> Profile:
         """Rows for a bench."""
@@ -107,10 +120,11 @@ def design(experiment: Experiment, request: DesignRequest, progress: Progress | 
         raise InfeasibleError(f"duration is {request.duration_s:g} s: it holds no sample of {dt_s:g} s")
     blocks: tuple[Block, ...] = ()
     optima: tuple[Optimum, ...] = ()
+    planned_s = None
     if request.signal != OPTIMAL:
         raw = _family_A(experiment, request)
     elif request.soc_levels:
-        sequence, optima = _sequence(experiment, request, report)
+        sequence, optima, planned_s = _sequence(experiment, request, report)
         raw, blocks = sequence.current_A, sequence.blocks
     else:
         optimum = _single(experiment, request, n_samples, report)
@@ -119,7 +133,8 @@ def design(experiment: Experiment, request: DesignRequest, progress: Progress | 
     feasible = Feasible(experiment, demands_of(experiment, request.limits), len(raw))
     current = feasible.finish(raw)
     report(1.0, "done")
-    return judged(experiment, request.criterion, feasible, current, blocks, optima, time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    return judged(experiment, request.criterion, feasible, current, blocks, optima, seconds, planned_s)
 
 
 def judged(
@@ -130,6 +145,7 @@ def judged(
     blocks: tuple[Block, ...] = (),
     optima: tuple[Optimum, ...] = (),
     seconds: float = 0.0,
+    planned_s: float | None = None,
 ) -> Design:
     """Say what a current would tell."""
     evaluator = Evaluator(experiment, len(current_A), criterion)
@@ -152,6 +168,7 @@ def judged(
         blocks=blocks,
         optima=optima,
         seconds=seconds,
+        planned_s=len(current_A) * experiment.network.structure.dt_s if planned_s is None else planned_s,
     )
 
 
@@ -182,8 +199,8 @@ def _family_A(experiment: Experiment, request: DesignRequest) -> FloatArray:
 
 def _sequence(
     experiment: Experiment, request: DesignRequest, report: Progress
-) -> tuple[ExcitationSequence, tuple[Optimum, ...]]:
-    """Blocks one after the other, each designed for what those before it leave unknown."""
+) -> tuple[ExcitationSequence, tuple[Optimum, ...], float]:
+    """Blocks one after the other, each designed for what those before it leave unknown; and the plan's duration."""
     plan = plan_of(experiment, request)
     n_blocks, optima = len(plan.visits()), list[Optimum]()
     known = [experiment.prior_information()]
@@ -193,4 +210,11 @@ def _sequence(
         report(number / n_blocks, f"block {number + 1} of {n_blocks} at SoC {soc:.2f}")
         return designer(soc, number, change)
 
-    return build_sequence(plan, tell), tuple(optima)
+    def enough(current_A: FloatArray) -> bool:
+        if request.target_std is None:
+            return False
+        information = Evaluator(experiment, len(current_A)).information(current_A)
+        return float(parameter_std(information).max()) <= request.target_std
+
+    sequence = build_sequence(plan, tell, enough)
+    return sequence, tuple(optima), estimated_duration_s(plan) + request.rest_s

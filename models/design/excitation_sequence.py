@@ -26,13 +26,14 @@ LEAST_REST_RATIO, REST_RATIO = 6.0, 8.0
 # half time constants.
 _PULSE_SHARE = 0.2
 # Of the time that a test may take, for all rests together: pulses become shorter where it does not suffice.
-_REST_SHARE = 0.2
+_REST_SHARE = 0.1
 # Of the largest current.
 _CONDITIONING_SHARE = 0.5
 _CONDITIONING_CYCLES = 2
 
-# The largest mean current that a block is given to carry the charge on with, of the limits'.
-_CARRY_SHARE = 0.4
+# The largest mean current that a block is given to carry the charge on with, of the limits'. The rest is left to long
+# pulses: slow relaxation and hysteresis show in constant currents, not in what a block can hold.
+_CARRY_SHARE = 0.2
 
 # Currents of a block from the state of charge that it begins at, its number, and by how much it is to move the charge.
 BlockDesigner = Callable[[float, int, float], FloatArray]
@@ -192,13 +193,16 @@ def compact_profile(current_A: FloatArray, dt_s: float) -> Profile:
     return Profile(time_s, np.append(current_A[starts], 0.0))
 
 
-def build_sequence(plan: SequencePlan, design_block: BlockDesigner) -> ExcitationSequence:
+def build_sequence(
+    plan: SequencePlan, design_block: BlockDesigner, enough: Callable[[FloatArray], bool] | None = None
+) -> ExcitationSequence:
     """Put a sequence together.
 
     Parameters
     ----------
     plan : what it consists of
     design_block : gives the currents of a block; they begin and end at rest and keep the limits by themselves
+    enough : asked after each visit with all currents so far, once every level has been visited; True ends the sequence
 
     Returns
     -------
@@ -215,6 +219,9 @@ def build_sequence(plan: SequencePlan, design_block: BlockDesigner) -> Excitatio
             again = builder.current_A()[blocks[repeats].first : blocks[repeats].last]
             block = visit(builder, plan, number, lambda soc, number, change, again=again: again)
             blocks.append(replace(block, repeats=repeats))
+        # A model that has seen some levels only is no judge of the others.
+        if enough is not None and number + 1 >= len(plan.soc_levels) and enough(builder.current_A()):
+            break
     return ExcitationSequence(builder.current_A(), plan.dt_s, tuple(blocks))
 
 
@@ -252,7 +259,7 @@ def estimated_duration_s(plan: SequencePlan) -> float:
 def fitted_to(plan: SequencePlan, duration_s: float) -> SequencePlan:
     """Return the plan with the longest blocks that a duration leaves.
 
-    Pulses keep their share of the longest time constant as long as the rests after them take no more than a fifth
+    Pulses keep their share of the longest time constant as long as the rests after them take no more than a tenth
     of the time; in a shorter test they are shorter.
 
     Raises
@@ -266,8 +273,9 @@ def fitted_to(plan: SequencePlan, duration_s: float) -> SequencePlan:
     fixed_s = estimated_duration_s(replace(plan, block_s=plan.dt_s))
     if fixed_s > duration_s:
         raise InfeasibleError(
-            f"duration is {duration_s:g} s, but pulses, rests and moves between {len(plan.soc_levels)} levels alone "
-            f"take {fixed_s:.0f} s: give more time, fewer soc_levels or a smaller rest_ratio"
+            f"duration is {duration_s:g} s without the rest at the end, but pulses, rests and moves between "
+            f"{len(plan.soc_levels)} levels alone take {fixed_s:.0f} s: give more time, fewer soc_levels or a smaller "
+            "rest_ratio"
         )
     least, most = 1, int(duration_s / (len(plan.visits()) * plan.dt_s)) + 1
     while most - least > 1:

@@ -31,6 +31,7 @@ _KEYS = (
     "soc_levels",
     "rest_ratio",
     "final_rest_s",
+    "target_std",
     "rivals",
     "seed",
 )
@@ -50,7 +51,7 @@ class WrittenRequest:
 
     Attributes
     ----------
-    limits, duration_s, criterion, signal, soc_levels, rest_ratio, final_rest_s, seed : see `DesignRequest`
+    limits, duration_s, criterion, signal, soc_levels, rest_ratio, final_rest_s, target_std, seed : see `DesignRequest`
     capacity_Ah, dt_s, initial_soc : None where not given
     model, load_cycle : names of files or stored things, None where not given
     runs, rivals : the same, empty where not given
@@ -63,6 +64,7 @@ class WrittenRequest:
     soc_levels: tuple[float, ...]
     rest_ratio: float
     final_rest_s: float | None
+    target_std: float | None
     seed: int
     capacity_Ah: float | None = None
     dt_s: float | None = None
@@ -95,15 +97,22 @@ def read_request(document: Mapping[str, Any]) -> WrittenRequest:
     capacity_Ah = _optional(document, "capacity_Ah", "Ah")
     if capacity_Ah is not None and not capacity_Ah > 0.0:
         raise RequestError(f"capacity_Ah is {capacity_Ah:g} Ah; it must be positive")
-    rest_ratio = _optional(document, "rest_ratio", "")
+    rest_ratio, target_std = _optional(document, "rest_ratio", ""), _optional(document, "target_std", "")
+    criterion = _choice(document, "criterion", "D", (*CRITERIA, DISCRIMINATE))
+    signal = _choice(document, "signal", OPTIMAL, (OPTIMAL, *find_families()))
+    if target_std is not None and (criterion == DISCRIMINATE or signal != OPTIMAL):
+        raise RequestError(
+            f"target_std ends a designed sequence early, but criterion {criterion!r} with signal {signal!r} makes none"
+        )
     return WrittenRequest(
         limits=limits,
         duration_s=duration_s,
-        criterion=_choice(document, "criterion", "D", (*CRITERIA, DISCRIMINATE)),
-        signal=_choice(document, "signal", OPTIMAL, (OPTIMAL, *find_families())),
+        criterion=criterion,
+        signal=signal,
         soc_levels=_levels(document.get("soc_levels"), limits.soc),
         rest_ratio=REST_RATIO if rest_ratio is None else rest_ratio,
         final_rest_s=_optional(document, "final_rest_s", "s"),
+        target_std=target_std,
         seed=_whole(document, "seed"),
         capacity_Ah=capacity_Ah,
         dt_s=dt_s,

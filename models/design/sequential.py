@@ -6,14 +6,17 @@ The test ends when every parameter is known as well as asked for, which may be h
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from models.design.ascent import Optimum, Progress
 from models.design.block_design import DesignRequest, block_designer, plan_of
-from models.design.excitation_sequence import begin, estimated_duration_s, visit
+from models.design.excitation_sequence import SequencePlan, begin, estimated_duration_s, visit
 from models.design.experiment import Evaluator, Experiment, parameter_std
+from models.design.limits import InfeasibleError
+from models.design.sequence_builder import SequenceBuilder
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
 from models.timeseries import FloatArray, TimeSeries
@@ -79,7 +82,8 @@ def sequential_design(
     ----------
     experiment : first reference model, where the cell stands, and what is known already
     request : of the whole test; its `soc_levels` are visited down and up until the accuracy is reached
-    target_std : largest standard deviation of a parameter that is asked for, normalised units
+    target_std : largest standard deviation of a parameter that is asked for, normalised units; looked at once every
+        level has been visited
     play : plays currents
     refit : fits to everything that was played; its network may have other parameters than the one before
     progress : called with a share 0..1 and a short text
@@ -92,6 +96,8 @@ def sequential_design(
     ------
     ModelError
         No levels, or an accuracy that is not positive.
+    InfeasibleError
+        Not even the first reference model keeps the limits.
     """
     if not request.soc_levels:
         raise ModelError("a sequential design visits soc_levels; at least one is needed")
@@ -102,9 +108,14 @@ def sequential_design(
     planned_s, builder = estimated_duration_s(plan), begin(plan)
     series, starts, rounds = list[TimeSeries](), list[float](), list[Round]()
     played, soc = 0, plan.initial_soc
+    proven = experiment
     for number in range(len(plan.visits())):
-        known, optima = [_known(experiment, rounds)], list[Optimum]()
-        visit(builder, plan, number, block_designer(experiment, request, plan, known, optima))
+        try:
+            builder = _visited(builder, plan, number, experiment, request, rounds)
+            proven = experiment
+        except InfeasibleError:
+            # A network that has seen one level only knows too little of the voltage at the next to go there.
+            builder = _visited(builder, plan, number, proven, request, rounds)
         piece = builder.current_A()[played:]
         report(number / len(plan.visits()), f"visit {number + 1} of {len(plan.visits())}")
         series.append(play(piece, soc))
@@ -114,11 +125,26 @@ def sequential_design(
         std = parameter_std(_known(experiment, trial))
         rounds.append(replace(trial[-1], largest_std=float(std.max()), mean_std=float(np.exp(np.log(std).mean()))))
         played, soc = played + len(piece), builder.soc
-        if rounds[-1].largest_std <= target_std:
+        # Not before every level has been visited: a network knows nothing of where it has not been.
+        if number + 1 >= len(plan.soc_levels) and rounds[-1].largest_std <= target_std:
             break
     report(1.0, "done")
     reached = rounds[-1].largest_std <= target_std
     return SequentialResult(experiment.network, tuple(rounds), reached, played * plan.dt_s, planned_s)
+
+
+def _visited(
+    builder: SequenceBuilder,
+    plan: SequencePlan,
+    number: int,
+    experiment: Experiment,
+    request: DesignRequest,
+    rounds: list[Round],
+) -> SequenceBuilder:
+    """One more visit, designed with an experiment's network; what was there before stays as it is."""
+    longer, optima = deepcopy(builder), list[Optimum]()
+    visit(longer, plan, number, block_designer(experiment, request, plan, [_known(experiment, rounds)], optima))
+    return longer
 
 
 def _with(experiment: Experiment, network: LocalModelNetwork) -> Experiment:

@@ -113,6 +113,13 @@ def _show(console: Console, figures: dict[str, Any]) -> None:
         least, most = figures["predicted"]["voltage_with_band_V"]
         text += f", voltage {least:.3f} to {most:.3f} V with its band"
     console.print(text)
+    if "accuracy" in figures:
+        said = figures["accuracy"]
+        console.print(
+            f"largest standard deviation {said['largest_std']:.3g} after {said['visits']} visits, "
+            f"{said['target_std']:g} {'reached' if said['reached'] else 'not reached'}: {said['saved_h']:.2f} h of "
+            f"{said['planned_s'] / 3600.0:.2f} h saved"
+        )
     if not figures["pre_test"]:
         stds = list(figures["parameter_std"].values())
         mean = math.exp(sum(math.log(std) for std in stds) / len(stds))

@@ -68,9 +68,33 @@ def test_a_load_cycle_bounds_the_blocks() -> None:
     assert 0.97 * 20_000.0 <= found.duration_s <= 20_000.0
 
 
+def test_it_ends_after_the_visit_that_reaches_the_accuracy_asked_for() -> None:
+    whole = design(experiment(), request())
+    assert whole.saved_h < 0.1
+    early = design(experiment(), request(target_std=2.0 * whole.largest_std))
+    assert early.largest_std <= 2.0 * whole.largest_std
+    assert 1 <= len(early.blocks) < len(whole.blocks)
+    assert early.saved_h == pytest.approx((whole.duration_s - early.duration_s) / 3600.0, abs=0.1)
+    # Up to there it is the same test, and it ends with its rest as well.
+    same = early.blocks[-1].last
+    np.testing.assert_array_equal(early.current_A[:same], whole.current_A[:same])
+    assert not early.current_A[-120:].any()
+    never = design(experiment(), request(target_std=1e-3 * whole.largest_std))
+    np.testing.assert_array_equal(never.current_A, whole.current_A)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"), [({"target_std": 0.0}, "target_std is 0"), ({"soc_levels": ()}, "visits")]
+)
+def test_an_accuracy_that_cannot_end_a_test_is_refused(changes: dict, says: str) -> None:
+    with pytest.raises(InfeasibleError, match=says):
+        request(**{"target_std": 0.1} | changes)
+
+
 def test_a_sequence_ends_with_a_rest() -> None:
     found, asked = design(experiment(), request()), design(experiment(), request(final_rest_s=4000.0))
-    assert request().rest_s == 1800.0 and not found.current_A[-180:].any()
+    assert request().rest_s == 1200.0 and request(duration_s=40_000.0).rest_s == 1800.0
+    assert not found.current_A[-120:].any()
     assert not asked.current_A[-400:].any() and asked.duration_s == pytest.approx(20_000.0, rel=0.02)
     assert request(signal="aprbs").rest_s == 0.0 and request(soc_levels=()).rest_s == 0.0
     with pytest.raises(InfeasibleError, match="final_rest_s is 11000 s"):

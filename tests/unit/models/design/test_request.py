@@ -47,6 +47,7 @@ def test_every_key_is_read() -> None:
         ({"dt_s": 1e-6}, "at most"),
         ({"capacity_Ah": -1.0}, "capacity_Ah is -1"),
         ({"seed": -1}, "seed is -1"),
+        ({"target_std": 0.1}, "target_std.*'aprbs'"),
         ({"rivals": "a"}, "rivals"),
         ({"model": 7}, "model is 7"),
     ],
@@ -76,6 +77,16 @@ def test_an_answer_holds_what_the_contract_names() -> None:
     assert found.figures["net_charge_Ah"] == pytest.approx(
         float(found.profile.current_A[:-1] @ np.diff(found.profile.time_s)) / 3600.0
     )
+
+
+def test_the_hours_that_an_asked_accuracy_saves_are_in_the_answer() -> None:
+    asked = DOCUMENT | {"signal": "optimal", "soc_levels": 2, "duration_s": 20_000}
+    whole = answer(read_request(asked), Material(network=resistive()))
+    assert whole.design is not None and "accuracy" not in whole.figures
+    early = answer(read_request(asked | {"target_std": 2.0 * whole.design.largest_std}), Material(network=resistive()))
+    said = early.figures["accuracy"]
+    assert said["reached"] and said["saved_h"] > 0.5 and said["visits"] < len(whole.design.blocks)
+    assert said["saved_h"] == pytest.approx((said["planned_s"] - early.figures["duration_s"]) / 3600.0)
 
 
 def test_without_a_model_a_bounded_pre_test_comes_first() -> None:

@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from models.design.block_design import DesignRequest
 from models.design.experiment import Evaluator
-from models.design.limits import Limits
+from models.design.limits import InfeasibleError, Limits
 from models.design.sequential import sequential_design
 from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
@@ -45,6 +47,8 @@ def test_it_ends_when_every_parameter_is_known_as_well_as_asked() -> None:
     early = sequential_design(experiment(), REQUEST, asked, Bench().play, keep)
     assert early.reached and len(early.rounds) == 3
     assert early.saved_h == pytest.approx((early.planned_s - early.played_s) / 3600.0) and early.saved_h > 0.5
+    # However little is asked for: not before every level has been visited.
+    assert len(sequential_design(experiment(), REQUEST, 1e9, Bench().play, keep).rounds) == 3
     stds = [each.mean_std for each in full.rounds]
     assert stds == sorted(stds, reverse=True)
 
@@ -70,6 +74,21 @@ def test_each_block_is_designed_from_the_model_so_far() -> None:
     np.testing.assert_array_equal(same.played[0], changed.played[0])
     assert not np.array_equal(same.played[1], changed.played[1])
     assert found.network is other
+
+
+def test_a_refit_that_leaves_no_room_designs_nothing() -> None:
+    """The next visit is designed with the last network that knew enough of the voltage."""
+    request = DesignRequest(
+        Limits((-6.0, 4.0), (0.1, 0.9), voltage_V=(3.0, 4.2)), 20_000.0, soc_levels=(0.3, 0.5, 0.7), n_starts=2
+    )
+    lost = replace(TRUTH, record={"train": {"max_mV": 2000.0, "rmse_mV": 1000.0}})
+    sure, unsure = Bench(), Bench()
+    sequential_design(experiment(), request, 1e-12, sure.play, keep)
+    found = sequential_design(experiment(), request, 1e-12, unsure.play, lambda runs, starts: lost)
+    assert len(found.rounds) == 5 and found.network is lost
+    np.testing.assert_array_equal(sure.current, unsure.current)
+    with pytest.raises(InfeasibleError, match="voltage_V"):
+        sequential_design(replace(experiment(), network=lost), request, 1e-12, Bench().play, keep)
 
 
 @pytest.mark.parametrize("target", [0.0, -1.0, np.nan])
