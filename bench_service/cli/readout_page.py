@@ -137,11 +137,24 @@ def _range(values: Values, with_bands: Values) -> tuple[float, float]:
 def _axes(x0: float, x1: float, low: float, high: float, x_label: str, y_label: str) -> str:
     right, bottom = _WIDTH - _RIGHT, _HEIGHT - _BOTTOM
     parts = []
-    for share in np.linspace(0.0, 1.0, _TICKS):
-        x, y = _LEFT + share * (right - _LEFT), bottom - share * (bottom - _TOP)
+    for value in round_values(low, high):
+        y = bottom - (value - low) / ((high - low) or 1.0) * (bottom - _TOP)
         parts.append(f'<line x1="{_LEFT}" x2="{right}" y1="{y:.1f}" y2="{y:.1f}" stroke="#ddd"/>')
-        parts.append(f'<text x="{_LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{low + share * (high - low):.4g}</text>')
-        parts.append(f'<text x="{x:.1f}" y="{bottom + 16}" text-anchor="middle">{x0 + share * (x1 - x0):.3g}</text>')
+        parts.append(f'<text x="{_LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{value:.6g}</text>')
+    for value in round_values(x0, x1):
+        x = _LEFT + (value - x0) / ((x1 - x0) or 1.0) * (right - _LEFT)
+        parts.append(f'<text x="{x:.1f}" y="{bottom + 16}" text-anchor="middle">{value:.6g}</text>')
     parts.append(f'<text x="{0.5 * (_LEFT + right)}" y="{_HEIGHT - 6}" text-anchor="middle">{escape(x_label)}</text>')
     parts.append(f'<text x="4" y="{_TOP + 6}">{escape(y_label)}</text>')
     return "".join(parts)
+
+
+def round_values(low: float, high: float) -> list[float]:
+    """Round numbers between two ends, about as many as an axis has room for."""
+    if high <= low:
+        return [low]
+    rough = (high - low) / _TICKS
+    decade = 10.0 ** np.floor(np.log10(rough))
+    step = decade * next(m for m in (1.0, 2.0, 5.0, 10.0) if m * decade >= rough)
+    # A multiple of the step that ought to be 0 is a rounding error otherwise.
+    return [float(round(k) * step) for k in np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1)]

@@ -4,8 +4,9 @@ import re
 from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 
-from bench_service.cli.readout_page import Line, plot, readout_parts
+from bench_service.cli.readout_page import Line, plot, readout_parts, round_values
 from bench_service.cli.tables import readout_lines
 from tests.unit.models import hand_network
 
@@ -67,3 +68,16 @@ def test_lines_for_a_person_leave_out_what_is_not_known() -> None:
     assert len(lines) == 4
     assert "30.00 ± 2 mΩ" in lines[0] and "4.0 mV" in lines[1]
     assert "45.0 J/K" in lines[2] and lines[3] == "note: resistance is not positive"
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "marks"),
+    [
+        (0.0, 3.89, [0.0, 1.0, 2.0, 3.0]),
+        (-4.16, 4.16, [-4.0, -2.0, 0.0, 2.0, 4.0]),
+        (2.464, 4.336, [2.5, 3.0, 3.5, 4.0]),
+        (7.0, 7.0, [7.0]),
+    ],
+)
+def test_an_axis_is_marked_at_round_values(low: float, high: float, marks: list[float]) -> None:
+    assert round_values(low, high) == pytest.approx(marks)
