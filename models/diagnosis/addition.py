@@ -7,8 +7,10 @@ from typing import Any
 
 from models.diagnosis.change import analyse_change
 from models.diagnosis.diagnosis import network_memory, own_activation_K
+from models.diagnosis.joint import Named
 from models.diagnosis.layout import Shape
 from models.diagnosis.parameters import Value, parameters
+from models.diagnosis.reading import Readings
 from models.diagnosis.record import Record, make_record
 from models.diagnosis.reference import fit_reference
 from models.diagnosis.structure import analyse_structure
@@ -129,7 +131,8 @@ def _missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[st
     shape = Shape(own_activation_K(network.structure))
     reference = fit_reference(own.runs, own.soc, network.cell.capacity_Ah, shape)
     found = analyse_structure(network, reference, own.runs, own.soc, [], [], [chosen])
-    return parameters(found.comparison, found.ranking.candidates[0])
+    named = Named(found.comparison, found.ranking)
+    return Readings((named,)).parameters(named, found.ranking.candidates[0])
 
 
 def _changed(chosen: Effect, own: Record, network: LocalModelNetwork) -> dict[str, Value]:

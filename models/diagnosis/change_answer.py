@@ -91,7 +91,8 @@ def _voltage_findings(analysis: ChangeAnalysis, record: Record) -> tuple[list[Fi
     for named in analysis.named:
         shown = named.ranking.candidates[: 1 + min(len(named.ranking.rivals), _SHOWN_RIVALS)]
         names = [candidate.effect.name for candidate in shown]
-        tried = [_finding(analysis, named, each, names, left) for each in shown]
+        given = [finding.effect for finding in findings]
+        tried = [_finding(analysis, named, each, names, (record, left), given) for each in shown]
         findings.append(tried[0][0])
         rivals += [finding for finding, _ in tried[1:]]
         left = tried[0][1]
@@ -100,15 +101,24 @@ def _voltage_findings(analysis: ChangeAnalysis, record: Record) -> tuple[list[Fi
 
 
 def _finding(
-    analysis: ChangeAnalysis, named: Named, candidate: Candidate, names: list[str], record: Record
+    analysis: ChangeAnalysis,
+    named: Named,
+    candidate: Candidate,
+    names: list[str],
+    records: tuple[Record, Record],
+    given: list[str],
 ) -> tuple[Finding, Record]:
-    """One effect, named or rival, and what it leaves of the record's error."""
+    """One effect, named or rival, and what it leaves of the error beside those before it.
+
+    The record comes twice: as it was measured, and less what those before have explained.
+    """
+    record, left = records
     comparison, ranking = named.comparison, named.ranking
     parts = [
         contribution_V(analysis.reference, candidate, run, soc)
         for run, soc in zip(record.runs, record.soc, strict=True)
     ]
-    after = record.less(parts)
+    after = left.less(parts)
     values = parameters(comparison, candidate)
     cost, n = comparison.evidence.cost, len(comparison.evidence.error_V)
     gained = cost - candidate.solution.cost
@@ -123,8 +133,9 @@ def _finding(
         confidence(ranking),
         values,
         others,
-        explain(candidate.effect, share, remaining_mV, values, others, "change"),
+        explain(candidate.effect, share, remaining_mV, values, others, "change", given),
         {
+            "beside": given,
             "reference_before_mV": 1e3 * float(np.sqrt(cost / n)),
             "reference_after_mV": remaining_mV,
             "reference_own_mV": 1e3 * ranking.own_V,

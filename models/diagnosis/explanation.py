@@ -17,6 +17,7 @@ def explain(
     values: dict[str, Value],
     rivals: Sequence[str],
     mode: str,
+    beside: Sequence[str] = (),
 ) -> str:
     """One paragraph on a finding.
 
@@ -28,6 +29,7 @@ def explain(
     values : its parameters
     rivals : effects that the data cannot tell from it
     mode : "change" or "structure"
+    beside : effects that are named before it, with which its figures are given
     """
     verb = "has changed" if mode == "change" else "is missing in the model"
     parts = [
@@ -36,9 +38,10 @@ def explain(
         f"{remaining_mV:.1f} mV remain.",
         f"How to recognise it: {found.recognise}.",
     ]
+    if beside:
+        parts.append(f"The error that is left is given together with: {_titles(beside)}.")
     if rivals:
-        names = ", ".join(effect(name).title.lower() for name in rivals[:_KEEP_SHORT])
-        parts.append(f"These data cannot tell it from: {names}.")
+        parts.append(f"These data cannot tell it from: {_titles(rivals[:_KEEP_SHORT])}.")
     return " ".join(parts)
 
 
@@ -48,6 +51,10 @@ def explain_warmth(found: Effect, share: float, before_K: float, after_K: float,
         f"{found.title} has changed: {_listed(values)}. It explains {100 * share:.0f} % of the squared error of the "
         f"temperature, which falls from {before_K:.2f} to {after_K:.2f} K. How to recognise it: {found.recognise}."
     )
+
+
+def _titles(names: Sequence[str]) -> str:
+    return ", ".join(effect(name).title.lower() for name in names)
 
 
 def _listed(values: dict[str, Value]) -> str:

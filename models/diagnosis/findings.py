@@ -19,12 +19,13 @@ class Finding:
     ----------
     effect : name
     rank : 1 is what the verdict names
-    error_before_mV, error_after_mV : free-run RMSE over the diagnosed runs without and with the effect
+    error_before_mV, error_after_mV : free-run RMSE over the diagnosed runs as they are, and with the effect beside
+        those named before it
     confidence : probability that the effect is right
     parameters : by name
     confounded_with : effects that these data cannot tell from it
     explanation : in words
-    evidence : further figures, of the reference model and of the temperature
+    evidence : further figures, of the reference model and of the temperature; `beside`: effects named before it
     """
 
     effect: str

@@ -61,10 +61,14 @@ def named_effects(comparison: Comparison, ranking: Ranking) -> tuple[Named, ...]
 
 
 def _worth(ranking: Ranking, pair: tuple[int, int]) -> bool:
-    """Whether two explain most of what one leaves open."""
+    """Whether two explain most of what one leaves open, or as much as one with more parameters than both have."""
     forms, price = ranking.forms, ranking.price
-    single = forms.forms[forms.best(ranking.candidates[0].effect, price)]
-    alone = forms.cost(forms.best(ranking.candidates[0].effect, price))
+    best = forms.best(ranking.candidates[0].effect, price)
+    single, both = forms.forms[best], [forms.forms[number] for number in pair]
+    smaller = sum(form.size for form in both) < single.size and all(form.effect is not single.effect for form in both)
+    if smaller and forms.judged(price, *pair) <= forms.judged(price, best) - _LEAST_GAIN * price:
+        return True
+    alone = forms.cost(best)
     own = len(forms.comparison.evidence.error_V) * forms.comparison.own_mse
     open_V2 = alone - single.inexact - own
     gained = alone - forms.cost(*pair)

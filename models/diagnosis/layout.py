@@ -18,6 +18,8 @@ EXCHANGE_C_RATES = (0.2, 1.0)
 TRANSFER_S = 20.0
 _GAIN_BUMPS, _COARSE_BUMPS = 8, 4
 _HYSTERESIS_RATES = (10.0, 40.0, 150.0)
+# A low-pass from this time constant on is what relaxation is looked for with.
+_SLOW_S = 100.0
 _REFERENCE_DEGC = 25.0
 # Scales that bring the signals to the size of the current over the capacity.
 _PER_10_K, _ACTIVATION_UNIT_K = 0.1, 3000.0
@@ -41,11 +43,12 @@ class Shape:
 
 @dataclass(frozen=True)
 class Block:
-    """Coefficients of one signal's spline: where they are, and the size that a gain of the signal has."""
+    """Coefficients of one signal's spline: where they are, the size that a gain of the signal has, and its effect."""
 
     start: int
     size: int
     scale: float
+    effect: str | None
 
     @property
     def part(self) -> slice:
@@ -74,16 +77,26 @@ class Layout:
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Open-circuit curve, currents, charge transfer, hysteresis, temperature."""
-        gains = (_GAIN_BUMPS, self.capacity_Ah)
-        kinds = [(OCV_BUMPS, 1.0), *[gains] * (1 + len(TIME_CONSTANTS_S))]
-        kinds += [(_COARSE_BUMPS, 1.0)] * (2 * len(EXCHANGE_C_RATES) + len(_HYSTERESIS_RATES))
+        slow = ["relaxation" if tau_s >= _SLOW_S else None for tau_s in TIME_CONSTANTS_S]
+        kinds: list[tuple[int, float, str | None]] = [(OCV_BUMPS, 1.0, None)]
+        kinds += [(_GAIN_BUMPS, self.capacity_Ah, effect) for effect in (None, *slow)]
+        kinds += [(_COARSE_BUMPS, 1.0, "charge_transfer")] * (2 * len(EXCHANGE_C_RATES))
+        kinds += [(_COARSE_BUMPS, 1.0, "hysteresis")] * len(_HYSTERESIS_RATES)
         if self.with_temperature:
-            kinds += [(_COARSE_BUMPS, 1.0), *[(_COARSE_BUMPS, self.capacity_Ah)] * 2]
+            kinds.append((_COARSE_BUMPS, 1.0, "entropic_voltage"))
+            kinds += [(_COARSE_BUMPS, self.capacity_Ah, "temperature_dependence")] * 2
         blocks, start = [], 0
-        for size, scale in kinds:
-            blocks.append(Block(start, size, scale))
+        for size, scale, effect in kinds:
+            blocks.append(Block(start, size, scale, effect))
             start += size
         return tuple(blocks)
+
+    def places_of(self, effect: str) -> np.ndarray:
+        """(size,) whether a coefficient stands for an effect."""
+        out = np.zeros(self.size, dtype=bool)
+        for block in self.blocks:
+            out[block.part] = block.effect == effect
+        return out
 
     @property
     def size(self) -> int:

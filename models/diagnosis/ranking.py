@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.diagnosis.candidates import Candidate, Comparison, noise_V2
-from models.diagnosis.forms import Form, Forms, forms_of, nested
+from models.diagnosis.forms import Forms, forms_of, nested
 
 # What an effect must explain for each of its regressors, or it is not worth them: the logarithm of the number of
 # samples in units of the noise (Schwarz, Annals of Statistics 6, 1978), and this share of the squared error as far as
@@ -112,18 +112,18 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
     price = max(float(np.log(n)) * noise, _SHARE_EACH * cost * systematic / comparison.own_mse)
     forms = forms_of(comparison, candidates)
     spent = {each.effect.name: forms.spent(each.effect, price) for each in candidates}
-    named = min(candidates, key=lambda each: spent[each.effect.name])
+    named, held_out = _best(comparison, candidates, forms, price)
     unit = _OF_SYSTEMATIC * n * systematic + 2.0 * _LOG_LIKELIHOOD * noise
     margins = {name: (price - spent[named.effect.name]) / unit for name, price in spent.items()}
     others = sorted((each for each in candidates if each is not named), key=lambda each: margins[each.effect.name])
-    foreign = [each for each in others if not nested(each.effect, named.effect)]
+    foreign = [each for each in others if margins[each.effect.name] < 0.0 or not nested(each.effect, named.effect)]
     rivals = [each for each in foreign if margins[each.effect.name] < 1.0 or each.effect.name == named.effect.twin]
     rivals += [each for each in _special_cases(named, others, cost) if each not in rivals]
     least = 2.0 * _LOG_LIKELIHOOD * noise
     rivals += [each for each in others if forms.imitates(each.effect, named.effect, price, least)]
+    rivals.sort(key=lambda each: each.effect.name != named.effect.twin)
     rest = [each for each in others if each not in rivals]
     gained, own = cost - named.solution.cost, n * comparison.own_mse
-    held_out = _held_out_share(comparison, named, forms.forms[forms.best(named.effect, price)])
     allowance = comparison.bias_allowance
     beyond = _LEAST_BEYOND * comparison.own_mse + _LEAST_OF_SYSTEMATIC * allowance * systematic
     good = systematic <= _GOOD_MODEL * comparison.noise_mse
@@ -149,9 +149,24 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
     )
 
 
-def _held_out_share(comparison: Comparison, named: Candidate, form: Form) -> float:
+def _best(comparison: Comparison, candidates: list[Candidate], forms: Forms, price: float) -> tuple[Candidate, float]:
+    """The one that leaves least; where it makes held-out blocks worse, the best with one parameter that does not.
+
+    A curve over SoC can be fitted wherever the record stays, and says nothing of where it has not been.
+    """
+    order = sorted(candidates, key=lambda each: forms.spent(each.effect, price))
+    best = order[0], _held_out_share(comparison, order[0], forms, price)
+    if best[1] >= 0.0:
+        return best
+    for each in order[1:]:
+        if each.size == 1 and (share := _held_out_share(comparison, each, forms, price)) >= _LEAST_HELD_OUT_SHARE:
+            return each, share
+    return best
+
+
+def _held_out_share(comparison: Comparison, named: Candidate, forms: Forms, price: float) -> float:
     """Share of the squared error in held-out blocks that an effect explains, in its full or its best form."""
-    evidence = comparison.evidence
+    evidence, form = comparison.evidence, forms.forms[forms.best(named.effect, price)]
     gained = float(evidence.gains(named.columns, named.target_V).sum())
     if form.fixed_V is None and form.columns is not named.columns:
         gained = max(gained, float(evidence.gains(form.columns).sum()))

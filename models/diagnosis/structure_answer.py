@@ -13,7 +13,8 @@ from models.diagnosis.explanation import explain
 from models.diagnosis.findings import Diagnosis, Finding
 from models.diagnosis.joint import Named
 from models.diagnosis.next_experiment import discriminating_request
-from models.diagnosis.parameters import parameters
+from models.diagnosis.parameters import Value
+from models.diagnosis.reading import Readings
 from models.diagnosis.record import Record
 from models.diagnosis.reference import Reference
 from models.diagnosis.structure import StructureAnalysis, held_out_mse
@@ -69,7 +70,7 @@ def _findings(analysis: StructureAnalysis, record: Record) -> list[Finding]:
     """The named effects, each with what it leaves beside those before it; then the rivals."""
     findings: list[Finding] = []
     rivals: list[Finding] = []
-    before_mV = record.rms_mV
+    readings, left_mV = Readings(analysis.named), record.rms_mV
     for number, named in enumerate(analysis.named):
         shown = named.ranking.candidates[: 1 + min(len(named.ranking.rivals), _SHOWN_RIVALS)]
         names = [each.effect.name for each in shown]
@@ -77,33 +78,43 @@ def _findings(analysis: StructureAnalysis, record: Record) -> list[Finding]:
         if number + 1 < len(analysis.named):
             # The next one's comparison has this one in the model already; its own has the next.
             left[0] = held_out_mse(analysis.named[number + 1].comparison, analysis.n_train)
-        tried = [_finding(named, each, names, before_mV, mse) for each, mse in zip(shown, left, strict=True)]
-        findings.append(tried[0])
+        read = [readings.parameters(named, each) for each in shown]
+        tried = [
+            _finding(named, each, names, (record.rms_mV, min(left_mV, 1e3 * float(np.sqrt(mse)))), values, findings)
+            for each, mse, values in zip(shown, left, read, strict=True)
+        ]
         rivals += tried[1:]
-        before_mV = tried[0].error_after_mV
+        findings.append(tried[0])
+        left_mV = tried[0].error_after_mV
     told = {each.effect for each in findings}
     every = findings + [each for each in rivals if each.effect not in told]
     return [replace(each, rank=number + 1) for number, each in enumerate(every)]
 
 
-def _finding(named: Named, candidate: Candidate, names: list[str], before_mV: float, left_mse: float) -> Finding:
+def _finding(
+    named: Named,
+    candidate: Candidate,
+    names: list[str],
+    error_mV: tuple[float, float],
+    values: dict[str, Value],
+    beside: list[Finding],
+) -> Finding:
     comparison, ranking = named.comparison, named.ranking
     evidence, n = comparison.evidence, len(comparison.evidence.error_V)
-    after_mV = min(before_mV, 1e3 * float(np.sqrt(left_mse)))
-    values = parameters(comparison, candidate)
     share = (evidence.cost - candidate.solution.cost) / max(evidence.cost - n * comparison.own_mse, 1e-300)
     remaining_mV = 1e3 * float(np.sqrt(candidate.solution.cost / n))
     others = tuple(name for name in names if name != candidate.effect.name)
+    given = [each.effect for each in beside]
     return Finding(
         candidate.effect.name,
         1,
-        before_mV,
-        after_mV,
+        *error_mV,
         confidence(ranking),
         values,
         others,
-        explain(candidate.effect, share, remaining_mV, values, others, "structure"),
+        explain(candidate.effect, share, remaining_mV, values, others, "structure", given),
         {
+            "beside": given,
             "refitted_before_mV": 1e3 * float(np.sqrt(evidence.cost / n)),
             "refitted_after_mV": remaining_mV,
             "explained_share_of_new": share,

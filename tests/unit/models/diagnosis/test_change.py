@@ -120,8 +120,18 @@ def test_two_changes_are_named_together_and_sized(memory: Memory) -> None:
     assert "hysteresis" in names and names & {"current_offset", "self_discharge"} and len(names) == 2
     loop = next(each for each in named if each.effect == "hysteresis")
     assert loop.parameters["amplitude_V"].value == pytest.approx(0.012, rel=0.15)
-    # Each finding says what it leaves beside those before it.
-    assert named[1].error_before_mV == pytest.approx(named[0].error_after_mV)
+    # Each finding starts from the error of the runs, and says what it leaves beside those before it.
+    assert named[0].error_before_mV == named[1].error_before_mV
+    assert named[1].error_after_mV < named[0].error_after_mV
+    assert [each.evidence["beside"] for each in named] == [[], [named[0].effect]]
+
+
+def test_two_small_effects_go_before_a_curve_that_imitates_both(memory: Memory) -> None:
+    after = measured(CELL, 3, current_error_A=0.04)
+    answer = diagnosed(memory, replace(after, voltage_V=after.voltage_V - 0.01))
+    assert answer.findings[0].effect in ("current_offset", "self_discharge")
+    assert any(each.evidence["beside"] for each in answer.findings)
+    assert "ocv_shape" not in {each.effect for each in answer.findings}
 
 
 def discharged(cell: CellParameters, seed: int) -> TimeSeries:

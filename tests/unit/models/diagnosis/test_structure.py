@@ -11,7 +11,8 @@ from models.local_model_network import LocalModelNetwork
 from models.resampling import to_grid
 from models.structure import InputChannel, PartitionAxis, Structure, minimal_structure
 from models.timeseries import TimeSeries
-from simulators.cell import CellParameters
+from simulators.catalogue import CELLS
+from simulators.cell import Branch, CellParameters
 from tests.unit.models.diagnosis.cells import SOC, bare, measured, simple_network
 
 CELL = bare()
@@ -93,3 +94,19 @@ def test_sensitivities_are_the_derivatives_of_the_free_run(order: int) -> None:
     high = replace(network, theta=network.theta + move).free_run_V(run, SOC)[index]
     low = replace(network, theta=network.theta - move).free_run_V(run, SOC)[index]
     np.testing.assert_allclose(jacobian @ (2.0 * move).ravel(), high - low, rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_an_effect_is_sized_although_the_structure_lacks_much_besides(order: int) -> None:
+    whole = CELLS["nmc"].parameters
+    cell = replace(whole, slow=Branch(0.0, 900.0), hysteresis_amplitude_V=0.03, hysteresis_rate=40.0)
+    train, run = measured(cell, 1, n=9000), measured(cell, 2, n=9000)
+    fit = fit_network(
+        [train], capacity_Ah=cell.capacity_Ah, structure=minimal_structure(1.0, order), initial_soc=[SOC], dt_s=1.0
+    )
+    answer = diagnose(fit.network, [run], [SOC], train=[train], train_soc=[SOC], mode="structure")
+    found = next(each for each in answer.findings if each.effect == "hysteresis")
+    assert found.parameters["amplitude_V"].value == pytest.approx(0.03, rel=0.1)
+    added = add_effect(fit.network, "hysteresis", [train], [SOC], [run], [SOC])
+    assert added.parameters["amplitude_V"].value == pytest.approx(0.03, rel=0.15)
+    assert {each.error_before_mV for each in answer.findings} == {added.error_before_mV}
