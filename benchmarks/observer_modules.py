@@ -2,10 +2,10 @@
 
 ``python benchmarks/observer_modules.py [--cells nmc lfp] [--layout 4x1] [--cases 200] [--models DIR]``
 
-The model of one cell is that of `observer_cases.py`. The modules are of unequal cells with connectors: R and V_0 are
-identified from runs of two modules, the noise is tuned on these for each module model, its band on further modules, and
-random cases of yet others (random load, chamber steps between 0 and 40 degC) are observed from starts up to 40 points
-off. The reference is the mean state of charge of the module's cells.
+The model of one cell and the observer's settings are those of `observer_cases.py`. The modules are of unequal cells
+with connectors: R and V_0 are identified from runs of two modules, what they leave open is in the band, and random
+cases of others (random load, chamber steps between 0 and 40 degC) are observed from starts up to 40 points off. The
+reference is the mean state of charge of the module's cells.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ from observer_cells import DT_S, Case, chamber_degC, load_A
 from threadpoolctl import threadpool_limits
 
 from models.local_model_network import LocalModelNetwork
-from models.module import KINDS, ModuleRun, as_cell_run, identify_module
+from models.module import KINDS, ModuleModel, ModuleRun, as_cell_run, identify_module
 from models.observer import FuzzyObserver
 from models.observer.module_observer import ModuleObserver
-from models.observer.tuning import tune
 from models.resampling import to_grid
 from models.timeseries import TimeSeries
 from simulators.catalogue import cell_type
@@ -39,8 +38,8 @@ SPREAD = ModuleLayout(
     soc_spread=0.01,
 )
 CASE_S = 3600.0
-# Seeds of the runs that identify, and of those that only calibrate the band.
-_IDENTIFIED, _CALIBRATED = (20_000, 20_001), tuple(range(20_002, 20_010))
+# Seeds of the runs that identify.
+_IDENTIFIED = (20_000, 20_001)
 
 
 def main() -> int:
@@ -49,9 +48,9 @@ def main() -> int:
     with threadpool_limits(1, user_api="blas"):
         for cell in arguments.cells:
             network, _ = models(cell, arguments.models)
-            observers = module_observers(cell, network, arguments.layout)
+            modules = identified(cell, network, arguments.layout)
             cases = [module_case(cell, arguments.layout, number) for number in range(arguments.cases)]
-            rows += judge(cell, network, observers, cases)
+            rows += judge(cell, network, modules, cases)
     if arguments.json:
         print(json.dumps({"cases": arguments.cases, "rows": rows}))
     else:
@@ -60,42 +59,35 @@ def main() -> int:
     return 0
 
 
-def module_observers(cell: str, network: LocalModelNetwork, layout: ModuleLayout) -> dict[str, ModuleObserver]:
-    """Identify the four module models from the first runs, and tune an observer with each."""
+def identified(cell: str, network: LocalModelNetwork, layout: ModuleLayout) -> dict[str, ModuleModel]:
+    """Identify the four module models from the first runs."""
     size = layout.cells_in_series, layout.cells_in_parallel
-    cases = [module_case(cell, layout, seed) for seed in (*_IDENTIFIED, *_CALIBRATED)]
     known = [
         ModuleRun(
             case.series.voltage_V,
             case.series.current_A,
             network.free_run_V(to_grid(as_cell_run(case.series, *size), DT_S), case.initial_soc),
         )
-        for case in cases[: len(_IDENTIFIED)]
+        for case in (module_case(cell, layout, seed) for seed in _IDENTIFIED)
     ]
     rest_A = 0.005 * cell_type(cell).parameters.capacity_Ah * layout.cells_in_parallel
-    starts = [case.initial_soc for case in cases]
-    found = {}
-    for kind in KINDS:
-        module = identify_module(kind, known, *size, rest_A)
-        plain = ModuleObserver(FuzzyObserver(network), module)
-        runs = [plain.mean_cell_run(case.series) for case in cases]
-        settings = tune(network, runs[: len(_IDENTIFIED)], starts[: len(_IDENTIFIED)], None, (runs, starts))
-        found[kind] = ModuleObserver(FuzzyObserver(network, settings), module)
-    return found
+    return {kind: identify_module(kind, known, *size, rest_A) for kind in KINDS}
 
 
 def judge(
-    cell: str, network: LocalModelNetwork, observers: dict[str, ModuleObserver], cases: list[Case]
+    cell: str, network: LocalModelNetwork, modules: dict[str, ModuleModel], cases: list[Case]
 ) -> list[dict[str, Any]]:
     """Figures of every module model over all cases, a row for each and sensor; offsets are those of one cell."""
     rows, curve = [], slope_over_soc(network)
     for sensor, offset_C, offset_V in SENSORS:
-        for kind, observer in observers.items():
-            known = replace(observer.cell.settings, voltage_offset_std_V=offset_V)
-            seeing = ModuleObserver(FuzzyObserver(network, known), observer.module)
-            in_series, parallel = observer.module.cells_in_series, observer.module.cells_in_parallel
-            offset_A, volts = parallel * offset_C * network.cell.capacity_Ah, in_series * offset_V
-            each = [one_case(seeing, curve, *case, offset_A, volts, in_series) for case in enumerate(cases)]
+        known = replace(FuzzyObserver(network).settings, voltage_offset_std_V=offset_V)
+        for kind, module in modules.items():
+            seeing = ModuleObserver(FuzzyObserver(network, known), module)
+            offset_A = module.cells_in_parallel * offset_C * network.cell.capacity_Ah
+            volts = module.cells_in_series * offset_V
+            each = [
+                one_case(seeing, curve, *case, offset_A, volts, module.cells_in_series) for case in enumerate(cases)
+            ]
             rows.append({"cell": cell, "sensor": sensor, "observer": f"module model {kind}", **summary(each)})
     return rows
 

@@ -1,8 +1,8 @@
 """One sample of the observer as a compiled function of plain arrays; live and replay both call it.
 
 The state of one hypothesis is [y(k) ... y(k-n+1), SoC(k), quick error, slow error, current offset, capacity error,
-voltage offset, resistance error] (`places`). A sample goes through it as signals, prediction (`prediction`), correction
-(`correction`), and what all hypotheses say together (`hypotheses`).
+voltage offset, resistance error] (`places`). A sample goes through it as signals (`running_inputs`), prediction
+(`prediction`), correction (`correction`), and what all hypotheses say together (`hypotheses`).
 While the state of charge is not known well, several hypotheses run side by side (a Gaussian sum, Alspach and Sorenson,
 IEEE Trans. Autom. Control 17, 1972): an open-circuit curve is no straight line over half of its range. Those that the
 measurements contradict die out, those that meet are merged, and one remains.
@@ -13,18 +13,22 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from models.electrothermal_loop import HYSTERESIS, FlatNetwork, step_signals
+from models.electrothermal_loop import FlatNetwork
 from models.observer import hypotheses
+from models.observer.blending import Prepared
 from models.observer.correction import correct
 from models.observer.places import (
     BAND,
     CAPACITY_AH,
     CAPACITY_OUT,
     CAPACITY_STD_OUT,
+    COMPILED,
     COUNTED,
     EXPECTED_ROW,
     HELD_CURRENT,
     HELD_DIRECTION,
+    HELD_OFFSET,
+    HELD_OFFSET_STD,
     HELD_TEMPERATURE,
     INNOVATION_OUT,
     INNOVATION_ROW,
@@ -33,25 +37,32 @@ from models.observer.places import (
     MORE_A,
     NET,
     NET_SHARE,
+    OFFSET_OUT,
     OFFSET_STD_OUT,
     Q_SOC,
     R_JUDGED_MORE,
+    RESISTANCE_STD,
     SEEN,
+    SERIES_STD,
     SLOW_CHARGE,
     SLOW_RATE,
     SOC_STD_OUT,
     VOLTAGE_OUT,
 )
 from models.observer.prediction import predict
+from models.observer.running_inputs import move_on
 
 # Of a current that is not known, in multiples of the network's rest current: about 1C.
 _UNKNOWN_CURRENT = 200.0
+# Standard deviations of the current sensor's offset up to which a current is as good as none.
+_TOLD_SIGMA = 2.0
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def step(
     net: FlatNetwork,
-    level: np.ndarray,
+    prepared: Prepared,
+    errors: np.ndarray,
     gains: np.ndarray,
     constants: np.ndarray,
     # memory, updated in place
@@ -73,7 +84,8 @@ def step(
     Parameters
     ----------
     net : the network
-    level : (M,) size of the model's error near each local model, relative to all
+    prepared : what of it is worked out beforehand
+    errors : (N_ERRORS, M) standard deviations of the model's errors near each local model, normalised
     gains : (M, s + 1) steady-state gains K_i and, last, the variance of the SoC that they lead to
     constants : (N_CONSTANTS,)
     x, covariance, weight : (J, s), (J, s, s), (J,) hypotheses; the first whose weight is 0 ends them
@@ -94,7 +106,17 @@ def step(
     counted, moved = held[COUNTED], 0.0
     if not first:
         moved = (net.efficiency if current_A > 0.0 else 1.0) * current_A * net.soc_per_A
-    _signals(net, constants, filters, history, held, current_A, temperature_degC, counted + moved)
+    # What may be nothing but the sensor's offset is rest, and moves neither direction nor hysteresis.
+    flowing_A = current_A - held[HELD_OFFSET]
+    if abs(flowing_A) <= _TOLD_SIGMA * held[HELD_OFFSET_STD]:
+        flowing_A = 0.0
+    if abs(flowing_A) > net.rest_A:
+        held[HELD_DIRECTION] = np.sign(flowing_A)
+    change_A = 0.0 if first else current_A - held[HELD_CURRENT]
+    move_on(
+        net, prepared.per_span, constants[MORE_A], filters, history, current_A, flowing_A, change_A, counted + moved,
+        held[HELD_DIRECTION], temperature_degC, first,
+    )  # fmt: skip
     held[NET] += constants[NET_SHARE] * (moved - held[NET])
     keep_slow = np.exp(-constants[SLOW_RATE] - constants[SLOW_CHARGE] * abs(held[NET]))
     q_soc = 0.0 if first else constants[Q_SOC]
@@ -104,63 +126,25 @@ def step(
     alive = hypotheses.count(weight)
     for j in range(alive):
         base = x[j, max(net.order, 1)] - counted
-        error_level, overpotential = predict(
-            net, level, gains, constants, x[j], covariance[j], history, scratch, base, moved, keep_slow, q_soc, first,
-            voltage,
+        quick, slow, overpotential = predict(
+            net, prepared, errors, gains, constants, x[j], covariance[j], history, scratch, base, moved, keep_slow,
+            q_soc, first, voltage,
         )  # fmt: skip
-        correct(
-            constants, x[j], covariance[j], scratch, error_level, overpotential, voltage, first and net.order > 0, out
-        )
+        more = constants[RESISTANCE_STD] * overpotential + constants[SERIES_STD] * current_A
+        correct(constants, x[j], covariance[j], scratch, quick, slow, more, voltage, first and net.order > 0, out)
         scratch[EXPECTED_ROW, j], scratch[INNOVATION_ROW, j] = out[VOLTAGE_OUT], out[INNOVATION_OUT]
         scratch[LIKELIHOOD_ROW, j] = out[INNOVATION_STD_OUT]
     alive = hypotheses.weigh(x, covariance, weight, scratch, alive, voltage, out)
     hypotheses.sum_up(x, covariance, weight, alive, out)
     _to_physical(net, constants, out)
+    held[HELD_OFFSET], held[HELD_OFFSET_STD] = out[OFFSET_OUT], out[OFFSET_STD_OUT]
     held[HELD_CURRENT] = current_A
     held[HELD_TEMPERATURE] = temperature_degC
     held[SEEN] += 1.0
     held[COUNTED] = counted + moved
 
 
-@njit(cache=True)
-def _signals(
-    net: FlatNetwork,
-    constants: np.ndarray,
-    filters: np.ndarray,
-    history: np.ndarray,
-    held: np.ndarray,
-    current_A: float,
-    temperature_degC: float,
-    soc: float,
-) -> None:
-    """Move the history back by one sample, and write the signals as they are and with a little more current."""
-    _, depth, n_signals = history.shape
-    first = held[SEEN] == 0.0
-    if current_A > net.rest_A:
-        held[HELD_DIRECTION] = 1.0
-    elif current_A < -net.rest_A:
-        held[HELD_DIRECTION] = -1.0
-    for lag in range(depth - 1, 0, -1):
-        for s in range(n_signals):
-            history[0, lag, s], history[1, lag, s] = history[0, lag - 1, s], history[1, lag - 1, s]
-    change_A = 0.0 if first else current_A - held[HELD_CURRENT]
-    step_signals(net, filters[0], history[0, 0], current_A, change_A, soc, held[HELD_DIRECTION], temperature_degC)
-    if constants[MORE_A] > 0.0:
-        # A direction is a direction: an offset is not said to turn it.
-        more_A = current_A + constants[MORE_A]
-        step_signals(net, filters[1], history[1, 0], more_A, change_A, soc, held[HELD_DIRECTION], temperature_degC)
-        kind = net.kind
-        for s in range(n_signals):
-            if kind[s] == HYSTERESIS:
-                filters[1, s] = filters[0, s]
-                history[1, 0, s] = history[0, 0, s]
-    if first:
-        for lag in range(1, depth):
-            for s in range(n_signals):
-                history[0, lag, s], history[1, lag, s] = history[0, 0, s], history[1, 0, s]
-
-
-@njit(cache=True)
+@njit(**COMPILED)
 def _to_physical(net: FlatNetwork, constants: np.ndarray, out: np.ndarray) -> None:
     """Make volts of normalised ones, standard deviations of variances, and a capacity of its error."""
     out[INNOVATION_STD_OUT] += constants[R_JUDGED_MORE]

@@ -13,15 +13,13 @@ from models.observer.places import (
     AT_RESISTANCE,
     AT_SLOW,
     AT_VOLTAGE,
+    COMPILED,
     GAIN_ROW,
     INNOVATION_OUT,
     INNOVATION_STD_OUT,
     N_EXTRA,
     OUTPUT_ROW,
-    QUICK_STD,
     R_VOLTAGE,
-    RESISTANCE_STD,
-    SLOW_STD,
     SOC_SLACK,
     STEADY,
     VOLTAGE_OUT,
@@ -31,27 +29,27 @@ from models.observer.places import (
 _START_UP_RATIO = 1.5
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def correct(
     constants: np.ndarray,
     x: np.ndarray,
     covariance: np.ndarray,
     scratch: np.ndarray,
-    error_level: float,
-    overpotential: float,
+    quick: float,
+    slow: float,
+    more: float,
     voltage: float,
     started: bool,
     out: np.ndarray,
 ) -> None:
     """Correct one hypothesis by the measured voltage, if there is one.
 
-    Expected voltage, innovation and the innovation's variance (all normalised) go to `out`.
+    `quick`, `slow` and `more` are what one standard deviation of quick error, slow error and resistance error does to
+    the output. Expected voltage, innovation and the innovation's variance (all normalised) go to `out`.
     """
     size = x.shape[0]
     n = size - N_EXTRA
     gain, seen = scratch[GAIN_ROW], scratch[OUTPUT_ROW]
-    quick, slow = constants[QUICK_STD] * error_level, constants[SLOW_STD] * error_level
-    more = constants[RESISTANCE_STD] * overpotential
     at_quick, at_slow, at_voltage, at_more = n + AT_QUICK, n + AT_SLOW, n + AT_VOLTAGE, n + AT_RESISTANCE
     for a in range(size):
         seen[a] = covariance[0, a] + covariance[at_voltage, a] + quick * covariance[at_quick, a]
@@ -65,13 +63,26 @@ def correct(
         if constants[STEADY] == 0.0 or covariance[n, n] > _START_UP_RATIO * gain[size]:
             # Far less is known than in the steady state that the gains were designed for: the same filter's gain for
             # what is known now, until the two meet.
-            for a in range(size):
-                gain[a] = seen[a] / variance
-        _update(x, covariance, gain, seen, variance, innovation)
+            _update_best(x, covariance, seen, variance, innovation)
+        else:
+            _update(x, covariance, gain, seen, variance, innovation)
     _hold_within(x, covariance, n)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
+def _update_best(x: np.ndarray, covariance: np.ndarray, seen: np.ndarray, variance: float, innovation: float) -> None:
+    """Move the state by the gain s / v, which leaves the covariance P - s s' / v."""
+    size, per_root = x.shape[0], 1.0 / np.sqrt(variance)
+    step = innovation * per_root
+    for a in range(size):
+        seen[a] *= per_root
+        x[a] += seen[a] * step
+    for a in range(size):
+        for b in range(size):
+            covariance[a, b] -= seen[a] * seen[b]
+
+
+@njit(**COMPILED)
 def _update(
     x: np.ndarray, covariance: np.ndarray, gain: np.ndarray, seen: np.ndarray, variance: float, innovation: float
 ) -> None:
@@ -90,7 +101,7 @@ def _update(
             covariance[a, b] += gain[a] * gain[b] - seen[a] * seen[b]
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _hold_within(x: np.ndarray, covariance: np.ndarray, n: int) -> None:
     """Project the state where its SoC is more than full or less than empty (Simon, IET Control Theory 4, 2010, eq. 26).
 

@@ -54,7 +54,7 @@ class ObserverState:
 
     @property
     def held(self) -> FloatArray:
-        """Last current, direction, temperature, samples seen, charge counted and its mean."""
+        """Last current, direction, temperature, samples seen, charge counted and its mean, offset of the sensor."""
         return self.layout.part(self.memory, 5)
 
 
@@ -108,6 +108,7 @@ class FuzzyObserver:
     ----------
     network : a model with SoC(k-1) among its inputs
     settings : noise and errors the filter is designed for; by default those in the model's record
+    more_slow_V : (M,) what makes the slow error larger near each local model, standard deviation; nothing by default
 
     Raises
     ------
@@ -115,11 +116,17 @@ class FuzzyObserver:
         The network has no SoC input or kernels other than Gaussian.
     """
 
-    def __init__(self, network: LocalModelNetwork, settings: ObserverSettings | None = None) -> None:
+    def __init__(
+        self,
+        network: LocalModelNetwork,
+        settings: ObserverSettings | None = None,
+        more_slow_V: FloatArray | None = None,
+    ) -> None:
         if network.structure.kernel != "gaussian":
             raise ModelError("the observer needs a network with Gaussian validity functions")
         self.network = network
         self.settings = settings or default_settings(network)
+        self.more_slow_V = np.zeros(network.n_models) if more_slow_V is None else more_slow_V
         self.dt_s = network.structure.dt_s
         self._n = max(network.structure.output_order, 1)
         depth = 1 + max(1, *(lag for _, lag in network.structure.taps()))
@@ -152,6 +159,7 @@ class FuzzyObserver:
         )
         for place, variance in enumerate(variances):
             state.covariance[:count, n + place, n + place] = variance
+        state.held[places.HELD_OFFSET_STD] = s.current_offset_std_C * self.network.cell.capacity_Ah
         state.held[places.HELD_DIRECTION], state.held[places.HELD_TEMPERATURE] = -1.0, temperature_degC
         return state
 
@@ -200,7 +208,8 @@ class FuzzyObserver:
     def _pack(self) -> tuple[FloatArray, np.ndarray]:
         network, s = self.network, self.settings
         state_matrices(network)  # refuses a network without SoC
-        level, capacity_Ah, per_volt = error_levels(network), network.cell.capacity_Ah, 1.0 / network.voltage_span_V
+        capacity_Ah, per_volt = network.cell.capacity_Ah, 1.0 / network.voltage_span_V
+        rows = output_rows(network, s, error_levels(network), self.more_slow_V)
         constants = np.zeros(places.N_CONSTANTS)
         for place, value in (
             (places.Q_OUTPUT, (s.output_std_V * per_volt) ** 2),
@@ -209,8 +218,6 @@ class FuzzyObserver:
             (places.QUICK_KEEP, np.exp(-self.dt_s / s.quick_error_time_s)),
             (places.SLOW_RATE, self.dt_s / s.slow_error_time_s),
             (places.SLOW_CHARGE, 1.0 / s.slow_error_soc),
-            (places.QUICK_STD, s.quick_error_std_V * per_volt),
-            (places.SLOW_STD, s.slow_error_std_V * per_volt),
             (places.STEADY, float(s.gain == "steady")),
             (places.NET_SHARE, min(self.dt_s / places.NET_S, 1.0)),
             (places.MORE_A, _MORE_C * capacity_Ah if s.current_offset_std_C > 0.0 else 0.0),
@@ -218,15 +225,16 @@ class FuzzyObserver:
             (places.BAND, s.band_factor),
             (places.R_JUDGED_MORE, ((s.judged_noise_V or s.voltage_std_V) ** 2 - s.voltage_std_V**2) * per_volt**2),
             (places.RESISTANCE_STD, s.resistance_std),
+            (places.SERIES_STD, s.series_resistance_std_Ohm * per_volt),
         ):
             constants[place] = value
         gains = np.zeros((network.n_models, self._layout.states + 1))
         if s.gain == "steady":
             matrices, process = observer_matrices(network, s)
-            rows = output_rows(network, s, level)
             steady = steady_state_gains(matrices, rows, process, constants[places.R_VOLTAGE])
             gains[:, : self._n + 3], gains[:, -1] = steady[:, :-1], steady[:, -1]
-        return pack(flat_network(network), level, gains, constants, self._layout)
+        errors = np.ascontiguousarray(rows[:, self._n + 1 :].T)
+        return pack(flat_network(network), errors, gains, constants, self._layout)
 
 
 def _hypotheses(soc: float, std: float) -> tuple[FloatArray, FloatArray, float]:

@@ -80,13 +80,23 @@ def observer_matrices(network: LocalModelNetwork, settings: ObserverSettings) ->
     return matrices, np.diag(process)
 
 
-def output_rows(network: LocalModelNetwork, settings: ObserverSettings, level: FloatArray) -> FloatArray:
-    """(M, s) output rows C_i: y(k) plus the model's error, whose size depends on the local model."""
+def output_rows(
+    network: LocalModelNetwork, settings: ObserverSettings, level: FloatArray, more_slow_V: FloatArray | float = 0.0
+) -> FloatArray:
+    """(M, s) output rows C_i: y(k) plus the model's error, whose size depends on the local model.
+
+    Parameters
+    ----------
+    network : the model
+    settings : sizes of quick and slow error
+    level : (M,) how large they are near each local model, relative to all
+    more_slow_V : (M,) standard deviation of what makes the slow error larger there and has nothing to do with the rest
+    """
     n = max(network.structure.output_order, 1)
     rows = np.zeros((network.n_models, n + 3))
     rows[:, 0] = 1.0
     rows[:, n + 1] = level * settings.quick_error_std_V / network.voltage_span_V
-    rows[:, n + 2] = level * settings.slow_error_std_V / network.voltage_span_V
+    rows[:, n + 2] = np.hypot(level * settings.slow_error_std_V, more_slow_V) / network.voltage_span_V
     return rows
 
 

@@ -1,5 +1,8 @@
 """Whether the observer can be believed: innovations against their band, a sensor that stands still, data that is gone.
 
+A wrong model shows where the current changes. What does not change looks like another state of charge: a cell at rest
+whose voltage is on the model's curve, or a curve that is off by as much everywhere, cannot be told by its voltage.
+
 One step function for live and replay, as for the observer itself.
 """
 
@@ -25,15 +28,19 @@ REASONS = {
 }
 # Memory: mean squared normalised innovation, products of neighbours, last normalised innovation, last reading, for how
 # many samples it has not changed, lowest and highest expectation since, samples without voltage, at the limit, and with
-# an error beyond all that was assumed.
-NIS, PRODUCT, LAST, READING, SAME, LOWEST, HIGHEST, GONE, AT_LIMIT, BEYOND = range(10)
-N_MEMORY = 10
+# an error beyond all that was assumed; cumulative sum of what the squared innovations have too much.
+NIS, PRODUCT, LAST, READING, SAME, LOWEST, HIGHEST, GONE, AT_LIMIT, BEYOND, SUM = range(11)
+N_MEMORY = 11
 # Samples over which the innovations are averaged.
 _WINDOW = 20.0
 # A single spike counts no more than this, so that it alone is no alarm.
 _SPIKE = 25.0
-# Mean squared normalised innovation beyond which the model does not fit; 1 is as assumed.
-_MOST_NIS = 4.0
+# Cumulative sum (Page, Biometrika 41, 1954) of squared normalised innovations, 1 on average as assumed, less this; the
+# model does not fit where it is beyond the limit. White innovations of the assumed size get there once in more than
+# exp(0.398 x 50) = 4e8 samples, 0.398 being the root of (1 - 2 t)^(-1/2) = exp(2 t) (Wald's bound). It goes no
+# further than twice the limit, so that the alarm ends within a minute or so of what caused it.
+_ALLOWED = 2.0
+_MOST_SUM = 50.0
 # The filter's own estimate of the model's error beyond which it contradicts what was assumed, and for how long.
 _MOST_SIGMA = 5.0
 _BEYOND_SAMPLES = 10
@@ -136,7 +143,9 @@ def _compiled_step(memory: np.ndarray, row: np.ndarray, voltage_V: float, out: n
         memory[GONE] = 0.0
         normalised = row[places.INNOVATION_OUT] / max(row[places.INNOVATION_STD_OUT], 1e-12)
         share = 1.0 / _WINDOW
-        memory[NIS] += share * (min(normalised * normalised, _SPIKE) - memory[NIS])
+        square = min(normalised * normalised, _SPIKE)
+        memory[NIS] += share * (square - memory[NIS])
+        memory[SUM] = min(max(memory[SUM] + square - _ALLOWED, 0.0), 2.0 * _MOST_SUM)
         bounded = min(max(normalised, -5.0), 5.0)
         memory[PRODUCT] += share / 5.0 * (bounded * memory[LAST] - memory[PRODUCT])
         memory[LAST] = bounded
@@ -154,7 +163,7 @@ def _compiled_step(memory: np.ndarray, row: np.ndarray, voltage_V: float, out: n
     moved = memory[HIGHEST] - memory[LOWEST]
     if memory[SAME] >= _SAME_SAMPLES and moved > _MOVED_SIGMA * row[places.INNOVATION_STD_OUT]:
         alarm += STUCK
-    elif memory[NIS] > _MOST_NIS or memory[BEYOND] >= _BEYOND_SAMPLES:
+    elif memory[SUM] > _MOST_SUM or memory[BEYOND] >= _BEYOND_SAMPLES:
         alarm += MODEL
     if memory[GONE] >= _GONE_SAMPLES:
         alarm += MISSING

@@ -16,6 +16,7 @@ from models.observer.places import (
     AT_SLOW,
     CAPACITY_OUT,
     CAPACITY_STD_OUT,
+    COMPILED,
     ERROR_OUT,
     EXPECTED_ROW,
     HYPOTHESES_OUT,
@@ -40,7 +41,7 @@ _MERGE_SHARE = 0.6
 _WIDEST_STD = 0.02
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def count(weight: np.ndarray) -> int:
     """How many hypotheses there are."""
     alive = 0
@@ -49,7 +50,7 @@ def count(weight: np.ndarray) -> int:
     return alive
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def weigh(
     x: np.ndarray,
     covariance: np.ndarray,
@@ -84,7 +85,7 @@ def weigh(
     return _thin_out(x, covariance, weight, alive)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def sum_up(x: np.ndarray, covariance: np.ndarray, weight: np.ndarray, alive: int, out: np.ndarray) -> None:
     """Write mean and variance of SoC, current offset and capacity error over all hypotheses."""
     n = x.shape[1] - N_EXTRA
@@ -104,7 +105,7 @@ def sum_up(x: np.ndarray, covariance: np.ndarray, weight: np.ndarray, alive: int
         out[at], out[at_variance] = mean, square
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _thin_out(x: np.ndarray, covariance: np.ndarray, weight: np.ndarray, alive: int) -> int:
     """Drop unlikely hypotheses, merge those that have met, and make the weights add up to 1."""
     n = x.shape[1] - N_EXTRA
@@ -128,14 +129,24 @@ def _thin_out(x: np.ndarray, covariance: np.ndarray, weight: np.ndarray, alive: 
     for j in range(alive):
         if weight[j] > 0.0:
             if j != left:
-                x[left], covariance[left], weight[left] = x[j], covariance[j], weight[j]
-                weight[j] = 0.0
+                _copy(x, covariance, j, left)
+                weight[left], weight[j] = weight[j], 0.0
             left += 1
     _normalise(weight, left)
     return left
 
 
-@njit(cache=True)
+@njit(**COMPILED)
+def _copy(x: np.ndarray, covariance: np.ndarray, source: int, target: int) -> None:
+    """Put a hypothesis in another place."""
+    size = x.shape[1]
+    for a in range(size):
+        x[target, a] = x[source, a]
+        for b in range(size):
+            covariance[target, a, b] = covariance[source, a, b]
+
+
+@njit(**COMPILED)
 def _merge(x: np.ndarray, covariance: np.ndarray, i: int, j: int, share: float) -> None:
     """Put two hypotheses into the first, mean and covariance kept."""
     size = x.shape[1]
@@ -148,7 +159,7 @@ def _merge(x: np.ndarray, covariance: np.ndarray, i: int, j: int, share: float) 
         x[i, a] = share * x[i, a] + (1.0 - share) * x[j, a]
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _normalise(weight: np.ndarray, alive: int) -> None:
     total = 0.0
     for j in range(alive):

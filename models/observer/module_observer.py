@@ -9,26 +9,35 @@ import numpy as np
 from models.module import ModuleModel
 from models.observer import places
 from models.observer.fuzzy_observer import FuzzyObserver, ObserverOutput, ObserverState
+from models.observer.module_errors import CellSpread, module_settings, slow_error_V
 from models.timeseries import FloatArray, TimeSeries
 
 # Columns that a module has n times of, and p times of.
 _VOLTS = [places.VOLTAGE_OUT, places.INNOVATION_OUT, places.INNOVATION_STD_OUT]
 _AMPERES = [places.OFFSET_OUT, places.OFFSET_STD_OUT, places.CAPACITY_OUT, places.CAPACITY_STD_OUT]
+_USUAL = CellSpread()
 
 
 class ModuleObserver:
     """Estimates the state of charge of a module's mean cell.
 
     The module's resistance and offset (eq. 2.27 to 2.30) are taken off its voltage, what is left is shared among the
-    cells; a cell that differs from the mean is not seen.
+    cells; a cell that differs from the mean is not seen. What the cells' spread and unknown resistances may make of the
+    mean cell is in the band (`module_errors`).
 
     Parameters
     ----------
-    cell : observer of one cell
+    cell : observer of one cell, tuned with data of cells
     module : S1 to S4 with the layout
+    spread : how different the cells are; None where the cell's settings hold all of that already, tuned with the runs
+        of modules that `mean_cell_run` gives
     """
 
-    def __init__(self, cell: FuzzyObserver, module: ModuleModel) -> None:
+    def __init__(self, cell: FuzzyObserver, module: ModuleModel, spread: CellSpread | None = _USUAL) -> None:
+        network = cell.network
+        if spread is not None:
+            settings = module_settings(cell.settings, network, module, spread)
+            cell = FuzzyObserver(network, settings, np.hypot(cell.more_slow_V, slow_error_V(network, module, spread)))
         self.cell, self.module = cell, module
         self.network, self.dt_s = cell.network, cell.dt_s
 

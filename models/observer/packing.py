@@ -1,6 +1,6 @@
 """Network and memory as three flat arrays, so that a live call hands over little.
 
-Each array that goes into a compiled function costs about half a microsecond to look at; a network is twenty of them.
+Each array that goes into a compiled function costs about half a microsecond to look at; a network is thirty of them.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from numba import njit
 
 from models.electrothermal_loop import FlatNetwork
 from models.observer import compiled
-from models.observer.places import MOVED_ROWS, N_HELD
+from models.observer.blending import GROUP, Prepared, prepare
+from models.observer.places import AXIS_ROWS, N_ERRORS, N_HELD
 from models.timeseries import FloatArray
 
 # Places in the array of whole numbers; the index arrays of the network follow.
-HYPOTHESES, STATES, SIGNALS, DEPTH, MODELS, PARAMETERS, ORDER, KERNEL, AXES, TAPS = range(10)
-N_SIZES = 10
+HYPOTHESES, STATES, SIGNALS, DEPTH, MODELS, PARAMETERS, ORDER, KERNEL, AXES, TAPS, INTERVALS = range(11)
+N_SIZES = 11
 
 
 @dataclass(frozen=True)
@@ -54,25 +55,37 @@ class Layout:
 
 
 def pack(
-    net: FlatNetwork, level: FloatArray, gains: FloatArray, constants: FloatArray, layout: Layout
+    net: FlatNetwork, errors: FloatArray, gains: FloatArray, constants: FloatArray, layout: Layout
 ) -> tuple[FloatArray, np.ndarray]:
     """Lay a network with the observer's own constants into an array of numbers and one of whole numbers."""
     n_models, n_params = net.theta.shape
     sizes = [layout.hypotheses, layout.states, layout.signals, layout.depth, n_models, n_params, net.order, net.kernel]
-    sizes += [len(net.axis_signal), len(net.tap_signal)]
-    indices = (net.kind, net.tap_signal, net.tap_lag, net.axis_signal, net.axis_lag)
+    prepared = prepare(net)
+    sizes += [len(net.axis_signal), len(net.tap_signal), prepared.centre.shape[1]]
+    indices = (net.kind, net.tap_signal, net.tap_lag, net.axis_signal, net.axis_lag, prepared.counts, prepared.member)
     whole = np.concatenate([np.array(sizes), *(np.ravel(part) for part in indices)]).astype(np.int64)
     scalars = (net.rest_A, net.soc_per_A, net.efficiency, net.voltage_low, net.voltage_span)
     arrays = (net.theta, net.centres, net.widths, net.pole, net.activation_K, net.exchange_A, net.factor, net.low)
-    parts: tuple[Any, ...] = (scalars, *arrays, net.span, level, gains, constants)
+    parts: tuple[Any, ...] = (
+        scalars,
+        *arrays,
+        net.span,
+        prepared.centre,
+        prepared.per_width,
+        prepared.theta,
+        prepared.per_span,
+        errors,
+        gains,
+        constants,
+    )
     return np.concatenate([np.ravel(np.asarray(part, dtype=np.float64)) for part in parts]), whole
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def unpack_network(numbers: np.ndarray, whole: np.ndarray) -> tuple:
-    """Views of network, error levels, gains and constants."""
+    """Views of network, its partition, error sizes, gains and constants."""
     m, p, k = whole[MODELS], whole[PARAMETERS], whole[SIGNALS]
-    axes, taps, states = whole[AXES], whole[TAPS], whole[STATES]
+    axes, taps, states, most = whole[AXES], whole[TAPS], whole[STATES], whole[INTERVALS]
     at = 5
     theta = numbers[at : at + m * p].reshape(m, p)
     at += m * p
@@ -84,8 +97,15 @@ def unpack_network(numbers: np.ndarray, whole: np.ndarray) -> tuple:
     at += 3 * k
     each = numbers[at : at + 5 * k].reshape(5, k)
     at += 5 * k
-    level = numbers[at : at + m]
-    at += m
+    interval = numbers[at : at + 2 * axes * most].reshape(2, axes, most)
+    at += 2 * axes * most
+    groups = (p + GROUP - 1) // GROUP
+    in_groups = numbers[at : at + groups * m * GROUP].reshape(groups, m, GROUP)
+    at += groups * m * GROUP
+    per_span = numbers[at : at + k]
+    at += k
+    errors = numbers[at : at + N_ERRORS * m].reshape(N_ERRORS, m)
+    at += N_ERRORS * m
     gains = numbers[at : at + m * (states + 1)].reshape(m, states + 1)
     constants = numbers[at + m * (states + 1) :]
     start = N_SIZES + k
@@ -112,10 +132,13 @@ def unpack_network(numbers: np.ndarray, whole: np.ndarray) -> tuple:
         numbers[3],
         numbers[4],
     )
-    return net, level, gains, constants
+    start += 2 * taps + 2 * axes
+    member = whole[start + axes : start + axes + axes * m].reshape(axes, m)
+    prepared = Prepared(interval[0], interval[1], whole[start : start + axes], member, in_groups, per_span)
+    return net, prepared, errors, gains, constants
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def unpack_memory(memory: np.ndarray, whole: np.ndarray) -> tuple:
     """Views of states, covariances, weights, filters, past signals and the rest."""
     j, s, k, d = whole[HYPOTHESES], whole[STATES], whole[SIGNALS], whole[DEPTH]
@@ -131,13 +154,13 @@ def unpack_memory(memory: np.ndarray, whole: np.ndarray) -> tuple:
     return x, covariance, weight, filters, history, memory[at + 2 * d * k :]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _scratch(whole: np.ndarray) -> np.ndarray:
-    width = max(max(whole[MODELS], whole[PARAMETERS]), max(whole[HYPOTHESES], whole[STATES] + 1))
-    return np.empty((MOVED_ROWS + whole[STATES], width))
+    width = max(max(whole[MODELS], whole[PARAMETERS] + GROUP), max(whole[HYPOTHESES], whole[STATES] + 1))
+    return np.empty((AXIS_ROWS + 2 * whole[AXES], width))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def replay(
     numbers: np.ndarray,
     whole: np.ndarray,
@@ -148,17 +171,17 @@ def replay(
     out: np.ndarray,
 ) -> None:
     """Run `compiled.step` over whole arrays; `memory` is updated in place, `out` is (N, N_OUT) in physical units."""
-    net, level, gains, constants = unpack_network(numbers, whole)
+    net, prepared, errors, gains, constants = unpack_network(numbers, whole)
     x, covariance, weight, filters, history, held = unpack_memory(memory, whole)
     scratch = _scratch(whole)
     for k in range(current_A.shape[0]):
         compiled.step(
-            net, level, gains, constants, x, covariance, weight, filters, history, held, scratch,
+            net, prepared, errors, gains, constants, x, covariance, weight, filters, history, held, scratch,
             current_A[k], voltage_V[k], temperature_degC[k], out[k],
         )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(
     numbers: np.ndarray,
     whole: np.ndarray,
@@ -169,10 +192,10 @@ def step(
     out: np.ndarray,
 ) -> None:
     """Run `compiled.step` once; see `replay`."""
-    net, level, gains, constants = unpack_network(numbers, whole)
+    net, prepared, errors, gains, constants = unpack_network(numbers, whole)
     x, covariance, weight, filters, history, held = unpack_memory(memory, whole)
     scratch = _scratch(whole)
     compiled.step(
-        net, level, gains, constants, x, covariance, weight, filters, history, held, scratch,
+        net, prepared, errors, gains, constants, x, covariance, weight, filters, history, held, scratch,
         current_A, voltage_V, temperature_degC, out,
     )  # fmt: skip

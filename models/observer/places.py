@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+# How the observer's loops are compiled: without counting references to arrays, which took longer than the arithmetic
+# (nothing inside allocates), and with a division by zero giving inf.
+COMPILED: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}
 # Places in the state after the n past outputs.
 AT_SOC, AT_QUICK, AT_SLOW, AT_OFFSET, AT_CAPACITY, AT_VOLTAGE, AT_RESISTANCE, N_EXTRA = range(8)
 # Constants: noise variances per sample (normalised output, SoC, measurement); how much of the quick error is kept from
-# sample to sample; how fast the slow error fades with time (per sample) and with charge (per unit of SoC); their
-# standard deviations (normalised); whether the steady-state gains are used; weight of a sample in the net movement;
-# the little more current (0: no offset is estimated); nominal capacity; by how much the SoC's band is widened;
-# relative standard deviation of the resistances; what the variance that innovations are judged by has more.
-Q_OUTPUT, Q_SOC, R_VOLTAGE, QUICK_KEEP, SLOW_RATE, SLOW_CHARGE, QUICK_STD, SLOW_STD, STEADY, NET_SHARE, MORE_A = range(
-    11
-)
-CAPACITY_AH, BAND, RESISTANCE_STD, R_JUDGED_MORE = 11, 12, 13, 14
-N_CONSTANTS = 15
+# sample to sample; how fast the slow error fades with time (per sample) and with charge (per unit of SoC); whether the
+# steady-state gains are used; weight of a sample in the net movement; the little more current (0: no offset is
+# estimated); nominal capacity; by how much the SoC's band is widened; relative standard deviation of the resistances,
+# and that of a resistance in series (normalised output per ampere); what the variance that innovations are judged by
+# has more.
+Q_OUTPUT, Q_SOC, R_VOLTAGE, QUICK_KEEP, SLOW_RATE, SLOW_CHARGE, STEADY, NET_SHARE, MORE_A = range(9)
+CAPACITY_AH, BAND, RESISTANCE_STD, SERIES_STD, R_JUDGED_MORE = range(9, 14)
+N_CONSTANTS = 14
+# Rows of the sizes that the model's error has near each local model.
+QUICK_SIZE, SLOW_SIZE, N_ERRORS = range(3)
 # Memory besides the filters: last current, direction, last temperature, samples seen, charge counted since the start,
-# and how the state of charge moves on average over `NET_S`.
-HELD_CURRENT, HELD_DIRECTION, HELD_TEMPERATURE, SEEN, COUNTED, NET = range(6)
-N_HELD = 6
+# how the state of charge moves on average over `NET_S`, and what the current sensor reads too much with its standard
+# deviation.
+HELD_CURRENT, HELD_DIRECTION, HELD_TEMPERATURE, SEEN, COUNTED, NET, HELD_OFFSET, HELD_OFFSET_STD = range(8)
+N_HELD = 8
 # A load that only swings does not leave the place on the open-circuit curve at which the model is wrong.
 NET_S = 600.0
 # Columns of the output row, in physical units.
@@ -29,6 +36,7 @@ N_OUT = 11
 SOC_SLACK = 0.01
 # Rows of the scratch space: likelihood, expected voltage and innovation of each hypothesis; output row and gain over
 # the states; validity and its derivative over the local models; blended parameters and their derivative; what is kept
-# of each state; covariance on its way.
+# of each state, and two rows of the covariance on its way; for each axis of the partition the kernels of its intervals
+# and their derivatives.
 LIKELIHOOD_ROW, EXPECTED_ROW, INNOVATION_ROW, OUTPUT_ROW, GAIN_ROW, VALIDITY_ROW, TILT_ROW = range(7)
-BLENDED_ROW, TILTED_ROW, KEPT_ROW, MOVED_ROWS = range(7, 11)
+BLENDED_ROW, TILTED_ROW, KEPT_ROW, MOVED_ROW, COUNTED_ROW, AXIS_ROWS = range(7, 13)

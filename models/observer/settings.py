@@ -24,6 +24,7 @@ _MAY_BE_ZERO = (
     "capacity_std",
     "voltage_offset_std_V",
     "resistance_std",
+    "series_resistance_std_Ohm",
     "judged_noise_V",
 )
 
@@ -43,6 +44,8 @@ class ObserverSettings:
     slow_error_std_V, slow_error_time_s, slow_error_soc : model error that fades with time and with the charge that
         moves (open-circuit curve, slow diffusion); it is down to 1/e after `slow_error_soc` of the capacity
     resistance_std : relative standard deviation of what the current does to the output; changes as the slow error does
+    series_resistance_std_Ohm : standard deviation of a resistance in series with the cell that is not in the model
+        (contacts, connectors of a module); it adds to the error of the resistances as if both were one
     output_std_V : process noise of the model's output per sample; 0 where the model was fitted in free run, as here
     soc_std_per_sqrt_s : process noise of the SoC as a random walk, fraction per sqrt(s)
     initial_soc_std : uncertainty of the initial SoC where none is given
@@ -64,6 +67,7 @@ class ObserverSettings:
     slow_error_time_s: float = 3600.0
     slow_error_soc: float = 0.1
     resistance_std: float = 0.02
+    series_resistance_std_Ohm: float = 0.0
     output_std_V: float = 0.0
     soc_std_per_sqrt_s: float = 1e-5
     initial_soc_std: float = 0.2

@@ -63,12 +63,16 @@ _STEP_SOC = 0.002
 # So many samples are looked at, the same number from the beginning of each run.
 _LONGEST = 100_000
 _ITERATIONS = 500
-# The band is calibrated from these wrong starts, each with an offset of the current sensor in multiples of the assumed
-# standard deviation, and widened by no more than this.
-_STARTS_OFF = ((-0.3, -2.0), (0.0, 0.0), (0.3, 2.0))
-_BAND_FACTORS = (0.5, 8.0)
+# What is assumed of the current sensor where nothing is declared: a tuned model is good enough to tell so much.
+# The band is calibrated from these wrong starts, each with an offset of that sensor in multiples of the assumed
+# standard deviation. It is widened by no more than this, and never narrower than the filter's own: what hours of
+# calibration have told of the start and the sensors, a shorter run does not know.
+_OFFSET_STD_C = 0.01
+_STARTS_OFF = ((-0.3, -1.0), (0.0, 0.0), (0.3, 1.0))
+_BAND_FACTORS = (1.0, 8.0)
 _HELD = 0.95
-# Neighbouring samples say the same; one in so many is enough to judge by.
+# This part of a run is left to the start. Neighbouring samples say the same; one in so many is enough to judge by.
+_SETTLING = 20
 _EVERY = 10
 # Factors on slow error and noise, tried around what is most likely; the first is that itself.
 _AROUND = tuple((slow, noise) for noise in (1.0, 3.0, 10.0) for slow in (1.0, 0.3, 3.0))
@@ -111,7 +115,8 @@ def tune(
     ----------
     network : the model
     runs, initial_soc : runs that it was identified from, and the fraction at which each starts
-    settings : where to begin, and what is not tuned (sensor offset, capacity); by default the model's own
+    settings : where to begin, and what is not tuned (sensor offset, capacity); by default the model's own, with a
+        standard deviation of the current sensor's offset of 1 % of 1C
     held_out : runs that the fit did not see and their initial SoC, to calibrate the band; by default the same runs
 
     Returns
@@ -161,7 +166,7 @@ def tune_on_grid(
     data = tuning_data(network, runs, initial_soc)
     rms_V = float(np.sqrt(np.nanmean(data.error_V**2)))
     first = replace(
-        settings or default_settings(network),
+        settings or replace(default_settings(network), current_offset_std_C=_OFFSET_STD_C),
         voltage_std_V=0.5 * rms_V,
         quick_error_std_V=0.5 * rms_V,
         slow_error_std_V=0.7 * rms_V,
@@ -230,7 +235,7 @@ def calibrated_band(
     errors, stds = [], []
     for run, soc in zip(runs, initial_soc, strict=True):
         counted = soc_by_counting(run.charge_Ah, soc, network.cell.capacity_Ah, network.cell.efficiency)
-        late, seen = slice(len(run) // 4, None, _EVERY), []
+        late, seen = slice(len(run) // _SETTLING, None, _EVERY), []
         for off, offset in _STARTS_OFF:
             state = observer.initial(float(np.clip(soc + off, 0.0, 1.0)))
             current_A = run.current_A + offset * settings.current_offset_std_C * network.cell.capacity_Ah

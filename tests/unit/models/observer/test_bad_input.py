@@ -120,3 +120,22 @@ def test_an_alarm_is_told_once_for_as_long_as_it_lasts(observer: FuzzyObserver, 
         watcher.step(out, voltage)
         told += [(k, reason) for reason in watcher.new_alarms()]
     assert [(k, reason.partition(":")[0]) for k, reason in told] == [(79, "no voltage for too long")]
+
+
+def test_innovations_a_little_too_large_for_long_add_up_and_are_forgotten() -> None:
+    row, memory = np.zeros(11), watching.fresh_memory()
+    row[4] = 0.01
+    alarmed = []
+    for k in range(600):
+        row[3] = (0.018 if 100 <= k < 300 else 0.01) * (-1.0) ** k
+        memory, verdict = watching.step(memory, row, 3.0 + 0.001 * k)
+        alarmed.append(bool(verdict.alarm & MODEL))
+    # 1.8 standard deviations each time: 3.24 on average where 1 is assumed and 2 allowed.
+    assert not any(alarmed[:130]) and alarmed[160] and alarmed[299] and not any(alarmed[420:])
+
+
+def test_white_innovations_of_the_assumed_size_are_no_alarm() -> None:
+    rng = np.random.default_rng(8)
+    rows = np.zeros((200_000, 11))
+    rows[:, 3], rows[:, 4] = 0.01 * rng.standard_normal(len(rows)), 0.01
+    assert not watching.watch(rows, 3.0 + 1e-4 * np.arange(len(rows)))[:, 2].any()
