@@ -10,10 +10,15 @@ from models.timeseries import FloatArray
 
 _BINS = 12
 _LEAST_STRENGTH = 0.05
+# Chance alone spreads the square of an error that hangs together over hundreds of samples about half as unevenly.
+_LEAST_UNEVENNESS = 0.2
 
 
 def depends_on(views: tuple[View, ...], error_V: FloatArray) -> tuple[tuple[str, float], ...]:
     """Share of the squared error that each variable alone predicts, the strongest first.
+
+    No variable predicts an error that is as often positive as negative at the same place, as one of a wrong dynamic is.
+    Then it is told where it is large: how unevenly its square lies over each variable.
 
     Parameters
     ----------
@@ -26,10 +31,14 @@ def depends_on(views: tuple[View, ...], error_V: FloatArray) -> tuple[tuple[str,
 
     Notes
     -----
-    Correlation ratio over bins of equal count, less what chance gives it.
+    Correlation ratio over bins of equal count, less what chance gives it; for the square, half the sum of differences
+    between its shares in such bins and the shares of samples (total variation).
     """
-    strengths = {name: _correlation_ratio(values, error_V) for name, values in _variables(views).items()}
-    found = [(name, strength) for name, strength in strengths.items() if strength >= _LEAST_STRENGTH]
+    bins = {name: _bins(values) for name, values in _variables(views).items()}
+    predicted = {name: _correlation_ratio(own, error_V) for name, own in bins.items()}
+    uneven = {name: _unevenness(own, error_V) for name, own in bins.items()}
+    found = [pair for pair in predicted.items() if pair[1] >= _LEAST_STRENGTH]
+    found = found or [pair for pair in uneven.items() if pair[1] >= _LEAST_UNEVENNESS]
     return tuple(sorted(found, key=lambda pair: -pair[1]))
 
 
@@ -58,14 +67,25 @@ def _since_step_s(view: View) -> FloatArray:
     return (index - np.maximum.accumulate(np.where(step, index, 0))) * view.run.dt_s
 
 
-def _correlation_ratio(values: FloatArray, error: FloatArray) -> float:
+def _bins(values: FloatArray) -> np.ndarray:
+    """(n,) number of the bin of equal count."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)))
-    if len(edges) < 2:
-        return 0.0
-    own = np.searchsorted(edges[1:-1], values, side="right")
+    return np.searchsorted(edges[1:-1], values, side="right")
+
+
+def _correlation_ratio(own: np.ndarray, error: FloatArray) -> float:
     count = np.bincount(own)
+    if len(count) < 2:
+        return 0.0
     sums = np.bincount(own, weights=error)
     between = float(np.sum(sums**2 / np.maximum(count, 1)))
     total = float(error @ error)
     chance = np.count_nonzero(count) / len(error)
     return float(np.clip(between / total - chance, 0.0, 1.0)) if total > 0.0 else 0.0
+
+
+def _unevenness(own: np.ndarray, error: FloatArray) -> float:
+    total = float(error @ error)
+    if total == 0.0:
+        return 0.0
+    return 0.5 * float(np.abs(np.bincount(own, weights=error**2) / total - np.bincount(own) / len(own)).sum())
