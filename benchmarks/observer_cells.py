@@ -1,7 +1,7 @@
 """Simulated cells for the observer's benchmarks: training runs over 0..40 degC, and random runs to observe.
 
-The chamber steps between temperatures, the sensors are noisy, the cell starts rested; what the cell does is known to
-the last digit, so that the error of an estimate is too.
+The chamber steps between temperatures, the sensors are noisy, the cell starts rested, when observed at any place in its
+hysteresis loop; what the cell does is known to the last digit, so that the error of an estimate is too.
 """
 
 from __future__ import annotations
@@ -57,19 +57,25 @@ def training_runs(cell: str, seed: int = 0) -> list[TimeSeries]:
         current = np.concatenate([[0.0], profile.current_A[held]])
         ambient = np.full(len(current), degC) if degC is not None else chamber_degC(len(current), rng)
         runs.append(play(cell, current, ambient, 0.5, rng, SensorParameters(), f"{cell} training {number}"))
-    loads = (random_case(cell, 10_000 * (seed + 1) + number, _TRAINING_S).series for number in range(2))
+    loads = (random_case(cell, 10_000 * (seed + 1) + number, _TRAINING_S, anywhere=False).series for number in range(2))
     return [*runs, *loads]
 
 
-def random_case(cell: str, seed: int, duration_s: float = 7200.0, sensors: SensorParameters | None = None) -> Case:
-    """Random load with rests and a chamber that steps between 0 and 40 degC; the same seed gives the same case."""
+def random_case(
+    cell: str, seed: int, duration_s: float = 7200.0, sensors: SensorParameters | None = None, anywhere: bool = True
+) -> Case:
+    """Random load with rests and a chamber that steps between 0 and 40 degC; the same seed gives the same case.
+
+    The cell starts at any place in its hysteresis loop, or in the middle.
+    """
     rng = np.random.default_rng([7919, seed])
     capacity_Ah = cell_type(cell).parameters.capacity_Ah
     initial_soc = float(rng.uniform(0.2, 0.9))
     n = round(duration_s / DT_S) + 1
     current = load_A(n, capacity_Ah, initial_soc, rng)
+    loop = float(np.random.default_rng([7919, seed, 1]).uniform(-1.0, 1.0)) if anywhere else 0.0
     series = play(
-        cell, current, chamber_degC(n, rng), initial_soc, rng, sensors or SensorParameters(), f"{cell} {seed}"
+        cell, current, chamber_degC(n, rng), initial_soc, rng, sensors or SensorParameters(), f"{cell} {seed}", loop
     )
     return Case(series, initial_soc)
 
@@ -119,9 +125,11 @@ def play(
     rng: np.random.Generator,
     sensors: SensorParameters,
     name: str,
+    loop: float = 0.0,
 ) -> TimeSeries:
-    """Play a current through a rested cell and read its sensors; `soc_ref` is the truth."""
+    """Play a current through a rested cell and read its sensors; `soc_ref` is the truth, `loop` where it starts."""
     simulated = Cell(cell_type(cell).parameters, initial_soc, float(ambient_degC[0]))
+    simulated.state = simulated.state._replace(hysteresis=loop)
     measuring = Sensors(sensors, rng)
     rows, soc = [], np.empty(len(current_A))
     for k, (current, ambient) in enumerate(zip(current_A.tolist(), ambient_degC.tolist(), strict=True)):

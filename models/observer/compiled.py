@@ -1,7 +1,8 @@
 """One sample of the observer as a compiled function of plain arrays; live and replay both call it.
 
 The state of one hypothesis is [y(k) ... y(k-n+1), SoC(k), quick error, slow error, current offset, capacity error,
-voltage offset, resistance error] (`places`). A sample goes through it as signals (`running_inputs`), prediction
+voltage offset, resistance error, place in the hysteresis loop at the start] (`places`), the last where there is a
+loop. A sample goes through it as signals (`running_inputs`), prediction
 (`prediction`), correction (`correction`), and what all hypotheses say together (`hypotheses`).
 While the state of charge is not known well, several hypotheses run side by side (a Gaussian sum, Alspach and Sorenson,
 IEEE Trans. Autom. Control 17, 1972): an open-circuit curve is no straight line over half of its range. Those that the
@@ -123,19 +124,19 @@ def step(
     if missing_current:
         # Nothing is known of the charge that flows: as if it were 1C either way, in each sample anew.
         q_soc += (net.soc_per_A * net.rest_A * _UNKNOWN_CURRENT) ** 2
-    alive = hypotheses.count(weight)
+    alive, n = hypotheses.count(weight), max(net.order, 1)
     for j in range(alive):
-        base = x[j, max(net.order, 1)] - counted
+        base = x[j, n] - counted
         quick, slow, overpotential = predict(
-            net, prepared, errors, gains, constants, x[j], covariance[j], history, scratch, base, moved, keep_slow,
-            q_soc, first, voltage,
+            net, prepared, errors, gains, constants, x[j], covariance[j], filters, history, scratch, base, moved,
+            keep_slow, q_soc, first, voltage,
         )  # fmt: skip
         more = constants[RESISTANCE_STD] * overpotential + constants[SERIES_STD] * current_A
-        correct(constants, x[j], covariance[j], scratch, quick, slow, more, voltage, first and net.order > 0, out)
+        correct(n, constants, x[j], covariance[j], scratch, quick, slow, more, voltage, first and net.order > 0, out)
         scratch[EXPECTED_ROW, j], scratch[INNOVATION_ROW, j] = out[VOLTAGE_OUT], out[INNOVATION_OUT]
         scratch[LIKELIHOOD_ROW, j] = out[INNOVATION_STD_OUT]
-    alive = hypotheses.weigh(x, covariance, weight, scratch, alive, voltage, out)
-    hypotheses.sum_up(x, covariance, weight, alive, out)
+    alive = hypotheses.weigh(n, x, covariance, weight, scratch, alive, voltage, out)
+    hypotheses.sum_up(n, x, covariance, weight, alive, out)
     _to_physical(net, constants, out)
     held[HELD_OFFSET], held[HELD_OFFSET_STD] = out[OFFSET_OUT], out[OFFSET_STD_OUT]
     held[HELD_CURRENT] = current_A

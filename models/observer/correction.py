@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from models.observer.places import (
+    AT_LOOP,
     AT_QUICK,
     AT_RESISTANCE,
     AT_SLOW,
@@ -17,7 +18,6 @@ from models.observer.places import (
     GAIN_ROW,
     INNOVATION_OUT,
     INNOVATION_STD_OUT,
-    N_EXTRA,
     OUTPUT_ROW,
     R_VOLTAGE,
     SOC_SLACK,
@@ -31,6 +31,7 @@ _START_UP_RATIO = 1.5
 
 @njit(**COMPILED)
 def correct(
+    n: int,
     constants: np.ndarray,
     x: np.ndarray,
     covariance: np.ndarray,
@@ -44,11 +45,11 @@ def correct(
 ) -> None:
     """Correct one hypothesis by the measured voltage, if there is one.
 
-    `quick`, `slow` and `more` are what one standard deviation of quick error, slow error and resistance error does to
-    the output. Expected voltage, innovation and the innovation's variance (all normalised) go to `out`.
+    `n` past outputs stand first in the state. `quick`, `slow` and `more` are what one standard deviation of quick
+    error, slow error and resistance error does to the output. Expected voltage, innovation and the innovation's
+    variance (all normalised) go to `out`.
     """
     size = x.shape[0]
-    n = size - N_EXTRA
     gain, seen = scratch[GAIN_ROW], scratch[OUTPUT_ROW]
     at_quick, at_slow, at_voltage, at_more = n + AT_QUICK, n + AT_SLOW, n + AT_VOLTAGE, n + AT_RESISTANCE
     for a in range(size):
@@ -112,6 +113,7 @@ def _hold_within(x: np.ndarray, covariance: np.ndarray, n: int) -> None:
     if beyond == 0.0:
         return
     if covariance[n, n] > 0.0:
-        for place in (AT_QUICK, AT_SLOW, AT_VOLTAGE, AT_RESISTANCE):
-            x[n + place] -= covariance[n, n + place] / covariance[n, n] * beyond
+        for place in (AT_QUICK, AT_SLOW, AT_VOLTAGE, AT_RESISTANCE, AT_LOOP):
+            if n + place < x.shape[0]:
+                x[n + place] -= covariance[n, n + place] / covariance[n, n] * beyond
     x[n] -= beyond

@@ -14,6 +14,7 @@ from models.observer import packing, places
 from models.observer.gains import observer_matrices, output_rows, state_matrices, steady_state_gains
 from models.observer.packing import Layout, pack
 from models.observer.settings import ObserverSettings, default_settings, error_levels
+from models.signals import parse_signal
 from models.timeseries import FloatArray
 
 # Hypotheses for an initial state of charge that is not known well: this many, evenly over 0..1.
@@ -130,7 +131,8 @@ class FuzzyObserver:
         self.dt_s = network.structure.dt_s
         self._n = max(network.structure.output_order, 1)
         depth = 1 + max(1, *(lag for _, lag in network.structure.taps()))
-        size = self._n + places.N_EXTRA
+        self._loop = any(parse_signal(each).kind == "hysteresis_state" for each in network.structure.signals)
+        size = self._n + places.N_EXTRA + self._loop
         self._layout = Layout(_HYPOTHESES, size, len(network.structure.signals), depth)
         self._numbers, self._whole = self._pack()
 
@@ -156,8 +158,9 @@ class FuzzyObserver:
             s.capacity_std**2,
             (s.voltage_offset_std_V / self.network.voltage_span_V) ** 2,
             1.0,
+            s.loop_std**2,
         )
-        for place, variance in enumerate(variances):
+        for place, variance in enumerate(variances[: places.N_EXTRA + self._loop]):
             state.covariance[:count, n + place, n + place] = variance
         state.held[places.HELD_OFFSET_STD] = s.current_offset_std_C * self.network.cell.capacity_Ah
         state.held[places.HELD_DIRECTION], state.held[places.HELD_TEMPERATURE] = -1.0, temperature_degC

@@ -24,7 +24,6 @@ from models.observer.places import (
     INNOVATION_ROW,
     INNOVATION_STD_OUT,
     LIKELIHOOD_ROW,
-    N_EXTRA,
     OFFSET_OUT,
     OFFSET_STD_OUT,
     SOC_OUT,
@@ -52,6 +51,7 @@ def count(weight: np.ndarray) -> int:
 
 @njit(**COMPILED)
 def weigh(
+    n: int,
     x: np.ndarray,
     covariance: np.ndarray,
     weight: np.ndarray,
@@ -61,6 +61,8 @@ def weigh(
     out: np.ndarray,
 ) -> int:
     """Weigh the hypotheses by what was measured, drop and merge them; return how many are left.
+
+    `n` past outputs stand first in their states.
 
     Expected voltage, innovation and its variance of all together go to `out`, normalised.
     """
@@ -82,13 +84,12 @@ def weigh(
             best = max(best, variances[j])
         for j in range(alive):
             weight[j] = np.exp(variances[j] - best)
-    return _thin_out(x, covariance, weight, alive)
+    return _thin_out(n, x, covariance, weight, alive)
 
 
 @njit(**COMPILED)
-def sum_up(x: np.ndarray, covariance: np.ndarray, weight: np.ndarray, alive: int, out: np.ndarray) -> None:
+def sum_up(n: int, x: np.ndarray, covariance: np.ndarray, weight: np.ndarray, alive: int, out: np.ndarray) -> None:
     """Write mean and variance of SoC, current offset and capacity error over all hypotheses."""
-    n = x.shape[1] - N_EXTRA
     out[HYPOTHESES_OUT], out[ERROR_OUT] = alive, 0.0
     for j in range(alive):
         out[ERROR_OUT] += weight[j] * max(abs(x[j, n + AT_SLOW]), abs(x[j, n + AT_RESISTANCE]))
@@ -106,9 +107,8 @@ def sum_up(x: np.ndarray, covariance: np.ndarray, weight: np.ndarray, alive: int
 
 
 @njit(**COMPILED)
-def _thin_out(x: np.ndarray, covariance: np.ndarray, weight: np.ndarray, alive: int) -> int:
+def _thin_out(n: int, x: np.ndarray, covariance: np.ndarray, weight: np.ndarray, alive: int) -> int:
     """Drop unlikely hypotheses, merge those that have met, and make the weights add up to 1."""
-    n = x.shape[1] - N_EXTRA
     _normalise(weight, alive)
     for j in range(alive):
         if weight[j] < _LEAST_WEIGHT:

@@ -9,6 +9,10 @@ from typing import Any
 COMPILED: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}
 # Places in the state after the n past outputs.
 AT_SOC, AT_QUICK, AT_SLOW, AT_OFFSET, AT_CAPACITY, AT_VOLTAGE, AT_RESISTANCE, N_EXTRA = range(8)
+# Last, of a network with hysteresis only: the place in the loop at the start, -1 (discharged) to 1 (charged).
+AT_LOOP = N_EXTRA
+# Places in the memory of a signal of hysteresis: its value, and how much of the place at the start is left in it.
+LOOP_VALUE, LOOP_LEFT = range(2)
 # Constants: noise variances per sample (normalised output, SoC, measurement); how much of the quick error is kept from
 # sample to sample; how fast the slow error fades with time (per sample) and with charge (per unit of SoC); whether the
 # steady-state gains are used; weight of a sample in the net movement; the little more current (0: no offset is

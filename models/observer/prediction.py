@@ -8,10 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from models.electrothermal_loop import FILTERED, RELAXATION, SOC, SQUARED, FlatNetwork
+from models.electrothermal_loop import FILTERED, HYSTERESIS, RELAXATION, SOC, SQUARED, FlatNetwork
 from models.observer.blending import Prepared, blend
 from models.observer.places import (
     AT_CAPACITY,
+    AT_LOOP,
     AT_OFFSET,
     AT_QUICK,
     AT_RESISTANCE,
@@ -21,9 +22,9 @@ from models.observer.places import (
     COUNTED_ROW,
     GAIN_ROW,
     KEPT_ROW,
+    LOOP_LEFT,
     MORE_A,
     MOVED_ROW,
-    N_EXTRA,
     OUTPUT_ROW,
     Q_OUTPUT,
     QUICK_KEEP,
@@ -45,6 +46,7 @@ def predict(
     constants: np.ndarray,
     x: np.ndarray,
     covariance: np.ndarray,
+    filters: np.ndarray,
     history: np.ndarray,
     scratch: np.ndarray,
     base: float,
@@ -60,7 +62,7 @@ def predict(
     """
     order, n = net.order, max(net.order, 1)
     blend(prepared, net.axis_signal, net.axis_lag, net.kind, history, scratch, base)
-    y, overpotential = _output(net, prepared.per_span, constants[MORE_A], x, history, scratch, base)
+    y, overpotential = _output(net, prepared.per_span, constants[MORE_A], x, filters, history, scratch, base)
     quick, slow = _weigh(errors, gains, scratch, constants[STEADY] > 0.0)
     if first and order > 0:
         # No output before the first sample: start from the measurement.
@@ -74,12 +76,14 @@ def predict(
         kept[a] = 1.0
     kept[n + AT_QUICK] = constants[QUICK_KEEP]
     kept[n + AT_SLOW] = kept[n + AT_RESISTANCE] = keep_slow
-    _spread(covariance, row, kept, scratch[MOVED_ROW], scratch[COUNTED_ROW], soc_per_A, moved)
+    _spread(n, covariance, row, kept, scratch[MOVED_ROW], scratch[COUNTED_ROW], soc_per_A, moved)
     covariance[0, 0] += constants[Q_OUTPUT]
     covariance[n, n] += q_soc
     for lag in range(n - 1, 0, -1):
         x[lag] = x[lag - 1]
     x[0] = y + row[n + AT_OFFSET] * x[n + AT_OFFSET]
+    if n + AT_LOOP < x.shape[0]:
+        x[0] += row[n + AT_LOOP] * x[n + AT_LOOP]
     x[n] += moved * (1.0 + x[n + AT_CAPACITY]) - soc_per_A * x[n + AT_OFFSET]
     for a in (n + AT_QUICK, n + AT_SLOW, n + AT_RESISTANCE):
         covariance[a, a] += 1.0 - kept[a] * kept[a]
@@ -93,6 +97,7 @@ def _output(
     per_span: np.ndarray,
     more_A: float,
     x: np.ndarray,
+    filters: np.ndarray,
     history: np.ndarray,
     scratch: np.ndarray,
     base: float,
@@ -124,6 +129,8 @@ def _output(
             per_soc += blended[p] * per_span[s]
         elif kind[s] == FILTERED or kind[s] == SQUARED or kind[s] == RELAXATION:
             overpotential += blended[p] * (value + low[s] * per_span[s])
+        elif kind[s] == HYSTERESIS:
+            row[n + AT_LOOP] += blended[p] * filters[0, s, LOOP_LEFT] * per_span[s]
         y += blended[p] * value
         per_soc += tilted[p] * value
     row[n] = per_soc + tilted[n_params - 1]
@@ -150,6 +157,7 @@ def _weigh(errors: np.ndarray, gains: np.ndarray, scratch: np.ndarray, steady: b
 
 @njit(**COMPILED)
 def _spread(
+    n: int,
     covariance: np.ndarray,
     row: np.ndarray,
     kept: np.ndarray,
@@ -163,7 +171,6 @@ def _spread(
     Two rows of A P are all that is more than a shift or a factor: the output's and the state of charge's.
     """
     size = covariance.shape[0]
-    n = size - N_EXTRA
     offset, capacity = n + AT_OFFSET, n + AT_CAPACITY
     for b in range(size):
         on_top[b] = 0.0

@@ -18,7 +18,7 @@ from models.electrothermal_loop import (
     TEMPERATURE,
     FlatNetwork,
 )
-from models.observer.places import COMPILED
+from models.observer.places import COMPILED, LOOP_LEFT, LOOP_VALUE
 from models.signals import DIFFUSION_GAINS, KELVIN, REFERENCE_K
 
 
@@ -106,8 +106,9 @@ def move_on(
                 value /= 1.0 - poles[s, 0]
             elif kind == HYSTERESIS:
                 keep = np.exp(-factor[s] * abs(flowing_A))
-                value = keep * filters[0, s, 0] + (1.0 - keep) * np.sign(flowing_A)
-                filters[0, s, 0] = value
+                value = keep * filters[0, s, LOOP_VALUE] + (1.0 - keep) * np.sign(flowing_A)
+                filters[0, s, LOOP_VALUE] = value
+                filters[0, s, LOOP_LEFT] = keep * (1.0 if first else filters[0, s, LOOP_LEFT])
             elif kind == TEMPERATURE:
                 value = temperature_degC
             elif kind == INVERSE_TEMPERATURE:

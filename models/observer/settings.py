@@ -25,6 +25,7 @@ _MAY_BE_ZERO = (
     "voltage_offset_std_V",
     "resistance_std",
     "series_resistance_std_Ohm",
+    "loop_std",
     "judged_noise_V",
 )
 
@@ -46,6 +47,8 @@ class ObserverSettings:
     resistance_std : relative standard deviation of what the current does to the output; changes as the slow error does
     series_resistance_std_Ohm : standard deviation of a resistance in series with the cell that is not in the model
         (contacts, connectors of a module); it adds to the error of the resistances as if both were one
+    loop_std : standard deviation of the place in the hysteresis loop at the start, which nobody measures; the loop
+        reaches from -1 to 1, and 0 takes a start in its middle for known
     output_std_V : process noise of the model's output per sample; 0 where the model was fitted in free run, as here
     soc_std_per_sqrt_s : process noise of the SoC as a random walk, fraction per sqrt(s)
     initial_soc_std : uncertainty of the initial SoC where none is given
@@ -68,6 +71,7 @@ class ObserverSettings:
     slow_error_soc: float = 0.1
     resistance_std: float = 0.02
     series_resistance_std_Ohm: float = 0.0
+    loop_std: float = 0.58
     output_std_V: float = 0.0
     soc_std_per_sqrt_s: float = 1e-5
     initial_soc_std: float = 0.2

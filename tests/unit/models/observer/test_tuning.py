@@ -2,7 +2,9 @@ import numpy as np
 
 from models.local_model_network import LocalModelNetwork
 from models.observer import FuzzyObserver, default_settings
-from models.observer.tuning import log_likelihood, tune, tuning_data, with_tuned_observer
+from models.observer.innovations import log_likelihood, tuning_data
+from models.observer.tuning import tune, with_tuned_observer
+from models.observer.unseen import as_they_are
 from models.resampling import to_grid
 from models.structure import InputChannel, PartitionAxis, Structure
 from models.timeseries import TimeSeries
@@ -40,7 +42,7 @@ def test_noise_and_quick_error_are_found_again() -> None:
 
 def test_what_was_found_is_more_likely_than_its_neighbours() -> None:
     run = measured(2, 2e-3, 2e-3, 40.0)
-    data = tuning_data(network(), [to_grid(run, 1.0)], [0.5])
+    data = tuning_data(as_they_are(network(), [to_grid(run, 1.0)], [0.5]))
     truth = np.array([2e-3, 2e-3, 40.0, 2e-4, 3e4, 0.1, 1e-6, 1e-3])
     best = log_likelihood(data, truth)
     for place in range(3):
