@@ -24,6 +24,8 @@ _CHARGE_MOVED = 0.5
 # Parallel cells of different resistance share the current unequally until the open-circuit curve pulls them together:
 # half of what would come of it without.
 _PULLED_TOGETHER = 0.5
+# A curve's bend changes along it faster than what a good model of one cell is wrong by.
+_BEND_SOC = 0.3
 _CURVE_POINTS, _PLACES = 401, 5
 _USUAL_DEGC, _MIDDLE_SOC = 25.0, 0.5
 
@@ -48,7 +50,7 @@ class CellSpread:
 def module_settings(
     settings: ObserverSettings, network: LocalModelNetwork, module: ModuleModel, spread: CellSpread
 ) -> ObserverSettings:
-    """Widen a cell's settings by what is not known of the module's resistances.
+    """Widen a cell's settings by what is not known of the module's resistances, and let its slow error change sooner.
 
     Parameters
     ----------
@@ -66,6 +68,7 @@ def module_settings(
     return replace(
         settings,
         resistance_std=float(np.hypot(settings.resistance_std, of_mean)),
+        slow_error_soc=min(settings.slow_error_soc, _BEND_SOC) if cells > 1 else settings.slow_error_soc,
         series_resistance_std_Ohm=float(np.hypot(settings.series_resistance_std_Ohm, series_Ohm)),
     )
 
