@@ -13,7 +13,7 @@ import numpy as np
 from models.design import StepProfileRequest, step_profile
 from models.timeseries import FloatArray, TimeSeries
 from simulators.catalogue import cell_type
-from simulators.cell import Cell
+from simulators.cell import Cell, CellParameters
 from simulators.sensors import SensorParameters, Sensors
 
 DT_S = 1.0
@@ -56,17 +56,18 @@ def training_runs(cell: str, seed: int = 0) -> list[TimeSeries]:
         held = np.searchsorted(profile.time_s, grid_s[:-1] + 0.5 * DT_S, side="right") - 1
         current = np.concatenate([[0.0], profile.current_A[held]])
         ambient = np.full(len(current), degC) if degC is not None else chamber_degC(len(current), rng)
-        runs.append(play(cell, current, ambient, 0.5, rng, SensorParameters(), f"{cell} training {number}"))
+        parameters = cell_type(cell).parameters
+        runs.append(play(parameters, current, ambient, 0.5, rng, f"{cell} training {number}"))
     loads = (random_case(cell, 10_000 * (seed + 1) + number, _TRAINING_S, anywhere=False).series for number in range(2))
     return [*runs, *loads]
 
 
 def random_case(
-    cell: str, seed: int, duration_s: float = 7200.0, sensors: SensorParameters | None = None, anywhere: bool = True
+    cell: str, seed: int, duration_s: float = 7200.0, anywhere: bool = True, changed: CellParameters | None = None
 ) -> Case:
     """Random load with rests and a chamber that steps between 0 and 40 degC; the same seed gives the same case.
 
-    The cell starts at any place in its hysteresis loop, or in the middle.
+    The cell starts at any place in its hysteresis loop, or in the middle. `changed` takes the cell's place.
     """
     rng = np.random.default_rng([7919, seed])
     capacity_Ah = cell_type(cell).parameters.capacity_Ah
@@ -74,9 +75,8 @@ def random_case(
     n = round(duration_s / DT_S) + 1
     current = load_A(n, capacity_Ah, initial_soc, rng)
     loop = float(np.random.default_rng([7919, seed, 1]).uniform(-1.0, 1.0)) if anywhere else 0.0
-    series = play(
-        cell, current, chamber_degC(n, rng), initial_soc, rng, sensors or SensorParameters(), f"{cell} {seed}", loop
-    )
+    parameters = changed or cell_type(cell).parameters
+    series = play(parameters, current, chamber_degC(n, rng), initial_soc, rng, f"{cell} {seed}", loop)
     return Case(series, initial_soc)
 
 
@@ -118,19 +118,18 @@ def chamber_degC(n: int, rng: np.random.Generator) -> FloatArray:
 
 
 def play(
-    cell: str,
+    parameters: CellParameters,
     current_A: FloatArray,
     ambient_degC: FloatArray,
     initial_soc: float,
     rng: np.random.Generator,
-    sensors: SensorParameters,
     name: str,
     loop: float = 0.0,
 ) -> TimeSeries:
     """Play a current through a rested cell and read its sensors; `soc_ref` is the truth, `loop` where it starts."""
-    simulated = Cell(cell_type(cell).parameters, initial_soc, float(ambient_degC[0]))
+    simulated = Cell(parameters, initial_soc, float(ambient_degC[0]))
     simulated.state = simulated.state._replace(hysteresis=loop)
-    measuring = Sensors(sensors, rng)
+    measuring = Sensors(SensorParameters(), rng)
     rows, soc = [], np.empty(len(current_A))
     for k, (current, ambient) in enumerate(zip(current_A.tolist(), ambient_degC.tolist(), strict=True)):
         simulated.ambient_degC = ambient
