@@ -7,10 +7,12 @@ that no run of another module tells it, and it stays with a place on the curve, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from models.errors import ModelError
 from models.local_model_network import LocalModelNetwork
 from models.module import ModuleModel
 from models.observer.settings import ObserverSettings
@@ -45,6 +47,28 @@ class CellSpread:
     capacity: float = 0.02
     resistance: float = 0.05
     connectors: float = 0.15
+
+    def __post_init__(self) -> None:
+        """Refuse what is no spread.
+
+        Raises
+        ------
+        ModelError
+            A value is not within 0..1.
+        """
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if not 0.0 <= value <= 1.0:
+                raise ModelError(f"spread of the cells: {each.name} is {value:g}; a fraction within 0..1 is needed")
+
+    @classmethod
+    def declared(cls, values: Mapping[str, float]) -> CellSpread:
+        """Spread with some values declared, the usual ones for the rest; a name that is none is a ModelError."""
+        names = [each.name for each in fields(cls)]
+        unknown = sorted(set(values) - set(names))
+        if unknown:
+            raise ModelError(f"spread of the cells: {unknown[0]!r} is not known; use {', '.join(names)}")
+        return cls(**values)
 
 
 def module_settings(

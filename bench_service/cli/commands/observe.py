@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench_service.cli.arguments import fractions
+from bench_service.cli.arguments import fractions, named_numbers
 from bench_service.cli.command import Command
+from bench_service.cli.errors import UsageError
 from bench_service.cli.files import add_current_sign, read_model, read_module, read_runs
 from bench_service.cli.initial_soc import guessed_soc
 from bench_service.cli.output import Output
@@ -39,6 +40,13 @@ def _arguments(parser: ArgumentParser) -> None:
         help="where the observer starts; default: soc_ref, else 0.5",
     )
     parser.add_argument("--module", type=Path, metavar="MODULE.json", help="the runs are of a module (S1 to S4)")
+    parser.add_argument(
+        "--cell-spread",
+        type=named_numbers,
+        metavar="NAME=S[,...]",
+        help="standard deviation among the module's cells of soc (0.01), capacity (0.02), resistance (0.05), and of "
+        "connectors beside them (0.15), as fractions",
+    )
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page: estimates, convergence")
     parser.add_argument("--out", type=Path, metavar="SOC.csv", help="also write the estimates")
     add_current_sign(parser)
@@ -48,6 +56,7 @@ def _run(options: Namespace, output: Output) -> int:
     from bench_service.cli.observation import observe
     from bench_service.exchange.atomic import check_writable
     from models.observer import FuzzyObserver
+    from models.observer.module_errors import CellSpread
     from models.observer.module_observer import ModuleObserver
 
     for path in (options.out, options.report):
@@ -55,7 +64,10 @@ def _run(options: Namespace, output: Output) -> int:
             check_writable(path)
     network = read_model(options.model)
     cell = FuzzyObserver(network)
-    observer = cell if options.module is None else ModuleObserver(cell, read_module(options.module))
+    if options.module is None and options.cell_spread is not None:
+        raise UsageError("--cell-spread is of the cells of a module: give --module MODULE.json too")
+    spread = CellSpread.declared(options.cell_spread or {})
+    observer = cell if options.module is None else ModuleObserver(cell, read_module(options.module), spread)
     runs = read_runs(options.runs, options.current_sign, output)
     as_cells = [observer.mean_cell_run(run) for run in runs] if isinstance(observer, ModuleObserver) else runs
     starts = guessed_soc(as_cells, options.initial_soc, network, output)

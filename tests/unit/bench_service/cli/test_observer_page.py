@@ -56,3 +56,43 @@ def test_without_the_module_model_the_alarm_says_why(
     run = _write(tmp_path / "run.csv", 4, 2)
     assert main(["observe", str(model), str(run), "--json"]) == 0
     assert "does not fit" in json.loads(capsys.readouterr().out)["runs"][0]["alarms"][0]
+
+
+def test_a_declared_spread_of_the_cells_widens_the_band(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, module = _write(tmp_path / "run.csv", 4, 2), tmp_path / "module.json"
+    module.write_text(json.dumps(ModuleModel("S2", 4, 2, (0.01, 0.01)).to_json()))
+    stds = []
+    for spread in ("soc=0.001,capacity=0.001,resistance=0.001", "soc=0.05,capacity=0.05,resistance=0.2"):
+        out = tmp_path / "soc.csv"
+        arguments = ["observe", model, run, "--module", module, "--cell-spread", spread, "--out", out, "--json"]
+        assert main([str(argument) for argument in arguments]) == 0
+        capsys.readouterr()
+        lines = out.read_text().splitlines()
+        stds.append(float(lines[-1].split(",")[lines[0].split(",").index("soc_std")]))
+    assert stds[1] > 1.5 * stds[0]
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["--cell-spread", "soc=0.01"], "--module"),
+        (["--module", "MODULE", "--cell-spread", "weight=0.01"], "weight"),
+        (["--module", "MODULE", "--cell-spread", "soc=2"], "0..1"),
+        (["--module", "MODULE", "--cell-spread", "soc"], "name=value"),
+    ],
+)
+def test_a_spread_that_is_none_is_refused_in_one_line(
+    given: list[str], told: str, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, module = _write(tmp_path / "run.csv", 4, 2), tmp_path / "module.json"
+    module.write_text(json.dumps(ModuleModel("S2", 4, 2, (0.01, 0.01)).to_json()))
+    arguments = [str(module) if each == "MODULE" else each for each in given]
+    try:
+        status = main(["observe", str(model), str(run), *arguments])
+    except SystemExit as stop:
+        status = stop.code
+    error = capsys.readouterr().err.strip()
+    assert status == 2
+    assert told in error.splitlines()[-1]
