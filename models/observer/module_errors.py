@@ -20,9 +20,9 @@ from models.ocv import ocv_table
 from models.resistance import resistance_table
 from models.timeseries import FloatArray
 
-# Half of the charge goes through a cell on average before somebody balances it: what different capacities have made of
-# the states of charge by then.
-_CHARGE_MOVED = 0.5
+# What different capacities make of states of charge that were balanced in the middle, by the time the module is at a
+# place like any other: the standard deviation of a number from 0 to 1.
+_CHARGE_MOVED = 0.29
 # Parallel cells of different resistance share the current unequally until the open-circuit curve pulls them together:
 # half of what would come of it without.
 _PULLED_TOGETHER = 0.5
