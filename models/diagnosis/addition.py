@@ -7,6 +7,7 @@ from typing import Any
 
 from models.diagnosis.change import analyse_change
 from models.diagnosis.diagnosis import network_memory, own_activation_K
+from models.diagnosis.extension import ExtensionSearch
 from models.diagnosis.joint import Named
 from models.diagnosis.layout import Shape
 from models.diagnosis.parameters import Value, parameters
@@ -23,6 +24,8 @@ from models.local_model_network import LocalModelNetwork
 from models.structure_search import Progress
 from models.timeseries import TimeSeries
 
+# Numbers of local models with which the ways to put an effect in are compared.
+_SIZES = (12, 24, 36)
 _REFITTED = "the network was refitted to the training runs, which takes it in"
 
 
@@ -78,9 +81,11 @@ def add_effect(
     if chosen.extend is not None:
         values = _missing(network, chosen, own)
         plain = {key: each.value for key, each in values.items()}
-        structure = chosen.extend(network.structure, plain, network.cell.capacity_Ah)
-        if structure == network.structure:
+        search = ExtensionSearch(own.runs, own.soc, network.cell, lambda _share, _text: None, sizes=_SIZES)
+        extension = search.extended(search.own(network), chosen, plain)
+        if extension is None:
             raise ModelError(f"the model's structure has {name} already; nothing to add")
+        structure = extension.choice.given
         remark = f"structure extended from {', '.join(network.structure.signals)} to {', '.join(structure.signals)}"
         fitted = fit_network(
             train,

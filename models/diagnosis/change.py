@@ -8,6 +8,7 @@ import numpy as np
 
 from models.diagnosis.candidates import Candidate, Comparison, compare_samples, lean_columns, try_effect
 from models.diagnosis.joint import Named, best_form, named_effects, with_form
+from models.diagnosis.leak import named_leak
 from models.diagnosis.memory import SAMPLES, Memory
 from models.diagnosis.ranking import Ranking, rank
 from models.diagnosis.reference import Reference
@@ -20,12 +21,8 @@ from models.timeseries import FloatArray
 
 # An effect on the SoC that explains this share of the best decides which samples are looked at.
 _MOVER_SHARE, _LEAST_BEYOND_SHARE = 0.3, 0.002
-# Share of the squared error of the temperature that may remain with the power of a leak.
-_LEAK_EXPLAINS = 0.2
 # Least share of the squared error of the temperature that an effect on it must explain: ageing alone reaches 0.90.
 _WARMTH_SHARE = 0.95
-_LEAST_WARMTH_K = 0.3
-_LEAST_WARMTH_RATIO = 2.0
 
 
 @dataclass(frozen=True)
@@ -60,6 +57,10 @@ def analyse_change(memory: Memory, runs: list[GridRun], soc: list[float], effect
     """
     reference = memory.reference
     comparison, ranking = _voltage(memory, runs, soc, effects)
+    if comparison is not None and ranking is not None and ranking.something_new:
+        leak = named_leak(memory, comparison, ranking, runs, soc)
+        if leak:
+            return ChangeAnalysis(reference, comparison, ranking, leak, None, None)
     heatless = [_heatless_V(reference, ranking, run, s) for run, s in zip(runs, soc, strict=True)]
     thermal = compare_temperature(reference, memory.balance, runs, soc, effects, heatless)
     warmth = _named_warmth(thermal)
@@ -68,8 +69,6 @@ def analyse_change(memory: Memory, runs: list[GridRun], soc: list[float], effect
         cold = [0.0 * part for part in heatless]
         again = _named_warmth(compare_temperature(reference, memory.balance, runs, soc, effects, cold))
         warmth = warmth if again is not None and again.effect is warmth.effect else None
-    if warmth is not None and ranking is not None and _leak_warms(memory, ranking, thermal, runs, soc, heatless):
-        warmth = None
     if warmth is not None and warmth.effect.name == "temperature_sensor":
         comparison, ranking = _voltage(memory, [_true_temperature(run, warmth) for run in runs], soc, effects)
     named = _named(comparison, ranking)
@@ -157,25 +156,6 @@ def _heatless_V(reference: Reference, ranking: Ranking | None, run: GridRun, ini
     return contribution_V(reference, named, run, initial_soc)
 
 
-def _leak_warms(
-    memory: Memory,
-    ranking: Ranking,
-    thermal: ThermalComparison | None,
-    runs: list[GridRun],
-    soc: list[float],
-    heatless_V: list[FloatArray],
-) -> bool:
-    """Whether the temperature is explained by the power of a leak that the voltage shows."""
-    named = ranking.candidates[0]
-    if thermal is None or "self_discharge" not in (named.effect.name, named.effect.twin):
-        return False
-    leak_A, reference = named.value or 0.0, memory.reference
-    counted = [s + run.charge_Ah / reference.capacity_Ah for run, s in zip(runs, soc, strict=True)]
-    power = [leak_A * reference.open_circuit_V(each) for each in counted]
-    warm = compare_temperature(reference, memory.balance, runs, soc, [], heatless_V, power)
-    return warm is not None and warm.mse_K2 <= _LEAK_EXPLAINS * thermal.mse_K2
-
-
 def _least_samples(reference: Reference) -> int:
     return 2 * len(reference.coefficients)
 
@@ -183,9 +163,8 @@ def _least_samples(reference: Reference) -> int:
 def _named_warmth(thermal: ThermalComparison | None) -> WarmthTrial | None:
     if thermal is None or not thermal.trials:
         return None
-    large = thermal.mse_K2 >= max(_LEAST_WARMTH_K**2, _LEAST_WARMTH_RATIO**2 * thermal.own_mse_K2)
     best = thermal.trials[0]
-    return best if large and thermal.share_of_new(best) >= _WARMTH_SHARE else None
+    return best if thermal.large and thermal.share_of_new(best) >= _WARMTH_SHARE else None
 
 
 def _true_temperature(run: GridRun, trial: WarmthTrial) -> GridRun:

@@ -12,8 +12,9 @@ from models.diagnosis.layout import Shape
 from models.diagnosis.memory import Memory, remember
 from models.diagnosis.record import Record, make_record
 from models.diagnosis.reference import fit_reference
+from models.diagnosis.refits import try_refits
 from models.diagnosis.structure import analyse_structure
-from models.diagnosis.structure_answer import structure_answer
+from models.diagnosis.structure_answer import structure_answer, unexplained
 from models.effects import Effect, effects
 from models.errors import ModelError
 from models.input_correction import as_read
@@ -67,7 +68,10 @@ def diagnose(
         reference = fit_reference(every, soc, network.cell.capacity_Ah, Shape(own_activation_K(network.structure)))
         lacking = [each for each in catalogue if not _has(network, each)]
         found = analyse_structure(network, reference, grid, train_soc or [], record.runs, record.soc, lacking)
-        return structure_answer(found, reference, record, started)
+        refits = None
+        if grid and unexplained(found):
+            refits = try_refits(network, grid, train_soc or [], record, found)
+        return structure_answer(found, reference, record, started, refits)
     if mode != "change":
         raise ModelError(f"mode {mode!r} is unknown; use change or structure")
     known = memory if memory is not None else _memory(network, record, grid, train_soc or [])

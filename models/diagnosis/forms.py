@@ -6,7 +6,7 @@ every pair can be tried. Forward selection alone would pick a third effect that 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -94,10 +94,14 @@ class Forms:
 
     def judged(self, price: float, *numbers: int) -> float:
         """Remaining error less what is owed to an inexact model, with the price of the parameters, V^2."""
+        return self._judged(price, *numbers)[0]
+
+    def _judged(self, price: float, *numbers: int) -> tuple[float, float]:
+        """The same, and the remaining error itself: an inexact model may leave several the same."""
         cost, least = self.cost(*numbers), len(self.comparison.evidence.error_V) * self.comparison.own_mse
-        allowed = max(cost - least, 0.0)
         forms = [self.forms[number] for number in numbers]
-        return cost - min(allowed, sum(form.inexact for form in forms)) + price * sum(form.size for form in forms)
+        owed = sum(form.inexact for form in forms)
+        return max(cost - owed, min(cost, least)) + price * sum(form.size for form in forms), cost
 
     def best(self, effect: Effect, price: float) -> int:
         """The form of an effect whose remaining error with the price of its parameters is the least."""
@@ -134,12 +138,16 @@ class Forms:
         """Judged remaining error of an effect's best form, V^2."""
         return self.judged(price, self.best(effect, price))
 
-    def best_pair(self, price: float) -> tuple[int, int] | None:
-        """Two forms of different effects, neither a part of the other, that leave least together."""
-        pairs = list(self._pairs())
+    def best_pair(self, price: float, effects: Sequence[Effect] | None = None) -> tuple[int, int] | None:
+        """Two forms of different effects, of some or of all, neither a part of the other, that leave least together."""
+        pairs = [
+            pair
+            for pair in self._pairs()
+            if effects is None or all(self.forms[each].effect in effects for each in pair)
+        ]
         if not pairs:
             return None
-        return min(pairs, key=lambda pair: self.judged(price, *pair))
+        return min(pairs, key=lambda pair: self._judged(price, *pair))
 
     def _pairs(self) -> Iterator[tuple[int, int]]:
         for one, other in combinations(range(len(self.forms)), 2):

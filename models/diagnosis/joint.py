@@ -51,9 +51,10 @@ def named_effects(comparison: Comparison, ranking: Ranking) -> tuple[Named, ...]
         first, second = _ranked_beside(comparison, ranking, other, one), _ranked_beside(comparison, ranking, one, other)
         if first is None or second is None:
             return alone
-        if first.effect_name == one.effect.name and second.effect_name == other.effect.name:
+        kept, other_kept = _same(first, one.effect), _same(second, other.effect)
+        if kept and other_kept:
             return _accepted(first, second) or alone
-        if first.effect_name != one.effect.name:
+        if not kept:
             one = best_form(first.ranking)
         else:
             other = best_form(second.ranking)
@@ -71,7 +72,8 @@ def _worth(ranking: Ranking, pair: tuple[int, int]) -> bool:
     alone = forms.cost(best)
     own = len(forms.comparison.evidence.error_V) * forms.comparison.own_mse
     open_V2 = alone - single.inexact - own
-    gained = alone - forms.cost(*pair)
+    # What the larger of the two is simulated with may be inexact, and hide what both explain.
+    gained = max(alone - forms.cost(*pair), forms.judged(0.0, best) - forms.judged(0.0, *pair))
     return gained >= _LEAST_OF_REST * open_V2 and gained >= _LEAST_GAIN * price
 
 
@@ -101,6 +103,11 @@ def _ranked_beside(comparison: Comparison, ranking: Ranking, given: Form, wanted
             found = simulate_again(wider, effect, _within(wider, effect, found.value))
         candidates.append(found)
     return Named(wider, rank(wider, candidates)) if candidates else None
+
+
+def _same(named: Named, effect: Effect) -> bool:
+    """Whether an effect, or its twin, is named: which of the two does best changes from round to round."""
+    return named.effect_name in (effect.name, effect.twin)
 
 
 def _within(comparison: Comparison, effect: Effect, value: float) -> float:

@@ -29,6 +29,9 @@ _UNKNOWN_RATIO = 1.5
 # Where the model is as good as the measurement's noise, chance alone decides, and an effect this many times above it is
 # none; elsewhere an effect has to show in held-out blocks.
 _GOOD_MODEL, _ABOVE_CHANCE, _SURELY_NEW = 0.25, 10.0, 20.0
+# There, an effect this many times above chance is named for what it explains, as long as it leaves no more than this
+# multiple of the model's own squared error: a model of one record is that far off in another one.
+_FAR_ABOVE_CHANCE, _OFF_ELSEWHERE = 40.0, 1.15
 # Least share of what is new that a named effect must explain.
 _LEAST_SHARE_OF_NEW = 0.5
 _LEAST_HELD_OUT_SHARE = 0.03
@@ -51,6 +54,7 @@ class Ranking:
     own_V, bias_V : the model's own error on the training runs, and the part of it beyond the measurement's noise
     something_new : whether the error goes beyond the model's own
     beyond_chance : whether the named effect explains more than chance does
+    stands_out : whether it does so by far, and leaves little
     forms, price : every form of the candidates, and what each parameter must explain, V^2
     """
 
@@ -66,6 +70,7 @@ class Ranking:
     bias_V: float
     something_new: bool
     beyond_chance: bool
+    stands_out: bool
     forms: Forms
     price: float
 
@@ -94,8 +99,8 @@ class Ranking:
 
     @property
     def explained(self) -> bool:
-        """Whether the named effect explains most of what is new."""
-        return self.share_of_new >= _LEAST_SHARE_OF_NEW
+        """Whether the named effect explains most of what is new, or all but what is hardly worth a word."""
+        return self.share_of_new >= _LEAST_SHARE_OF_NEW or self.stands_out
 
     @property
     def unknown(self) -> bool:
@@ -129,6 +134,7 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
     good = systematic <= _GOOD_MODEL * comparison.noise_mse
     above_chance = good and held_out > 0.0 and gained >= _ABOVE_CHANCE * named.size * noise
     surely_new = good and gained >= _SURELY_NEW * named.size * noise
+    far_above = above_chance and gained >= _FAR_ABOVE_CHANCE * named.size * noise
     return Ranking(
         (named, *rivals, *rest),
         tuple(each.effect.name for each in rivals),
@@ -144,6 +150,7 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
         bias_V=allowance * float(np.sqrt(max(systematic, 0.0))),
         something_new=surely_new or cost / n - comparison.own_mse >= beyond,
         beyond_chance=held_out >= _LEAST_HELD_OUT_SHARE or above_chance,
+        stands_out=far_above and named.solution.cost <= _OFF_ELSEWHERE * own,
         forms=forms,
         price=price,
     )

@@ -17,6 +17,7 @@ from models.diagnosis.parameters import Value
 from models.diagnosis.reading import Readings
 from models.diagnosis.record import Record
 from models.diagnosis.reference import Reference
+from models.diagnosis.refits import Refits, refit_findings
 from models.diagnosis.structure import StructureAnalysis, held_out_mse
 from models.diagnosis.unknown import depends_on
 
@@ -25,7 +26,18 @@ _SHOWN_RIVALS = 3
 _MUCH_LEFT = 2.5
 
 
-def structure_answer(analysis: StructureAnalysis, reference: Reference, record: Record, started: float) -> Diagnosis:
+def unexplained(analysis: StructureAnalysis) -> bool:
+    """Whether sensitivities name nothing although something is missing, or rivals that explain too little."""
+    ranking = analysis.ranking
+    if analysis.named:
+        first = analysis.named[0].ranking
+        return bool(first.rivals) and _much_left(analysis, first.candidates[0].solution.cost)
+    return ranking.unknown or ranking.significant or _much_left(analysis, analysis.comparison.evidence.cost)
+
+
+def structure_answer(
+    analysis: StructureAnalysis, reference: Reference, record: Record, started: float, refits: Refits | None = None
+) -> Diagnosis:
     """Verdict and findings.
 
     Parameters
@@ -34,36 +46,40 @@ def structure_answer(analysis: StructureAnalysis, reference: Reference, record: 
     reference : model that the next experiment is asked for with
     record : with the network's error, which the findings' figures are about
     started : reading of `time.perf_counter` when the diagnosis began
+    refits : what refits ask for; None: they were not needed, or name nothing
     """
-    findings = _findings(analysis, record)
-    rivals = analysis.named[0].ranking.rivals if analysis.named else ()
+    if refits is not None:
+        findings, n_named = refit_findings(refits, record), 1
+        rivals = findings[0].confounded_with
+    else:
+        findings, n_named = _findings(analysis, record), len(analysis.named)
+        rivals = analysis.named[0].ranking.rivals if analysis.named else ()
     request = None
     if rivals:
         voltage_V = np.concatenate([run.voltage_V[run.measured] for run in record.runs])
         last = record.soc[-1] + float(record.runs[-1].charge_Ah[-1]) / reference.capacity_Ah
-        request = discriminating_request(reference, (analysis.named[0].effect_name, rivals[0]), voltage_V, last)
-    unknown = not findings and (analysis.ranking.unknown or analysis.ranking.significant or _much_left(analysis))
+        request = discriminating_request(reference, (findings[0].effect, rivals[0]), voltage_V, last)
+    open_ = unexplained(analysis)
     left = analysis.comparison.evidence
-    depends = depends_on(analysis.comparison.runs.views, left.error_V - left.absorbed(left.error_V)) if unknown else ()
-    verdict = "unknown_effect" if unknown else "missing" if findings else "nothing_missing"
+    depends = depends_on(analysis.comparison.runs.views, left.error_V - left.absorbed(left.error_V)) if open_ else ()
+    verdict = "missing" if findings else "unknown_effect" if open_ else "nothing_missing"
     return Diagnosis(
         verdict="ambiguous" if rivals else verdict,
         mode="structure",
         findings=tuple(findings),
         noise_floor_mV=record.noise_floor_mV,
-        unexplained_mV=findings[len(analysis.named) - 1].error_after_mV if findings else record.rms_mV,
+        unexplained_mV=findings[n_named - 1].error_after_mV if findings else record.rms_mV,
         depends_on=depends,
         next_experiment=request,
         seconds=time.perf_counter() - started,
-        remarks=tuple(_remarks(analysis)),
+        remarks=tuple(_remarks(analysis, refits)),
     )
 
 
-def _much_left(analysis: StructureAnalysis) -> bool:
-    """Whether a refit leaves an error far above the noise: then it is not so that nothing is missing."""
+def _much_left(analysis: StructureAnalysis, cost_V2: float) -> bool:
+    """Whether an error far above the noise remains: then it is not so that nothing is missing."""
     comparison = analysis.comparison
-    left = comparison.evidence.cost / len(comparison.evidence.error_V)
-    return 0.0 < _MUCH_LEFT**2 * comparison.noise_mse < left
+    return 0.0 < _MUCH_LEFT**2 * comparison.noise_mse < cost_V2 / len(comparison.evidence.error_V)
 
 
 def _findings(analysis: StructureAnalysis, record: Record) -> list[Finding]:
@@ -123,14 +139,19 @@ def _finding(
     )
 
 
-def _remarks(analysis: StructureAnalysis) -> list[str]:
+def _remarks(analysis: StructureAnalysis, refits: Refits | None) -> list[str]:
     remarks = []
+    if refits is not None:
+        remarks.append(
+            "to first order no effect explains the error; what is named was found by refits, judged on held-out "
+            "training runs; diagnose again once it is added: more may be missing"
+        )
     if analysis.resolution:
         remarks.append(
             f"the open-circuit curve needs more local models along the SoC: {analysis.resolution} bumps more lower the "
             "held-out error"
         )
-    if len(analysis.named) > 1:
+    if len(analysis.named) > 1 and refits is None:
         remarks.append("two effects are missing together; add one after the other")
     if analysis.n_train == 0:
         remarks.append("without training runs effects were judged on held-out blocks of the diagnosed runs")

@@ -16,6 +16,8 @@ from models.timeseries import FloatArray
 
 _ITERATIONS = 12
 _HALVINGS = 8
+# Least error that is worth a finding: absolute, and relative to that on the training runs.
+_LEAST_K, _LEAST_RATIO = 0.25, 2.0
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,11 @@ class ThermalComparison:
     mse_K2: float
     trials: tuple[WarmthTrial, ...]
 
+    @property
+    def large(self) -> bool:
+        """Whether the error goes well beyond that on the training runs."""
+        return self.mse_K2 >= max(_LEAST_K**2, _LEAST_RATIO**2 * self.own_mse_K2)
+
     def share_of_new(self, trial: WarmthTrial) -> float:
         """Share that a trial explains of what goes beyond the error on the training runs."""
         return (self.mse_K2 - trial.mse_K2) / max(self.mse_K2 - self.own_mse_K2, 1e-12)
@@ -68,7 +75,6 @@ def compare_temperature(
     soc: list[float],
     effects: list[Effect],
     heatless_V: list[FloatArray],
-    further_W: list[FloatArray] | None = None,
 ) -> ThermalComparison | None:
     """Try every effect on the temperature.
 
@@ -79,7 +85,6 @@ def compare_temperature(
     runs, soc : to be diagnosed, with their SoC at the start
     effects : to be tried
     heatless_V : (n,) for each run, part of its voltage that warms nothing: a shifted curve, an offset
-    further_W : (n,) for each run, heat that the terminals do not show
 
     Returns
     -------
@@ -96,8 +101,6 @@ def compare_temperature(
         )
         for run, s, part in zip(runs, soc, heatless_V, strict=True)
     )
-    if further_W is not None:
-        views = tuple(replace(v, heat_W=v.heat_W + more) for v, more in zip(views, further_W, strict=True))
     mse = float(np.mean(np.concatenate([view.temperature_degC - view.simulated() for view in views]) ** 2))
     trials = [_try(views, effect, effect.warmth) for effect in effects if effect.warmth is not None]
     return ThermalComparison(views, balance.mse_K2, mse, tuple(sorted(trials, key=lambda trial: trial.mse_K2)))

@@ -108,6 +108,20 @@ def test_an_offset_of_the_current_and_a_leak_name_each_other(memory: Memory) -> 
     assert drift.parameters["offset_A"].value == pytest.approx(0.02, rel=0.1)
 
 
+def test_a_leak_that_warms_the_cell_is_no_wrong_temperature_reading(memory: Memory) -> None:
+    answer = diagnosed(memory, measured(replace(CELL, leakage_A=0.05), 2))
+    assert "temperature_sensor" not in {each.effect for each in answer.findings}
+    assert answer.findings[0].effect == "self_discharge"
+    assert answer.findings[0].confounded_with == ("current_offset",)
+    assert answer.findings[0].parameters["leakage_A"].value == pytest.approx(0.05, rel=0.1)
+
+
+def test_a_wrong_temperature_reading_beside_a_wrong_current_is_no_leak(memory: Memory) -> None:
+    after = measured(CELL, 2, current_error_A=0.02)
+    answer = diagnosed(memory, replace(after, temperature_degC=after.temperature_degC + 1.5))
+    assert {"temperature_sensor", "current_offset"} <= {each.effect for each in answer.findings}
+
+
 def test_two_changes_are_named_together_and_sized(memory: Memory) -> None:
     cell = replace(CELL, hysteresis_amplitude_V=0.016)
     answer = diagnosed(memory, measured(cell, 2, current_error_A=0.03))

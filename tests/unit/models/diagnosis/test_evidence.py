@@ -3,6 +3,7 @@ import pytest
 
 from models.diagnosis.evidence import Evidence
 from models.diagnosis.penalised import penalised_fit
+from models.effects.spline import SplineBasis
 
 
 def evidence(information: float, seed: int = 0) -> tuple[Evidence, np.ndarray]:
@@ -73,3 +74,19 @@ def test_penalties_are_chosen_on_held_out_blocks() -> None:
     assert np.abs(fit.coefficients[1:]).max() < 0.5 * np.abs(weak.coefficients[1:]).max()
     assert fit.held_out_mse < weak.held_out_mse
     assert fit.own_mse > weak.own_mse
+
+
+def test_a_bend_that_was_gone_through_once_is_not_smoothed_away() -> None:
+    """Held-out stretches are short: no stiff curve wins for what it makes of states of charge that are left out."""
+    rng = np.random.default_rng(6)
+    soc = np.linspace(0.0, 1.0, 6000)
+    basis = SplineBasis(0.0, 1.0, 40)
+    true_V = 0.03 * np.tanh((soc - 0.7) / 0.03)
+    rough = basis.roughness(3)
+    fit = penalised_fit(
+        [basis.matrix(soc)],
+        [true_V + 1e-3 * rng.standard_normal(len(soc))],
+        [(basis.size / 10.0) ** 5 * rough, np.zeros((40, 40)), np.zeros((40, 40))],
+    )
+    left_V = basis.matrix(soc) @ fit.coefficients - true_V
+    assert np.sqrt(np.mean(left_V**2)) < 1.5e-4
