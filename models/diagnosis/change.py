@@ -23,6 +23,8 @@ from models.timeseries import FloatArray
 _MOVER_SHARE, _LEAST_BEYOND_SHARE = 0.3, 0.002
 # Least share of the squared error of the temperature that an effect on it must explain: ageing alone reaches 0.90.
 _WARMTH_SHARE = 0.95
+# Share of what the best effect leaves that may remain where a second one is named beside it.
+_SECOND_LEAVES = 0.15
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class ChangeAnalysis:
     comparison, ranking : of the voltage, single effects; None where no sample lies in the trained domain
     named : effects on the voltage that are named, the larger first
     thermal : of the temperature; None where it cannot be judged
-    warmth : the effect on the temperature that is named, if any
+    warmth : effects on the temperature that are named, the larger first
     """
 
     reference: Reference
@@ -43,7 +45,7 @@ class ChangeAnalysis:
     ranking: Ranking | None
     named: tuple[Named, ...]
     thermal: ThermalComparison | None
-    warmth: WarmthTrial | None
+    warmth: tuple[WarmthTrial, ...]
 
 
 def analyse_change(memory: Memory, runs: list[GridRun], soc: list[float], effects: list[Effect]) -> ChangeAnalysis:
@@ -60,22 +62,23 @@ def analyse_change(memory: Memory, runs: list[GridRun], soc: list[float], effect
     if comparison is not None and ranking is not None and ranking.something_new:
         leak = named_leak(memory, comparison, ranking, runs, soc)
         if leak:
-            return ChangeAnalysis(reference, comparison, ranking, leak, None, None)
+            return ChangeAnalysis(reference, comparison, ranking, leak, None, ())
     heatless = [_heatless_V(reference, ranking, run, s) for run, s in zip(runs, soc, strict=True)]
     thermal = compare_temperature(reference, memory.balance, runs, soc, effects, heatless)
     warmth = _named_warmth(thermal)
-    if warmth is not None and any(part.any() for part in heatless):
+    if warmth and any(part.any() for part in heatless):
         # Whether a changed voltage warms the cell is an assumption: the finding must not hang on it.
         cold = [0.0 * part for part in heatless]
         again = _named_warmth(compare_temperature(reference, memory.balance, runs, soc, effects, cold))
-        warmth = warmth if again is not None and again.effect is warmth.effect else None
-    if warmth is not None and warmth.effect.name == "temperature_sensor":
-        comparison, ranking = _voltage(memory, [_true_temperature(run, warmth) for run in runs], soc, effects)
+        warmth = tuple(each for each in warmth if any(each.effect is other.effect for other in again))
+    sensor, reversible = (_of(warmth, name) for name in ("temperature_sensor", "reversible_heat"))
+    if sensor is not None:
+        comparison, ranking = _voltage(memory, [_true_temperature(run, sensor) for run in runs], soc, effects)
     named = _named(comparison, ranking)
-    if warmth is not None and comparison is not None and warmth.effect.name == "reversible_heat":
+    if reversible is not None and comparison is not None:
         # A voltage that moves with temperature makes reversible heat: one effect, not two.
-        named, entropic = _with_entropic(comparison, named, warmth.values[0])
-        warmth = None if entropic else warmth
+        named, entropic = _with_entropic(comparison, named, reversible.values[0])
+        warmth = tuple(each for each in warmth if not (entropic and each is reversible))
     return ChangeAnalysis(reference, comparison, ranking, named, thermal, warmth)
 
 
@@ -160,11 +163,20 @@ def _least_samples(reference: Reference) -> int:
     return 2 * len(reference.coefficients)
 
 
-def _named_warmth(thermal: ThermalComparison | None) -> WarmthTrial | None:
-    if thermal is None or not thermal.trials:
-        return None
+def _of(warmth: tuple[WarmthTrial, ...], name: str) -> WarmthTrial | None:
+    return next((each for each in warmth if each.effect.name == name), None)
+
+
+def _named_warmth(thermal: ThermalComparison | None) -> tuple[WarmthTrial, ...]:
+    """One effect that explains nearly all of what is new, or two of which neither does so alone."""
+    if thermal is None or not thermal.trials or not thermal.large:
+        return ()
     best = thermal.trials[0]
-    return best if thermal.large and thermal.share_of_new(best) >= _WARMTH_SHARE else None
+    pair = thermal.pairs[0] if thermal.pairs else (best,)
+    if pair[0].mse_K2 <= _SECOND_LEAVES * best.mse_K2 and thermal.share_of_new(pair[0]) >= _WARMTH_SHARE:
+        order = [trial.effect.name for trial in thermal.trials]
+        return tuple(sorted(pair, key=lambda each: order.index(each.effect.name)))
+    return (best,) if thermal.share_of_new(best) >= _WARMTH_SHARE else ()
 
 
 def _true_temperature(run: GridRun, trial: WarmthTrial) -> GridRun:

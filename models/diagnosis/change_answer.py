@@ -16,6 +16,7 @@ from models.diagnosis.joint import Named
 from models.diagnosis.next_experiment import discriminating_request
 from models.diagnosis.parameters import Value, parameters
 from models.diagnosis.record import Record
+from models.diagnosis.thermal_channel import WarmthTrial
 from models.diagnosis.unknown import depends_on
 from models.timeseries import FloatArray
 
@@ -38,7 +39,7 @@ def change_answer(analysis: ChangeAnalysis, record: Record, started: float, has_
     has_train : whether the training runs were at hand
     """
     ranking = analysis.ranking
-    warm = [] if analysis.warmth is None else [_warmth_finding(analysis, record)]
+    warm = [_warmth_finding(analysis, each, record) for each in analysis.warmth]
     electric, left = _voltage_findings(analysis, record)
     # A large change of the voltage is the first thing to say; a small one may be the temperature's doing.
     first = electric + warm if ranking is not None and ranking.ratio >= _LARGE_RATIO else warm + electric
@@ -146,16 +147,17 @@ def _finding(
     return finding, after
 
 
-def _warmth_finding(analysis: ChangeAnalysis, record: Record) -> Finding:
-    thermal, trial = analysis.thermal, analysis.warmth
-    assert thermal is not None and trial is not None
+def _warmth_finding(analysis: ChangeAnalysis, trial: WarmthTrial, record: Record) -> Finding:
+    thermal = analysis.thermal
+    assert thermal is not None
     values = {
         each.name: Value(value, std, each.unit)
         for each, value, std in zip(trial.effect.parameters, trial.values, trial.std, strict=True)
     }
     before_K, after_K = float(np.sqrt(thermal.mse_K2)), float(np.sqrt(trial.mse_K2))
-    others = [each for each in thermal.trials if each is not trial]
-    margin = min(((each.mse_K2 - trial.mse_K2) / trial.mse_K2 for each in others), default=10.0)
+    alike = [pair[0] for pair in thermal.pairs] if len(analysis.warmth) > 1 else thermal.trials
+    others_K2 = [each.mse_K2 for each in alike if each.mse_K2 != trial.mse_K2]
+    margin = min(((other_K2 - trial.mse_K2) / trial.mse_K2 for other_K2 in others_K2), default=10.0)
     share = thermal.share(trial)
     return Finding(
         trial.effect.name,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -47,12 +48,14 @@ class ThermalComparison:
     own_mse_K2 : mean squared error on the training runs
     mse_K2 : on the diagnosed runs
     trials : every effect on the temperature, the best first
+    pairs : every two of them at once, the best first
     """
 
     views: tuple[ThermalView, ...]
     own_mse_K2: float
     mse_K2: float
     trials: tuple[WarmthTrial, ...]
+    pairs: tuple[tuple[WarmthTrial, ...], ...]
 
     @property
     def large(self) -> bool:
@@ -102,21 +105,38 @@ def compare_temperature(
         for run, s, part in zip(runs, soc, heatless_V, strict=True)
     )
     mse = float(np.mean(np.concatenate([view.temperature_degC - view.simulated() for view in views]) ** 2))
-    trials = [_try(views, effect, effect.warmth) for effect in effects if effect.warmth is not None]
-    return ThermalComparison(views, balance.mse_K2, mse, tuple(sorted(trials, key=lambda trial: trial.mse_K2)))
+    warm = [effect for effect in effects if effect.warmth is not None]
+    trials = sorted((_fit(views, (effect,))[0] for effect in warm), key=lambda trial: trial.mse_K2)
+    pairs = sorted((_fit(views, pair) for pair in combinations(warm, 2)), key=lambda pair: pair[0].mse_K2)
+    return ThermalComparison(views, balance.mse_K2, mse, tuple(trials), tuple(pairs))
 
 
-def _try(views: tuple[ThermalView, ...], effect: Effect, warmth: Warmth) -> WarmthTrial:
-    """Gauss-Newton with halved steps."""
+def _fit(views: tuple[ThermalView, ...], effects: tuple[Effect, ...]) -> tuple[WarmthTrial, ...]:
+    """All effects at once by Gauss-Newton with halved steps; those on the heat balance come before the reading."""
+    parts = [(effect, effect.warmth) for effect in effects if effect.warmth is not None]
+    parts.sort(key=lambda part: part[1].moved is None)
+    edges = np.cumsum([0, *(len(warmth.start) for _, warmth in parts)])
+
+    def own(values: tuple[float, ...], number: int) -> tuple[float, ...]:
+        return values[edges[number] : edges[number + 1]]
+
+    def before(view: ThermalView, values: tuple[float, ...], number: int) -> ThermalView:
+        for i, (_, warmth) in enumerate(parts[:number]):
+            assert warmth.moved is not None
+            view = warmth.moved(view, own(values, i))
+        return view
 
     def error(values: tuple[float, ...]) -> FloatArray:
-        return np.concatenate([view.temperature_degC - warmth.temperature(view, values) for view in views])
+        last = len(parts) - 1
+        each = [parts[last][1].temperature(before(view, values, last), own(values, last)) for view in views]
+        return np.concatenate([view.temperature_degC - found for view, found in zip(views, each, strict=True)])
 
-    values = warmth.start
+    steps = [step for _, warmth in parts for step in warmth.step]
+    values = tuple(start for _, warmth in parts for start in warmth.start)
     remaining = error(values)
     jacobian = np.zeros((len(remaining), len(values)))
     for _ in range(_ITERATIONS):
-        for i, step in enumerate(warmth.step):
+        for i, step in enumerate(steps):
             moved = (*values[:i], values[i] + step, *values[i + 1 :])
             jacobian[:, i] = (remaining - error(moved)) / step
         move = np.linalg.lstsq(jacobian, remaining, rcond=None)[0]
@@ -130,17 +150,27 @@ def _try(views: tuple[ThermalView, ...], effect: Effect, warmth: Warmth) -> Warm
             factor *= 0.5
         if better is None:
             break
-        small = bool(np.all(np.abs(factor * move) < 0.01 * np.array(warmth.step)))
+        small = bool(np.all(np.abs(factor * move) < 0.01 * np.array(steps)))
         values, remaining = better
         if small:
             break
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * _variance(remaining)
-    physical = warmth.physical(views[0], values)
-    std = []
+    std = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)) * _variance(remaining))
+    mse_K2 = float(np.mean(remaining**2))
+    found = []
+    for number, (effect, warmth) in enumerate(parts):
+        of_effect = slice(edges[number], edges[number + 1])
+        found.append(_physical(views[0], effect, warmth, values[of_effect], std[of_effect], mse_K2))
+    return tuple(found)
+
+
+def _physical(
+    view: ThermalView, effect: Effect, warmth: Warmth, values: tuple[float, ...], std: FloatArray, mse_K2: float
+) -> WarmthTrial:
+    physical, told = warmth.physical(view, values), []
     for i, step in enumerate(warmth.step):
-        moved = warmth.physical(views[0], (*values[:i], values[i] + step, *values[i + 1 :]))
-        std.append(abs(moved[i] - physical[i]) / step * float(np.sqrt(covariance[i, i])))
-    return WarmthTrial(effect, physical, tuple(std), float(np.mean(remaining**2)))
+        moved = warmth.physical(view, (*values[:i], values[i] + step, *values[i + 1 :]))
+        told.append(abs(moved[i] - physical[i]) / step * float(std[i]))
+    return WarmthTrial(effect, physical, tuple(told), mse_K2)
 
 
 def _variance(error: FloatArray) -> float:

@@ -89,12 +89,14 @@ class Warmth:
     start : values that change nothing
     step : small values, for derivatives
     physical : (view, values) -> what a person is told
+    moved : (view, values) -> the heat balance with the effect; None: it is none of the balance but of the reading
     """
 
     temperature: Callable[[ThermalView, tuple[float, ...]], FloatArray]
     start: tuple[float, ...]
     step: tuple[float, ...]
     physical: Callable[[ThermalView, tuple[float, ...]], tuple[float, ...]]
+    moved: Callable[[ThermalView, tuple[float, ...]], ThermalView] | None = None
 
 
 @dataclass(frozen=True)

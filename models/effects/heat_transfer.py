@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from models.effects.effect import Effect, Parameter, Warmth
@@ -11,9 +13,18 @@ from models.timeseries import FloatArray
 _LARGEST = float(np.log(50.0))
 
 
-def _temperature(view: ThermalView, values: tuple[float, ...]) -> FloatArray:
+def _moved(view: ThermalView, values: tuple[float, ...]) -> ThermalView:
     """Thermal resistance and time constant move together: the heat capacity stays."""
-    return view.simulated(resistance_ratio=_ratio(values))
+    ratio = _ratio(values)
+    return replace(
+        view,
+        resistance_K_per_W=view.resistance_K_per_W * ratio,
+        time_constant_s=view.time_constant_s * ratio,
+    )
+
+
+def _temperature(view: ThermalView, values: tuple[float, ...]) -> FloatArray:
+    return _moved(view, values).simulated()
 
 
 def _ratio(values: tuple[float, ...]) -> float:
@@ -31,5 +42,5 @@ EFFECT = Effect(
     recognise="the cell gets warmer, or less warm, and takes longer, or less long, to do so",
     source="eq. 2.24 of the method; lumped heat balance",
     parameters=(Parameter("heat_transfer_W_per_K", "W/K", "heat transfer to the ambient"),),
-    warmth=Warmth(_temperature, (0.0,), (0.02,), _physical),
+    warmth=Warmth(_temperature, (0.0,), (0.02,), _physical, _moved),
 )

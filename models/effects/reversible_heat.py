@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from models.effects.effect import Effect, Parameter, Warmth
 from models.effects.thermal_view import ThermalView
 from models.timeseries import FloatArray
 
 
+def _moved(view: ThermalView, values: tuple[float, ...]) -> ThermalView:
+    return replace(view, dU_dT_V_per_K=view.dU_dT_V_per_K + values[0])
+
+
 def _temperature(view: ThermalView, values: tuple[float, ...]) -> FloatArray:
-    return view.simulated(dU_dT_V_per_K=values[0])
+    return _moved(view, values).simulated()
 
 
 EFFECT = Effect(
@@ -17,5 +23,5 @@ EFFECT = Effect(
     recognise="the cell warms on discharge and cools on charge, or the other way round, beyond its losses",
     source="Bernardi, Pawlikowski and Newman, J. Electrochem. Soc. 132, 1985",
     parameters=(Parameter("dU_dT_V_per_K", "V/K", "entropic coefficient of the additional heat"),),
-    warmth=Warmth(_temperature, (0.0,), (2e-5,), lambda _view, values: values),
+    warmth=Warmth(_temperature, (0.0,), (2e-5,), lambda _view, values: values, _moved),
 )

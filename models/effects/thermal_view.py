@@ -51,16 +51,13 @@ class ThermalView:
         """Measured rise above ambient at the start."""
         return float(np.median((self.temperature_degC - self.ambient_degC)[:_START_SAMPLES]))
 
-    def simulated(
-        self, resistance_ratio: float = 1.0, dU_dT_V_per_K: float = 0.0, initial_rise_K: float | None = None
-    ) -> FloatArray:
-        """(n,) temperature in degC for another thermal resistance, heat capacity kept, and more reversible heat."""
+    def simulated(self, initial_rise_K: float | None = None) -> FloatArray:
+        """(n,) temperature in degC, from the measured rise above ambient at the start or another one."""
         began_K = self.initial_rise_K if initial_rise_K is None else initial_rise_K
-        tau_s = self.time_constant_s * resistance_ratio
-        entropic = self.dU_dT_V_per_K + dU_dT_V_per_K
-        heat_W = self.heat_W + entropic * self.reversible_W
+        tau_s = self.time_constant_s
+        heat_W = self.heat_W + self.dU_dT_V_per_K * self.reversible_W
         start = self.ambient_degC[0]
         chamber = start + low_pass(self.ambient_degC - start, tau_s, self.dt_s)
         decay = np.exp(-np.arange(len(heat_W)) * self.dt_s / tau_s)
-        rise = self.resistance_K_per_W * resistance_ratio * low_pass(heat_W, tau_s, self.dt_s)
+        rise = self.resistance_K_per_W * low_pass(heat_W, tau_s, self.dt_s)
         return chamber + rise + began_K * decay

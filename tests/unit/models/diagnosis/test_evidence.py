@@ -64,7 +64,7 @@ def test_held_out_error_never_sees_its_own_block() -> None:
     assert jump.mean() == pytest.approx(100.0, rel=0.2)
 
 
-def test_penalties_are_chosen_on_held_out_blocks() -> None:
+def test_penalties_are_as_strong_as_the_data_make_likely() -> None:
     rng = np.random.default_rng(5)
     x = rng.standard_normal((60, 40))
     y = 2.0 * x[:, 0] + 0.5 * rng.standard_normal(60)
@@ -77,7 +77,7 @@ def test_penalties_are_chosen_on_held_out_blocks() -> None:
 
 
 def test_a_bend_that_was_gone_through_once_is_not_smoothed_away() -> None:
-    """Held-out stretches are short: no stiff curve wins for what it makes of states of charge that are left out."""
+    """No stiff curve wins for what it makes of states of charge that were not measured."""
     rng = np.random.default_rng(6)
     soc = np.linspace(0.0, 1.0, 6000)
     basis = SplineBasis(0.0, 1.0, 40)
@@ -90,3 +90,16 @@ def test_a_bend_that_was_gone_through_once_is_not_smoothed_away() -> None:
     )
     left_V = basis.matrix(soc) @ fit.coefficients - true_V
     assert np.sqrt(np.mean(left_V**2)) < 1.5e-4
+
+
+def test_a_gain_that_is_seen_at_few_states_of_charge_is_not_let_loose_between_them() -> None:
+    """A signal that occurs at two places only: elsewhere its gain stays near what it is there."""
+    rng = np.random.default_rng(7)
+    soc = np.linspace(0.0, 1.0, 6000)
+    basis = SplineBasis(0.0, 1.0, 20)
+    signal = rng.standard_normal(6000) * ((np.abs(soc - 0.2) < 0.05) | (np.abs(soc - 0.8) < 0.05))
+    forms = [basis.roughness(2), np.eye(20), np.zeros((20, 20))]
+    y = 0.02 * signal + 1e-3 * rng.standard_normal(6000)
+    fit = penalised_fit([basis.matrix(soc) * signal[:, None]], [y], forms)
+    between = basis.matrix(np.linspace(0.25, 0.75, 50)) @ fit.coefficients
+    np.testing.assert_allclose(between, 0.02, atol=5e-3)
