@@ -21,6 +21,9 @@ _MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "None"]
 _LONGEST_HEADER_BYTES = 65536
 
 Chooser = Callable[[list[str]], dict[str, str]]
+# Bytes from which on several threads read. In a small file they save nothing, and a program that ends at once, because
+# the file is refused, has been seen to abort while its threads were still starting.
+_WORTH_THREADS = 1_000_000
 
 
 def is_text_table(head: bytes) -> bool:
@@ -61,7 +64,9 @@ def read_columns(
         with _open(path) as stream:
             table = pa_csv.read_csv(
                 stream,
-                read_options=pa_csv.ReadOptions(column_names=positions, skip_rows=1),
+                read_options=pa_csv.ReadOptions(
+                    column_names=positions, skip_rows=1, use_threads=path.stat().st_size > _WORTH_THREADS
+                ),
                 parse_options=pa_csv.ParseOptions(delimiter=delimiter),
                 convert_options=convert,
             )
