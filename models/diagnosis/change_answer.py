@@ -155,9 +155,10 @@ def _warmth_finding(analysis: ChangeAnalysis, trial: WarmthTrial, record: Record
         for each, value, std in zip(trial.effect.parameters, trial.values, trial.std, strict=True)
     }
     before_K, after_K = float(np.sqrt(thermal.mse_K2)), float(np.sqrt(trial.mse_K2))
-    alike = [pair[0] for pair in thermal.pairs] if len(analysis.warmth) > 1 else thermal.trials
-    others_K2 = [each.mse_K2 for each in alike if each.mse_K2 != trial.mse_K2]
-    margin = min(((other_K2 - trial.mse_K2) / trial.mse_K2 for other_K2 in others_K2), default=10.0)
+    # What was named is the best of its kind; the next one of that kind says how sure it is.
+    alone = any(each is trial for each in thermal.trials)
+    tried = thermal.trials if alone else [pair[0] for pair in thermal.pairs]
+    margin = (tried[1].mse_K2 - trial.mse_K2) / trial.mse_K2 if len(tried) > 1 else 10.0
     share = thermal.share(trial)
     return Finding(
         trial.effect.name,
