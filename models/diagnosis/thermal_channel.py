@@ -48,7 +48,7 @@ class ThermalComparison:
     own_mse_K2 : mean squared error on the training runs
     mse_K2 : on the diagnosed runs
     trials : every effect on the temperature, the best first
-    pairs : every two of them at once, the best first
+    pairs : every two of them at once, the best first; none where the error is not large
     """
 
     views: tuple[ThermalView, ...]
@@ -107,8 +107,11 @@ def compare_temperature(
     mse = float(np.mean(np.concatenate([view.temperature_degC - view.simulated() for view in views]) ** 2))
     warm = [effect for effect in effects if effect.warmth is not None]
     trials = sorted((_fit(views, (effect,))[0] for effect in warm), key=lambda trial: trial.mse_K2)
+    found = ThermalComparison(views, balance.mse_K2, mse, tuple(trials), ())
+    if not found.large:
+        return found
     pairs = sorted((_fit(views, pair) for pair in combinations(warm, 2)), key=lambda pair: pair[0].mse_K2)
-    return ThermalComparison(views, balance.mse_K2, mse, tuple(trials), tuple(pairs))
+    return replace(found, pairs=tuple(pairs))
 
 
 def _fit(views: tuple[ThermalView, ...], effects: tuple[Effect, ...]) -> tuple[WarmthTrial, ...]:
