@@ -168,7 +168,7 @@ def _of(warmth: tuple[WarmthTrial, ...], name: str) -> WarmthTrial | None:
 
 
 def _named_warmth(thermal: ThermalComparison | None) -> tuple[WarmthTrial, ...]:
-    """One effect that explains nearly all of what is new, or two of which neither does so alone."""
+    """One effect that explains nearly all of what is new, or two where the second takes most of what one leaves."""
     if thermal is None or not thermal.trials or not thermal.large:
         return ()
     best = thermal.trials[0]

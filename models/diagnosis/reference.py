@@ -3,7 +3,8 @@
 A network with output feedback hides effects: its slow poles imitate hysteresis and relaxation. Here the voltage is a
 sum of signals of the inputs, each times a spline over the state of charge at the particles' surface: open-circuit
 curve, low-passed currents, charge transfer, hysteresis, temperature. Penalties keep neighbouring spline coefficients
-alike; their strengths and the few shape parameters are chosen on held-out blocks of the training runs.
+alike; their strengths make the training runs most likely, and the few shape parameters are chosen on held-out
+blocks of them.
 """
 
 from __future__ import annotations
