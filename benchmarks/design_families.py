@@ -26,21 +26,22 @@ from rich.table import Table
 from simulated_cells import noise_V, play
 from threadpoolctl import threadpool_limits
 
+from models.data.metrics import metrics
+from models.data.resampling import to_grid
+from models.data.timeseries import FloatArray
 from models.design import Profile, StepProfileRequest, step_profile
 from models.design.answer import even_cycle
-from models.design.block_design import DesignRequest
+from models.design.constraints.limits import Limits
 from models.design.design import Design, design
-from models.design.excitation_sequence import compact_profile
-from models.design.experiment import Evaluator, Experiment, parameter_std
-from models.design.family import find_families
-from models.design.limits import Limits
-from models.design.reference_model import experiment_with, first_reference, pre_test
-from models.identification import fit_network
-from models.local_model_network import LocalModelNetwork
-from models.metrics import metrics
-from models.resampling import to_grid
-from models.structure import InputChannel, PartitionAxis, Structure
-from models.timeseries import FloatArray
+from models.design.information.experiment import Evaluator, Experiment, parameter_std
+from models.design.optimise.block_design import DesignRequest
+from models.design.optimise.reference_model import experiment_with, first_reference, pre_test
+from models.design.sequence.excitation_sequence import compact_profile
+from models.design.test_signals import find_families
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import InputChannel, PartitionAxis, Structure
+from models.pipeline.fit import fit_network
 from simulators.catalogue import cell_type
 
 DT_S, INITIAL_SOC = 1.0, 0.5
@@ -103,7 +104,7 @@ def judge(
         errors = []
         for drive in held_out:
             grid = to_grid(drive.series, DT_S)
-            errors.append(metrics(drive.truth_V, network.free_run_V(grid, INITIAL_SOC))["rmse_mV"])
+            errors.append(metrics(drive.truth_V, free_run_V(network, grid, INITIAL_SOC))["rmse_mV"])
         row = {
             "cell": cell,
             "seed": seed,

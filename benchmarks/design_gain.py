@@ -27,16 +27,16 @@ from scipy.optimize import minimize
 from simulated_cells import noise_V, play
 from threadpoolctl import threadpool_limits
 
+from models.data.timeseries import FloatArray
 from models.design import StepProfileRequest, step_profile
-from models.design.ascent import optimise
-from models.design.criteria import efficiency
-from models.design.experiment import SENSITIVITIES, Evaluator, Experiment
-from models.design.feasible import Demands, Feasible
-from models.design.limits import Limits
-from models.identification import fit_network
-from models.local_model_network import LocalModelNetwork
-from models.structure import InputChannel, PartitionAxis, Structure
-from models.timeseries import FloatArray
+from models.design.constraints.feasible import Demands, Feasible
+from models.design.constraints.limits import Limits
+from models.design.information.criteria import efficiency
+from models.design.information.experiment import SENSITIVITIES, Evaluator, Experiment
+from models.design.optimise.ascent import optimise
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import InputChannel, PartitionAxis, Structure
+from models.pipeline.fit import fit_network
 from simulators.catalogue import cell_type
 
 DT_S = 1.0

@@ -23,13 +23,13 @@ from rich.table import Table
 from simulated_cells import play
 from threadpoolctl import threadpool_limits
 
-from models.design.block_design import DesignRequest
+from models.data.timeseries import FloatArray
+from models.design.constraints.limits import InfeasibleError, Limits
 from models.design.design import design
-from models.design.limits import InfeasibleError, Limits
-from models.design.reference_model import experiment_with, first_reference, pre_test
-from models.identification import fit_network
-from models.local_model_network import LocalModelNetwork
-from models.timeseries import FloatArray
+from models.design.optimise.block_design import DesignRequest
+from models.design.optimise.reference_model import experiment_with, first_reference, pre_test
+from models.network.local_model_network import LocalModelNetwork
+from models.pipeline.fit import fit_network
 from simulators.catalogue import cell_type
 from simulators.cell import Cell
 

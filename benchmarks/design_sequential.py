@@ -21,14 +21,15 @@ from rich.table import Table
 from simulated_cells import noise_V, play
 from threadpoolctl import threadpool_limits
 
-from models.design.block_design import DesignRequest
-from models.design.reference_model import experiment_with, first_reference, pre_test
-from models.design.sequential import sequential_design
-from models.identification import fit_network
-from models.local_model_network import LocalModelNetwork
-from models.metrics import metrics
-from models.resampling import to_grid
-from models.timeseries import FloatArray, TimeSeries
+from models.data.metrics import metrics
+from models.data.resampling import to_grid
+from models.data.timeseries import FloatArray, TimeSeries
+from models.design.optimise.block_design import DesignRequest
+from models.design.optimise.reference_model import experiment_with, first_reference, pre_test
+from models.design.optimise.sequential import sequential_design
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.pipeline.fit import fit_network
 from simulators.catalogue import cell_type
 from simulators.cell import Cell
 from simulators.sensors import SensorParameters, Sensors
@@ -83,7 +84,7 @@ def run(cell: str, seed: int, target_std: float) -> dict[str, Any]:
     def refit(_: list[TimeSeries], __: list[float]) -> LocalModelNetwork:
         # One log: a run by itself would be taken to begin at rest.
         network = fit_network([bench.log()], capacity_Ah=capacity_Ah, structure=SIX, dt_s=DT_S).network
-        errors_mV.append(metrics(held_out.truth_V, network.free_run_V(drive, INITIAL_SOC))["rmse_mV"])
+        errors_mV.append(metrics(held_out.truth_V, free_run_V(network, drive, INITIAL_SOC))["rmse_mV"])
         return network
 
     experiment = experiment_with(reference, INITIAL_SOC, use_prior=False, noise_V=noise_V())

@@ -19,13 +19,13 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from models.diagnosis.findings import Diagnosis
-from models.local_model_network import LocalModelNetwork
-from models.regression import CellContext
-from models.resampling import GridRun
-from models.structure import Structure
-from models.structure_search import GivenCandidate, Search
-from models.timeseries import FloatArray
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.diagnosis.answer.findings import Diagnosis
+from models.identification.search.search import GivenCandidate, Search
+from models.network.local_model_network import LocalModelNetwork
+from models.network.regression import CellContext
+from models.network.structure import Structure
 from simulators.hidden_effect import Size
 
 NONE, UNKNOWN = "none", "unknown_effect"

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.data.timeseries import FloatArray, TimeSeries
 from models.design import StepProfileRequest, step_profile
-from models.timeseries import FloatArray, TimeSeries
 from simulators.catalogue import cell_type
 from simulators.cell import Branch, Cell, CellParameters
 from simulators.effects import apply_effects

@@ -42,11 +42,11 @@ from diagnosis_cells import (
     true_parameter,
 )
 
+from models.data.resampling import to_grid
 from models.diagnosis import diagnose, memory_of
-from models.diagnosis.memory import Memory
-from models.local_model_network import LocalModelNetwork
-from models.resampling import to_grid
-from models.structure import minimal_structure
+from models.diagnosis.evidence.memory import Memory
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import minimal_structure
 from simulators.cell import SOC_SCALE
 from simulators.sensors import SensorParameters
 

@@ -19,10 +19,11 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from bench_service.exchange.read import read_run_file
+from models.data.start_soc import start_soc
+from models.data.timeseries import TimeSeries
 from models.diagnosis import diagnose
-from models.identification import STRUCTURES, fit_network, start_soc
-from models.local_model_network import LocalModelNetwork
-from models.timeseries import TimeSeries
+from models.network.local_model_network import LocalModelNetwork
+from models.pipeline.fit import STRUCTURES, fit_network
 
 # Names that are right; a set of two as the first two findings of an ambiguous verdict.
 RIGHT: dict[str, set[str]] = {

@@ -40,15 +40,16 @@ from diagnosis_cells import (
     true_parameter,
 )
 
+from models.data.resampling import to_grid
+from models.data.timeseries import FloatArray, TimeSeries
 from models.diagnosis import diagnose
-from models.diagnosis.sensitivities import sensitivities_V
+from models.diagnosis.structure.sensitivities import sensitivities_V
 from models.effects import effect
-from models.input_correction import corrected
-from models.local_model_network import LocalModelNetwork
-from models.resampling import to_grid
-from models.structure import InputChannel, PartitionAxis, Structure
-from models.structure_search import GivenCandidate
-from models.timeseries import FloatArray, TimeSeries
+from models.effects.input_correction import corrected
+from models.identification.search.search import GivenCandidate
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import InputChannel, PartitionAxis, Structure
 from simulators.cell import Branch, CellParameters
 from simulators.effects import apply_effects
 from simulators.hidden_effect import SIZES, Size
@@ -234,7 +235,7 @@ def _with(
         train, held_out = corrected(train, name, values), corrected(held_out, name, values)
     wider, _ = quick_network(to_grid(train, 1.0), INITIAL_SOC, capacity_Ah, structure, replace(choice, given=structure))
     run = to_grid(held_out, 1.0)
-    return float(np.sqrt(np.mean((run.voltage_V - wider.free_run_V(run, INITIAL_SOC)) ** 2)))
+    return float(np.sqrt(np.mean((run.voltage_V - free_run_V(wider, run, INITIAL_SOC)) ** 2)))
 
 
 if __name__ == "__main__":

@@ -28,6 +28,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from models.network.free_run import free_run_V
+
 # What a clock, a folder or a commit moves.
 VOLATILE = ("seconds", "code_version", "us_per_step", "model", "profile", "file", "report", "parent")
 CELLS = ("nmc", "lfp", "nimh")
@@ -211,9 +213,9 @@ def _folder_of(words: list[str]) -> Path:
 
 def _warm(folder: Path) -> dict[str, Any]:
     """Simulate voltage and temperature together, without measured temperature."""
-    from models.cell_temperature import thermal_of
-    from models.electrothermal import simulate_closed
-    from models.local_model_network import LocalModelNetwork
+    from models.network.local_model_network import LocalModelNetwork
+    from models.thermal.cell_temperature import thermal_of
+    from models.thermal.closed_loop import simulate_closed
 
     network = LocalModelNetwork.from_json(json.loads((folder / "model_simulated_nmc.json").read_text()))
     thermal = thermal_of(network)
@@ -228,11 +230,11 @@ def _module(folder: Path) -> dict[str, Any]:
     """Models S1 to S4 of a simulated module."""
     from module_models import LAYOUTS, judge
 
-    from models.local_model_network import LocalModelNetwork
-    from models.resampling import to_grid
+    from models.data.resampling import to_grid
+    from models.network.local_model_network import LocalModelNetwork
 
     network = LocalModelNetwork.from_json(json.loads((folder / "model_simulated_nmc.json").read_text()))
-    found = judge("nmc", LAYOUTS[1], lambda run: network.free_run_V(to_grid(run, 1.0), 0.5))
+    found = judge("nmc", LAYOUTS[1], lambda run: free_run_V(network, to_grid(run, 1.0), 0.5))
     return {key: value for key, value in found.items() if key != "layout"}
 
 
@@ -262,7 +264,7 @@ def _compare(former: Path, folder: Path, tolerance: float) -> int:
 
 def _unread(former: Path) -> int:
     """Count models of the former tree that this one does not read, or reads as something else."""
-    from models.local_model_network import LocalModelNetwork
+    from models.network.local_model_network import LocalModelNetwork
 
     failed = 0
     for path in sorted(former.glob("model_*.json")):
@@ -306,7 +308,7 @@ def _differences(one: Any, other: Any, place: str) -> Iterator[tuple[str, float]
         else:
             for i, (x, y) in enumerate(zip(one, other, strict=True)):
                 yield from _differences(x, y, f"{place}[{i}]")
-    elif type(one) in (int, float) and type(other) in (int, float):
+    elif isinstance(one, int | float) and isinstance(other, int | float):
         same = one == other or (math.isnan(one) and math.isnan(other))
         yield place, 0.0 if same else abs(one - other) / (abs(one) or 1.0)
     elif isinstance(one, str) and isinstance(other, str) and ("/" in one or len(one) == 64):

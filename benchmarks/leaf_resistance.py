@@ -29,15 +29,16 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from bench_service.exchange.read import read_run
-from models.errors import ModelError
-from models.identification import STRUCTURES, fit_network, start_soc
-from models.local_model_network import LocalModelNetwork
-from models.regression import CellContext
-from models.resampling import to_grid
-from models.step_response import step_response
-from models.structure import InputChannel, PartitionAxis, Structure
-from models.structure_search import Search
-from models.timeseries import FloatArray, TimeSeries
+from models.data.errors import ModelError
+from models.data.resampling import to_grid
+from models.data.start_soc import start_soc
+from models.data.timeseries import FloatArray, TimeSeries
+from models.identification.search.search import Search
+from models.network.local_model_network import LocalModelNetwork
+from models.network.regression import CellContext
+from models.network.structure import InputChannel, PartitionAxis, Structure
+from models.pipeline.fit import STRUCTURES, fit_network
+from models.readouts.step_response import step_response
 
 CAPACITY_AH = 30.6
 TEMPERATURES_DEGC = (10, 25, 40)

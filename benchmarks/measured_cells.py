@@ -26,11 +26,12 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from bench_service.exchange.read import read_run
-from models.identification import FitResult, fit_network, start_soc
-from models.local_model_network import LocalModelNetwork
-from models.simulated_runs import simulate_runs
-from models.structure import Structure
-from models.timeseries import TimeSeries
+from models.comparison.simulated_runs import simulate_runs
+from models.data.start_soc import start_soc
+from models.data.timeseries import TimeSeries
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import Structure
+from models.pipeline.fit import FitResult, fit_network
 
 PANASONIC_CAPACITY_AH = 2.968
 STRUCTURES = ("auto", "full", "minimal")

@@ -27,16 +27,17 @@ from rich.table import Table
 from simulated_cells import INITIAL_SOC, simulated_run
 from threadpoolctl import threadpool_limits
 
-from models.auto_structure import AutoCandidate
-from models.local_model_network import LocalModelNetwork
-from models.lolimot import LocalFit, construct
-from models.refinement import refined_theta
-from models.regression import CellContext, Dataset, build_dataset, find_scaling
-from models.resampling import GridRun, to_grid
-from models.structure import Structure, full_structure
-from models.structure_search import Candidate, Search
-from models.timeseries import FloatArray
-from models.update import RecursiveUpdate
+from models.data.resampling import GridRun, to_grid
+from models.data.timeseries import FloatArray
+from models.identification.lolimot import LocalFit, construct
+from models.identification.refinement import refined_theta
+from models.identification.search.auto import AutoCandidate
+from models.identification.search.search import Candidate, Search
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.network.regression import CellContext, Dataset, build_dataset, find_scaling
+from models.network.structure import Structure, full_structure
+from models.recursive.update import RecursiveUpdate
 
 N_MODELS = 24
 DT_S = 1.0
@@ -68,7 +69,7 @@ def time_free_run(n: int) -> list[dict[str, Any]]:
     run = _grid(n)[0]
     rows = []
     for name, network in _networks(n):
-        seconds = _least_s(lambda network=network: network.free_run_V(run, INITIAL_SOC))
+        seconds = _least_s(lambda network=network: free_run_V(network, run, INITIAL_SOC))
         rows.append(
             _row(f"free run, {name}, {network.n_models} local models", len(run) / seconds, "samples/s", 5e6, True)
         )
@@ -143,18 +144,18 @@ def measure_linear(n: int) -> list[dict[str, Any]]:
     cost = []
     for size in (100_000, 1_600_000):
         run = _tiled(_grid(100_000)[0], size)
-        cost.append(_least_s(lambda run=run: network.free_run_V(run, INITIAL_SOC)) / size)
+        cost.append(_least_s(lambda run=run: free_run_V(network, run, INITIAL_SOC)) / size)
     return [_row("cost per sample at 1.6e6 over that at 1e5 samples", cost[1] / cost[0], "1", 1.5, False)]
 
 
 def simulate_long(n: int) -> dict[str, float]:
     """Simulate `n` samples with 24 local models and say what it took."""
     network, short = _network(20_000), _grid(20_000)[0]
-    network.free_run_V(short, INITIAL_SOC)
+    free_run_V(network, short, INITIAL_SOC)
     run = _tiled(short, n)
     before = _peak_GiB()
     began = time.process_time()
-    network.free_run_V(run, INITIAL_SOC)
+    free_run_V(network, run, INITIAL_SOC)
     seconds = time.process_time() - began
     return {"samples_per_second": n / seconds, "peak_GiB": _peak_GiB(), "before_GiB": before}
 

@@ -22,10 +22,11 @@ from rich.table import Table
 from simulated_cells import DT_S, INITIAL_SOC, simulated_run
 from threadpoolctl import threadpool_limits
 
-from models.identification import STRUCTURES, fit_network
-from models.module import KINDS, ModuleRun, as_cell_run, compare_module_models
-from models.resampling import to_grid
-from models.timeseries import FloatArray, TimeSeries
+from models.data.resampling import to_grid
+from models.data.timeseries import FloatArray, TimeSeries
+from models.module.models import KINDS, ModuleRun, as_cell_run, compare_module_models
+from models.network.free_run import free_run_V
+from models.pipeline.fit import STRUCTURES, fit_network
 from simulators.catalogue import CELLS, cell_type
 from simulators.cell import Cell, CellOutput
 from simulators.module import Module, ModuleLayout
@@ -117,7 +118,7 @@ def module_run(cell: str, layout: ModuleLayout, number: int) -> TimeSeries:
 def _identified(cell: str, structure: str) -> Callable[[TimeSeries], FloatArray]:
     train = simulated_run(cell, 0, 0)
     network = fit_network([train.series], capacity_Ah=train.capacity_Ah, structure=structure, dt_s=DT_S).network
-    return lambda run: network.free_run_V(to_grid(run, DT_S), INITIAL_SOC)
+    return lambda run: free_run_V(network, to_grid(run, DT_S), INITIAL_SOC)
 
 
 def _true_cell(cell: str) -> Callable[[TimeSeries], FloatArray]:

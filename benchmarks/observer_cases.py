@@ -24,14 +24,15 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from models.baselines import EquivalentCircuit, fit_equivalent_circuit
-from models.identification import fit_network, start_soc
-from models.local_model_network import LocalModelNetwork
+from models.data.start_soc import start_soc
+from models.data.timeseries import FloatArray
+from models.network.local_model_network import LocalModelNetwork
 from models.observer import FuzzyObserver
-from models.observer.accuracy import soc_figures
+from models.observer.certificate.observability import observability
 from models.observer.circuit_filters import CircuitObserver
-from models.observer.observability import observability
-from models.observer.tuning import tune
-from models.timeseries import FloatArray
+from models.observer.tuning.accuracy import soc_figures
+from models.observer.tuning.tuning import tune
+from models.pipeline.fit import fit_network
 from simulators.catalogue import cell_type
 
 # Names of the cases, offset of the current sensor in C and of the voltage sensor in V.

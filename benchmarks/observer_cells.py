@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.data.timeseries import FloatArray, TimeSeries
 from models.design import StepProfileRequest, step_profile
-from models.timeseries import FloatArray, TimeSeries
 from simulators.catalogue import cell_type
 from simulators.cell import Cell, CellParameters
 from simulators.sensors import SensorParameters, Sensors

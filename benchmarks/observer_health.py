@@ -23,10 +23,10 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from models.local_model_network import LocalModelNetwork
+from models.data.timeseries import FloatArray
+from models.network.local_model_network import LocalModelNetwork
 from models.observer import FuzzyObserver
 from models.observer.health import MODEL, RANGE, STUCK, watch
-from models.timeseries import FloatArray
 from simulators.catalogue import cell_type
 from simulators.cell import Branch, CellParameters
 

@@ -23,14 +23,15 @@ from threadpoolctl import threadpool_limits
 
 from bench_service.exchange.read import read_run_file
 from models.baselines import EquivalentCircuit, fit_equivalent_circuit
-from models.identification import fit_network, start_soc
-from models.local_model_network import LocalModelNetwork
+from models.data.resampling import to_grid
+from models.data.start_soc import start_soc
+from models.data.timeseries import TimeSeries
+from models.network.local_model_network import LocalModelNetwork
 from models.observer import FuzzyObserver
-from models.observer.accuracy import soc_figures
 from models.observer.circuit_filters import CircuitObserver
-from models.observer.tuning import tune
-from models.resampling import to_grid
-from models.timeseries import TimeSeries
+from models.observer.tuning.accuracy import soc_figures
+from models.observer.tuning.tuning import tune
+from models.pipeline.fit import fit_network
 
 CAPACITY_AH = 2.968
 TEMPERATURES = ("25degC", "10degC", "0degC", "m10degC")

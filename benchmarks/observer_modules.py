@@ -21,12 +21,13 @@ from observer_cases import LARGEST_START, SENSORS, models, one_case, print_table
 from observer_cells import DT_S, Case, chamber_degC, load_A
 from threadpoolctl import threadpool_limits
 
-from models.local_model_network import LocalModelNetwork
-from models.module import KINDS, ModuleModel, ModuleRun, as_cell_run, identify_module
+from models.data.resampling import to_grid
+from models.data.timeseries import TimeSeries
+from models.module.models import KINDS, ModuleModel, ModuleRun, as_cell_run, identify_module
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
 from models.observer import FuzzyObserver
-from models.observer.module_observer import ModuleObserver
-from models.resampling import to_grid
-from models.timeseries import TimeSeries
+from models.observer.module.module_observer import ModuleObserver
 from simulators.catalogue import cell_type
 from simulators.module import Module, ModuleLayout
 from simulators.sensors import SensorParameters, Sensors
@@ -66,7 +67,7 @@ def identified(cell: str, network: LocalModelNetwork, layout: ModuleLayout) -> d
         ModuleRun(
             case.series.voltage_V,
             case.series.current_A,
-            network.free_run_V(to_grid(as_cell_run(case.series, *size), DT_S), case.initial_soc),
+            free_run_V(network, to_grid(as_cell_run(case.series, *size), DT_S), case.initial_soc),
         )
         for case in (module_case(cell, layout, seed) for seed in _IDENTIFIED)
     ]

@@ -19,11 +19,11 @@ import numpy as np
 from observer_cells import DT_S, random_case, training_runs
 from threadpoolctl import threadpool_limits
 
-from models.identification import fit_network
-from models.local_model_network import LocalModelNetwork
+from models.data.timeseries import TimeSeries
+from models.network.local_model_network import LocalModelNetwork
 from models.observer import FuzzyObserver
 from models.observer.health import Watcher
-from models.timeseries import TimeSeries
+from models.pipeline.fit import fit_network
 from simulators.catalogue import cell_type
 
 _ROUNDS, _LIVE_STEPS = 15, 3000

@@ -22,17 +22,17 @@ from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from models.held_out_uncertainty import fit_uncertainty
-from models.holdout import groups
-from models.local_model_network import free_run
-from models.partition import Partition
-from models.refinement import Refined, refined_theta
-from models.regression import CellContext, build_dataset, find_scaling
-from models.resampling import GridRun
-from models.shared_poles import fit, moments, output_coefficients, penalties
-from models.structure import InputChannel, PartitionAxis, Structure
-from models.structure_search import Fitted
-from models.timeseries import FloatArray
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.identification.refinement import Refined, refined_theta
+from models.identification.search.search import Fitted
+from models.identification.shared_poles import fit, moments, output_coefficients, penalties
+from models.network.folds import groups
+from models.network.partition import Partition
+from models.network.recursion import free_run
+from models.network.regression import CellContext, build_dataset, find_scaling
+from models.network.structure import InputChannel, PartitionAxis, Structure
+from models.uncertainty.held_out import fit_uncertainty
 
 CAPACITY_AH = 2.0
 NOISE = 1e-3  # of the voltage's range

@@ -38,12 +38,14 @@ from models.baselines import (
     fit_enhanced_self_correcting,
     fit_equivalent_circuit,
 )
-from models.errors import ModelError
-from models.identification import STRUCTURES, fit_network, start_soc
-from models.metrics import metrics
-from models.resampling import GridRun, to_grid, typical_interval_s
-from models.signals import soc_by_counting
-from models.timeseries import FloatArray, TimeSeries
+from models.data.errors import ModelError
+from models.data.metrics import metrics
+from models.data.resampling import GridRun, to_grid, typical_interval_s
+from models.data.start_soc import start_soc
+from models.data.timeseries import FloatArray, TimeSeries
+from models.network.free_run import free_run_V
+from models.network.signals import soc_by_counting
+from models.pipeline.fit import STRUCTURES, fit_network
 
 PEERS = ("pybatteryid", "sysidentpy")
 INSTALL = "python3 -m venv peers && peers/bin/pip install pybatteryid==3.0.2 sysidentpy==0.9.0, then --peers-python"
@@ -107,9 +109,9 @@ def judge_own(
         model = fit(data.train)
         fit_s = time.perf_counter() - began
         grid, soc = data.grid(data.validate), [start_soc(run) for run in data.validate]
-        model.free_run_V(grid[0], soc[0])
+        free_run_V(model, grid[0], soc[0])
         began = time.perf_counter()
-        simulated = [model.free_run_V(run, s) for run, s in zip(grid, soc, strict=True)]
+        simulated = [free_run_V(model, run, s) for run, s in zip(grid, soc, strict=True)]
         run_s = time.perf_counter() - began
     except ModelError as error:
         return _failed(name, str(error)), None

@@ -21,15 +21,16 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from models.baselines import CellModel, fit_enhanced_self_correcting, fit_equivalent_circuit
-from models.comparison import compare
+from models.comparison.figures import compare
+from models.data.metrics import metrics
+from models.data.resampling import to_grid
+from models.data.timeseries import FloatArray, TimeSeries
 from models.design import Profile, StepProfileRequest, step_profile
-from models.identification import STRUCTURES, fit_network
-from models.local_model_network import LocalModelNetwork
-from models.metrics import metrics
-from models.ocv import DIRECTIONS
-from models.readouts import tables_of
-from models.resampling import to_grid
-from models.timeseries import FloatArray, TimeSeries
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.pipeline.fit import STRUCTURES, fit_network
+from models.readouts.ocv import DIRECTIONS
+from models.readouts.tables import tables_of
 from simulators.catalogue import CELLS, cell_type
 from simulators.cell import Cell, CellParameters
 from simulators.sensors import SensorParameters, Sensors
@@ -89,7 +90,7 @@ def judge(cell: str, seed: int, structure: str, duration_s: float, ambient_degC:
     model = _fit(structure)([train.series], train.capacity_Ah)
     seconds = time.perf_counter() - began
     run = to_grid(held_out.series, DT_S)
-    simulated_V = model.free_run_V(run, INITIAL_SOC)
+    simulated_V = free_run_V(model, run, INITIAL_SOC)
     figures = metrics(run.voltage_V, simulated_V)
     noise_mV = 1e3 * noise_V()
     return {

@@ -21,7 +21,7 @@ from bench_service.errors import (
     StoreError,
 )
 from bench_service.exchange.errors import ExchangeError
-from models.errors import ModelError
+from models.data.errors import ModelError
 
 _log = logging.getLogger(__name__)
 

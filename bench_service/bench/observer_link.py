@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from bench_service.bench.request import RunRequest
-from models.input_correction import LiveCorrection, Reading, corrections_of
+from models.effects.input_correction import LiveCorrection, Reading, corrections_of
 
 if TYPE_CHECKING:
     from models.observer import FuzzyObserver
-    from models.observer.fuzzy_observer import ObserverState
+    from models.observer.filter.fuzzy_observer import ObserverState
     from models.observer.health import Watcher
 
 # Outside of this a state of charge is no estimate any more.
@@ -58,7 +58,7 @@ class ObserverLink(Protocol):
 class FuzzyObserverLink:
     """A fuzzy observer with its memory, and with a watch over whether it can be believed.
 
-    It gets the samples as its model reads them, see `models.input_correction`; before the first it says nothing.
+    It gets the samples as its model reads them, see `effects.input_correction`; before the first it says nothing.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ def build_observer(request: RunRequest) -> ObserverLink | None:
     if request.observer is None:
         return None
     # Here, because loading the compiler takes longer than everything else a control process does at its start.
-    from models.local_model_network import LocalModelNetwork
+    from models.network.local_model_network import LocalModelNetwork
     from models.observer import FuzzyObserver, ObserverSettings
     from models.observer.health import Watcher
 

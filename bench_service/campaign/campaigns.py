@@ -21,7 +21,7 @@ from bench_service.campaign.story import Story, Workshop
 from bench_service.errors import BenchBusyError, ServiceError
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import CampaignRecord, CampaignState, Json, Severity
-from models.errors import ModelError
+from models.data.errors import ModelError
 
 _log = logging.getLogger(__name__)
 _SEVERITY: dict[str, Severity] = {"completed": "info", "stopped": "warning", "interrupted": "warning"}

@@ -175,7 +175,7 @@ class Diagnosing:
         )
 
     async def where(self, comparison_id: str) -> Json:
-        """Say where the model of a comparison is off, see `models.error_map.error_map`; computed in a worker.
+        """Say where the model of a comparison is off, see `models.comparison.where.error_map`; computed in a worker.
 
         Raises
         ------

@@ -98,7 +98,7 @@ class Modelling:
     def import_model(self, document: Json, name: str) -> ModelRecord:
         """Store a MODEL.json from elsewhere; raises `ModelError` if it is none."""
         # Here and not above: the first import in a service's life pays for it, not its start.
-        from models.local_model_network import LocalModelNetwork
+        from models.network.local_model_network import LocalModelNetwork
 
         network = LocalModelNetwork.from_json(document)
         return self._store.add_model(

@@ -13,9 +13,9 @@ from bench_service.cli.report import page, table
 from bench_service.store.decimation import kept_rows
 
 if TYPE_CHECKING:
-    from models.design.block_design import DesignRequest
     from models.design.design import Design
-    from models.design.experiment import Experiment
+    from models.design.information.experiment import Experiment
+    from models.design.optimise.block_design import DesignRequest
 
 _POINTS = 1600
 _BLUE, _RUST, _GREY, _GREEN = "#0b62a8", "#c2410c", "#7a7a7a", "#2f7d4f"
@@ -82,7 +82,7 @@ def _course(hours: Values, request: DesignRequest, found: Design) -> list[str]:
 
 def _ratio(experiment: Experiment, request: DesignRequest) -> list[str]:
     """How much of the largest current the voltage leaves, of a sequence."""
-    from models.design.block_design import OPTIMAL, plan_of
+    from models.design.optimise.block_design import OPTIMAL, plan_of
 
     if request.signal != OPTIMAL or not request.soc_levels:
         return []
@@ -99,7 +99,7 @@ def _load(request: DesignRequest) -> list[str]:
     """Load cycle and histogram that bound the blocks, where there is one."""
     if request.cycle_A is None:
         return []
-    from models.design.load_cycle import load_histogram
+    from models.design.sequence.load_cycle import load_histogram
 
     histogram = load_histogram(request.cycle_A)
     rows = [

@@ -7,12 +7,12 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from bench_service.cli.report import curves, floor, page, table, where_in_words
-from models.comparison import compare
-from models.simulated_runs import simulate_runs
+from models.comparison.figures import compare
+from models.comparison.simulated_runs import simulate_runs
 
 if TYPE_CHECKING:
-    from models.local_model_network import LocalModelNetwork
-    from models.timeseries import TimeSeries
+    from models.data.timeseries import TimeSeries
+    from models.network.local_model_network import LocalModelNetwork
 
 VERDICTS = {
     "missing": "an effect was found",

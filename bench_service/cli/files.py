@@ -14,10 +14,10 @@ from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
 
 if TYPE_CHECKING:
-    from models.local_model_network import LocalModelNetwork
-    from models.module import ModuleModel
-    from models.structure import Structure
-    from models.timeseries import TimeSeries
+    from models.data.timeseries import TimeSeries
+    from models.module.models import ModuleModel
+    from models.network.local_model_network import LocalModelNetwork
+    from models.network.structure import Structure
 
 
 def add_current_sign(parser: ArgumentParser) -> None:
@@ -65,8 +65,8 @@ def read_model(path: Path) -> LocalModelNetwork:
     UsageError
         The file is missing, is not JSON, or holds no model.
     """
-    from models.errors import ModelError
-    from models.local_model_network import LocalModelNetwork
+    from models.data.errors import ModelError
+    from models.network.local_model_network import LocalModelNetwork
 
     document = _read_json(path, "a model")
     try:
@@ -83,8 +83,8 @@ def read_module(path: Path) -> ModuleModel:
     UsageError
         The file is missing, is not JSON, or holds no module model.
     """
-    from models.errors import ModelError
-    from models.module import ModuleModel
+    from models.data.errors import ModelError
+    from models.module.models import ModuleModel
 
     document = _read_json(path, "a module model")
     try:
@@ -101,9 +101,9 @@ def read_structure(name: str) -> str | Structure:
     UsageError
         Neither a known name nor a readable file.
     """
-    from models.errors import ModelError
-    from models.identification import STRUCTURES
-    from models.structure import Structure
+    from models.data.errors import ModelError
+    from models.network.structure import Structure
+    from models.pipeline.fit import STRUCTURES
 
     if name in STRUCTURES:
         return name

@@ -9,8 +9,8 @@ from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
 
 if TYPE_CHECKING:
-    from models.local_model_network import LocalModelNetwork
-    from models.timeseries import TimeSeries
+    from models.data.timeseries import TimeSeries
+    from models.network.local_model_network import LocalModelNetwork
 
 
 # Anywhere between empty and full is as likely: the standard deviation of that is 0.29.
@@ -34,7 +34,7 @@ def initial_soc(
     ModelError
         A run has no reference and the option is absent.
     """
-    from models.identification import start_soc
+    from models.data.start_soc import start_soc
 
     if given is None:
         return [start_soc(run) if network is None else _known_soc(run, network, output)[0] for run in runs]
@@ -48,7 +48,7 @@ def guessed_soc(
     runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: LocalModelNetwork, output: Output
 ) -> list[tuple[float, float | None]]:
     """Return where an observer starts in each run, with the standard deviation where it is a mere guess."""
-    from models.errors import ModelError
+    from models.data.errors import ModelError
 
     if given is not None:
         return [(soc, None) for soc in initial_soc(runs, given)]
@@ -64,9 +64,9 @@ def guessed_soc(
 
 def _known_soc(run: TimeSeries, network: LocalModelNetwork, output: Output | None) -> tuple[float, float | None]:
     """SoC from the run's reference, else from the rest that it begins with and then with its standard deviation."""
-    from models.errors import ModelError
-    from models.identification import start_soc
-    from models.rest_start import soc_from_rest
+    from models.data.errors import ModelError
+    from models.data.start_soc import start_soc
+    from models.readouts.rest_start import soc_from_rest
 
     try:
         return start_soc(run), None

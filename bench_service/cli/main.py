@@ -78,7 +78,7 @@ def _status(error: Exception) -> int:
     from bench_service.errors import BadRequestError, ConflictError, NotFoundError
     from bench_service.simulation import SimulationError
     from drivers.errors import BadMapError
-    from models.errors import ModelError
+    from models.data.errors import ModelError
 
     if isinstance(error, ClientError):
         return _BAD_INPUT if error.status in _BAD_REQUESTS else _FAILED

@@ -6,15 +6,14 @@ import math
 
 import numpy as np
 
-from models.electrothermal import flat_network
-from models.electrothermal_loop import step_output, step_signals
-from models.local_model_network import LocalModelNetwork
-from models.lookup import surface
-from models.module import ModuleModel
-from models.ocv import OcvTable
-from models.regression import VOLTAGE, normalise
-from models.signals import KELVIN
-from models.thermal import ThermalModel
+from models.data.lookup import surface
+from models.module.models import ModuleModel
+from models.network.compiled_network import flat_network, step_output, step_signals
+from models.network.local_model_network import LocalModelNetwork
+from models.network.regression import VOLTAGE, normalise
+from models.network.signals import KELVIN
+from models.readouts.ocv import OcvTable
+from models.thermal.model import ThermalModel
 from simulators.cell import CellOutput, TruthCell
 
 _WHOLE_STEP = 1e-9  # of the sampling time
@@ -36,7 +35,7 @@ class NetworkCell:
         Of the cell at the start, and of the room; held where there is no heat balance.
     heat : (ThermalModel, OcvTable) or None
         Heat balance and the open-circuit voltage that its losses I (V - U) come from, see
-        `models.cell_temperature.thermal_of`.
+        `models.thermal.cell_temperature.thermal_of`.
     """
 
     def __init__(

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.input_correction import as_read
-from models.observer.accuracy import soc_figures
+from models.data.resampling import to_grid
+from models.data.timeseries import FloatArray
+from models.effects.input_correction import as_read
 from models.observer.health import alarms_of, watch
-from models.resampling import to_grid
-from models.timeseries import FloatArray
+from models.observer.tuning.accuracy import soc_figures
 
 if TYPE_CHECKING:
+    from models.data.timeseries import TimeSeries
     from models.observer import FuzzyObserver
-    from models.observer.module_observer import ModuleObserver
-    from models.timeseries import TimeSeries
+    from models.observer.module.module_observer import ModuleObserver
 
 
 @dataclass(frozen=True, slots=True)

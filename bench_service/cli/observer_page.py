@@ -10,10 +10,10 @@ import numpy as np
 
 from bench_service.cli.readout_page import Line, plot
 from bench_service.cli.report import page, table
-from models.errors import ModelError
-from models.observer.observability import observability
-from models.observer.stability import Stability, stability
-from models.observer.trade_off import TradeOff
+from models.data.errors import ModelError
+from models.observer.certificate.observability import observability
+from models.observer.certificate.stability import Stability, stability
+from models.observer.tuning.trade_off import TradeOff
 
 if TYPE_CHECKING:
     from bench_service.cli.observation import Observation

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.readouts import tables_of
+from models.readouts.tables import tables_of
 
 if TYPE_CHECKING:
-    from models.local_model_network import LocalModelNetwork
-    from models.ocv import OcvTable
-    from models.resistance import ResistanceTable
+    from models.network.local_model_network import LocalModelNetwork
+    from models.readouts.ocv import OcvTable
+    from models.readouts.resistance import ResistanceTable
 
 _WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 900, 300, 70, 120, 12, 40
 _BAND_95 = 1.96

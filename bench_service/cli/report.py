@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_service.cli.readout_page import readout_parts
-from models.comparison_reach import bands
-from models.simulated_runs import RunComparison, simulate_runs
+from models.comparison.reach import bands
+from models.comparison.simulated_runs import RunComparison, simulate_runs
 
 if TYPE_CHECKING:
-    from models.local_model_network import LocalModelNetwork
-    from models.prediction_band import PredictionBand
-    from models.timeseries import TimeSeries
+    from models.data.timeseries import TimeSeries
+    from models.network.local_model_network import LocalModelNetwork
+    from models.uncertainty.bands import PredictionBand
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 900, 220, 60, 24
 _COLUMNS = 800
@@ -48,7 +48,7 @@ def comparison_page(
     ----------
     model : the model's name
     network, runs, initial_soc : what was compared
-    result : the answer of `models.comparison.compare`
+    result : the answer of `models.comparison.figures.compare`
     """
     rows = [*result["runs"], {"run": "overall", **result["overall"]}]
     if result["outside"] is not None and result["inside_training"] is not None:

@@ -14,8 +14,8 @@ from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.format import RawTable
 from bench_service.exchange.registry import formats
 from bench_service.exchange.sign import judge_sign
-from models.errors import TimeSeriesError
-from models.timeseries import TimeSeries
+from models.data.errors import TimeSeriesError
+from models.data.timeseries import TimeSeries
 
 CurrentSign = Literal["charge-positive", "discharge-positive"]
 

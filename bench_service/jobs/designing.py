@@ -45,7 +45,7 @@ def design_profile(
 
     from models.design.answer import Material, answer, even_cycle
     from models.design.request import read_request
-    from models.local_model_network import LocalModelNetwork
+    from models.network.local_model_network import LocalModelNetwork
 
     report(0.0, "reading")
     cycle_A, cycle_dt_s = (None, 1.0) if cycle is None else even_cycle(np.array(cycle[0]), np.array(cycle[1]))

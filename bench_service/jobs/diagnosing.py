@@ -24,7 +24,7 @@ def diagnose_runs(
 ) -> dict[str, Any]:
     """Diagnose stored runs; gives the ``diagnose`` object of the public contract."""
     from models.diagnosis import diagnose
-    from models.local_model_network import LocalModelNetwork
+    from models.network.local_model_network import LocalModelNetwork
 
     report(0.0, "reading samples")
     series, learned = _read(data_dir, runs), _read(data_dir, train)
@@ -57,9 +57,9 @@ def add_effect_to(
         ``effect``, ``error_before_mV`` and ``error_after_mV`` over the validation runs, ``parameters``, ``remark``,
         ``noise_floor_mV`` (null where it cannot be told).
     """
-    from models.diagnosis import add_effect
-    from models.local_model_network import LocalModelNetwork
-    from models.observer.tuning import with_tuned_observer
+    from models.network.local_model_network import LocalModelNetwork
+    from models.observer.tuning.tuning import with_tuned_observer
+    from models.pipeline.addition import add_effect
 
     report(0.02, "reading samples")
     learned, judged = _read(data_dir, train), _read(data_dir, validate)
@@ -125,8 +125,8 @@ def design_between(
     """
     from models.design.answer import Material, answer
     from models.design.request import read_request
-    from models.diagnosis import add_effect
-    from models.local_model_network import LocalModelNetwork
+    from models.network.local_model_network import LocalModelNetwork
+    from models.pipeline.addition import add_effect
 
     report(0.0, "reading samples")
     learned, judged = _read(data_dir, train), _read(data_dir, runs)
@@ -143,10 +143,10 @@ def design_between(
 
 
 def map_errors(report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput]) -> dict[str, Any]:
-    """Say where a model is off on stored runs, see `models.error_map.error_map`."""
-    from models.error_map import error_map
-    from models.local_model_network import LocalModelNetwork
-    from models.simulated_runs import simulate_runs
+    """Say where a model is off on stored runs, see `models.comparison.where.error_map`."""
+    from models.comparison.simulated_runs import simulate_runs
+    from models.comparison.where import error_map
+    from models.network.local_model_network import LocalModelNetwork
 
     network = LocalModelNetwork.from_json(document)
     return plain(error_map(network, simulate_runs(network, _read(data_dir, runs), _soc(runs))))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.timeseries import TimeSeries
+from models.data.timeseries import TimeSeries
 
 
 def joined(series: Sequence[TimeSeries], pauses_s: Sequence[float]) -> TimeSeries:

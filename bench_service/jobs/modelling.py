@@ -26,8 +26,8 @@ from bench_service.store.samples import SampleReader
 from bench_service.streams import OBSERVER
 
 if TYPE_CHECKING:
-    from models.simulated_runs import RunComparison
-    from models.timeseries import TimeSeries
+    from models.comparison.simulated_runs import RunComparison
+    from models.data.timeseries import TimeSeries
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +54,8 @@ def fit(
     dict
         ``document`` (MODEL.json) and ``metrics`` (the ``fit`` object of the public contract, without its paths).
     """
-    from models.identification import fit_network
-    from models.observer.tuning import with_tuned_observer
+    from models.observer.tuning.tuning import with_tuned_observer
+    from models.pipeline.fit import fit_network
 
     report(0.0, "reading samples")
     train_runs = read_series(data_dir, [run.run_id for run in train])
@@ -87,8 +87,8 @@ def compare_runs(
     report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput]
 ) -> dict[str, Any]:
     """Compare a model with stored runs; gives the ``compare`` object of the public contract."""
-    from models.comparison import compare
-    from models.local_model_network import LocalModelNetwork
+    from models.comparison.figures import compare
+    from models.network.local_model_network import LocalModelNetwork
 
     series = read_series(data_dir, [run.run_id for run in runs])
     return plain(compare(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs]))
@@ -96,8 +96,8 @@ def compare_runs(
 
 def read_tables(report: Reporter, data_dir: Path, document: dict[str, Any]) -> dict[str, Any]:
     """Read tables out of a model whose document carries none, such as one made before they were kept."""
-    from models.local_model_network import LocalModelNetwork
-    from models.readouts import read_out
+    from models.network.local_model_network import LocalModelNetwork
+    from models.readouts.tables import read_out
 
     return plain(read_out(LocalModelNetwork.from_json(document)))
 
@@ -120,8 +120,8 @@ def compare_series(
         ``runs``: of each run ``run_id`` and, on the model's grid, ``time_s`` (from the run's start), ``measured_V``,
         ``model_V`` and ``residual_mV`` (measured minus model); null where a value is missing.
     """
-    from models.local_model_network import LocalModelNetwork
-    from models.simulated_runs import simulate_runs
+    from models.comparison.simulated_runs import simulate_runs
+    from models.network.local_model_network import LocalModelNetwork
 
     series = read_series(data_dir, [run.run_id for run in runs])
     compared = simulate_runs(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs])
@@ -135,14 +135,14 @@ def observer_figures(report: Reporter, data_dir: Path, run: RunInput, capacity_A
     Returns
     -------
     dict
-        See `models.observer.accuracy.soc_figures`.
+        See `models.observer.tuning.accuracy.soc_figures`.
 
     Raises
     ------
     BadRequestError
         No observer has run in it.
     """
-    from models.observer.accuracy import soc_figures
+    from models.observer.tuning.accuracy import soc_figures
 
     with closing(SampleReader(data_dir)) as reader:
         samples, estimate = reader.read(run.run_id).columns, reader.read(run.run_id, OBSERVER).columns

@@ -13,8 +13,8 @@ from bench_service.jobs.progress import Reporter
 from bench_service.jobs.series import noise_floor_mV, read_series
 
 if TYPE_CHECKING:
-    from models.local_model_network import LocalModelNetwork
-    from models.timeseries import TimeSeries
+    from models.data.timeseries import TimeSeries
+    from models.network.local_model_network import LocalModelNetwork
 
 
 def refitted(
@@ -30,10 +30,10 @@ def refitted(
     old_weight : float or None
         How much an old sample counts beside a new one; None: chosen on parts of the new runs.
     """
-    from models.observer.tuning import with_tuned_observer
-    from models.readouts import read_out
-    from models.refit import refit
-    from models.stored_sums import StoredSums
+    from models.identification.stored_sums import StoredSums
+    from models.observer.tuning.tuning import with_tuned_observer
+    from models.pipeline.refitting import refit
+    from models.readouts.tables import read_out
 
     sums = parent.record.get("sums")
     made = refit(
@@ -62,8 +62,8 @@ def refit_to(
     dict
         As `jobs.diagnosing.add_effect_to`, without an effect and parameters.
     """
-    from models.local_model_network import LocalModelNetwork
-    from models.simulated_runs import free_run_metrics
+    from models.comparison.simulated_runs import free_run_metrics
+    from models.network.local_model_network import LocalModelNetwork
 
     report(0.02, "reading samples")
     learned, judged = (read_series(data_dir, [run.run_id for run in runs]) for runs in (train, validate))

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench_service.errors import BadRequestError
 from bench_service.store.samples import SampleReader
-from models.timeseries import TimeSeries
+from models.data.timeseries import TimeSeries
 
 _FEWEST_SAMPLES = 2
 
@@ -45,8 +45,8 @@ def _series(reader: SampleReader, run_id: str) -> TimeSeries:
 
 def noise_floor_mV(series: Sequence[TimeSeries], dt_s: float) -> float | None:
     """Median of the runs' noise floors; None where no run tells."""
-    from models.metrics import noise_floor_V
-    from models.resampling import to_grid
+    from models.data.metrics import noise_floor_V
+    from models.data.resampling import to_grid
 
     grid = [to_grid(each, dt_s) for each in series]
     floors = [noise_floor_V(each.voltage_V, each.current_A) for each in grid]

@@ -2,7 +2,7 @@
 
 from models.baselines.enhanced_self_correcting import EnhancedSelfCorrecting, fit_enhanced_self_correcting
 from models.baselines.equivalent_circuit import EquivalentCircuit, fit_equivalent_circuit
-from models.cell_model import CellModel
+from models.network.cell_model import CellModel
 
 __all__ = [
     "CellModel",

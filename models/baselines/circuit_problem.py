@@ -10,7 +10,7 @@ from models.baselines.normal_equations import Sums, Term, accumulate, offsets, s
 from models.baselines.recursions import branch_drive, direction, hysteresis_drive, log_rate_gradient, state
 from models.baselines.samples import Samples
 from models.baselines.tables import Table, locate
-from models.timeseries import FloatArray
+from models.data.timeseries import FloatArray
 
 # A branch slower than this share of the longest run looks like a part of the open-circuit curve.
 _SLOWEST_SHARE = 0.3

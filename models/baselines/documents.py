@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import StructureError
-from models.regression import CellContext
-from models.timeseries import FloatArray
+from models.data.errors import StructureError
+from models.data.timeseries import FloatArray
+from models.network.regression import CellContext
 
 
 def check_kind(document: Any, kind: str, schema_version: int) -> None:

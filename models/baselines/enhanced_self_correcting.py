@@ -25,11 +25,12 @@ from models.baselines.recursions import direction, hysteresis_drive, state
 from models.baselines.samples import check_both_directions, gather
 from models.baselines.tables import Table, check_knots, locate
 from models.baselines.variable_projection import fit
-from models.errors import ModelError, StructureError
-from models.regression import CellContext
-from models.resampling import GridRun
-from models.signals import soc_by_counting
-from models.timeseries import FloatArray, TimeSeries
+from models.data.errors import ModelError, StructureError
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray, TimeSeries
+from models.network.free_run import free_run_V
+from models.network.regression import CellContext
+from models.network.signals import soc_by_counting
 
 KIND = "enhanced_self_correcting"
 SCHEMA_VERSION = 1
@@ -134,26 +135,6 @@ class EnhancedSelfCorrecting:
         rates = len(self.hysteresis.temperature_degC) > 1
         return self.branches.needs_temperature or rates or any(table.needs_temperature for table in tables)
 
-    def free_run_V(self, run: GridRun, initial_soc: float) -> FloatArray:
-        """Simulate a run from its current and temperature alone, from rest and in the middle of the hysteresis loop.
-
-        Parameters
-        ----------
-        run : on an even grid
-        initial_soc : fraction 0..1
-
-        Returns
-        -------
-        (n,) voltage in V
-        """
-        temperature = known_temperature_degC(run, self.needs_temperature)
-        soc = soc_by_counting(run.charge_Ah, initial_soc, self.cell.capacity_Ah, self.cell.efficiency)
-        starts = np.array(run.segment_starts, dtype=np.int64)
-        currents_A = self.branches.currents_A(run.current_A, temperature, run.dt_s, starts)
-        out = self.ocv_V.at(soc, temperature) + self.r0_Ohm.at(soc, temperature) * run.current_A
-        out += self.branches.voltage_V(currents_A, soc, temperature)
-        return out + self.hysteresis.voltage_V(run.current_A, temperature, run.dt_s, self.cell)
-
     def to_json(self) -> dict[str, Any]:
         """Return a document of plain types with its schema version."""
         return {
@@ -188,6 +169,18 @@ class EnhancedSelfCorrecting:
                 dt_s=read_step_s(document),
                 record=dict(document.get("record", {})),
             )
+
+
+@free_run_V.register
+def _(model: EnhancedSelfCorrecting, run: GridRun, initial_soc: float) -> FloatArray:
+    """Simulate a run from its current and temperature alone, from rest and in the middle of the hysteresis loop."""
+    temperature = known_temperature_degC(run, model.needs_temperature)
+    soc = soc_by_counting(run.charge_Ah, initial_soc, model.cell.capacity_Ah, model.cell.efficiency)
+    starts = np.array(run.segment_starts, dtype=np.int64)
+    currents_A = model.branches.currents_A(run.current_A, temperature, run.dt_s, starts)
+    out = model.ocv_V.at(soc, temperature) + model.r0_Ohm.at(soc, temperature) * run.current_A
+    out += model.branches.voltage_V(currents_A, soc, temperature)
+    return out + model.hysteresis.voltage_V(run.current_A, temperature, run.dt_s, model.cell)
 
 
 def fit_enhanced_self_correcting(

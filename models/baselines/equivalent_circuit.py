@@ -19,11 +19,12 @@ from models.baselines.recursions import branch_drive, state
 from models.baselines.samples import Samples, gather
 from models.baselines.tables import Table, check_knots, locate
 from models.baselines.variable_projection import Fitted, fit
-from models.errors import ModelError, StructureError
-from models.regression import CellContext
-from models.resampling import GridRun
-from models.signals import soc_by_counting
-from models.timeseries import FloatArray, TimeSeries
+from models.data.errors import ModelError, StructureError
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray, TimeSeries
+from models.network.free_run import free_run_V
+from models.network.regression import CellContext
+from models.network.signals import soc_by_counting
 
 KIND = "equivalent_circuit"
 SCHEMA_VERSION = 1
@@ -121,25 +122,6 @@ class EquivalentCircuit:
         """Whether a parameter depends on temperature."""
         return self.ocv_V.needs_temperature or self.r0_Ohm.needs_temperature or self.branches.needs_temperature
 
-    def free_run_V(self, run: GridRun, initial_soc: float) -> FloatArray:
-        """Simulate a run from its current and temperature alone, from rest.
-
-        Parameters
-        ----------
-        run : on an even grid
-        initial_soc : fraction 0..1
-
-        Returns
-        -------
-        (n,) voltage in V
-        """
-        temperature = known_temperature_degC(run, self.needs_temperature)
-        soc = soc_by_counting(run.charge_Ah, initial_soc, self.cell.capacity_Ah, self.cell.efficiency)
-        starts = np.array(run.segment_starts, dtype=np.int64)
-        currents_A = self.branches.currents_A(run.current_A, temperature, run.dt_s, starts)
-        ohmic = self.r0_Ohm.at(soc, temperature) * run.current_A
-        return self.ocv_V.at(soc, temperature) + ohmic + self.branches.voltage_V(currents_A, soc, temperature)
-
     def to_json(self) -> dict[str, Any]:
         """Return a document of plain types with its schema version."""
         return {
@@ -172,6 +154,17 @@ class EquivalentCircuit:
                 dt_s=read_step_s(document),
                 record=dict(document.get("record", {})),
             )
+
+
+@free_run_V.register
+def _(model: EquivalentCircuit, run: GridRun, initial_soc: float) -> FloatArray:
+    """Simulate a run from its current and temperature alone, from rest."""
+    temperature = known_temperature_degC(run, model.needs_temperature)
+    soc = soc_by_counting(run.charge_Ah, initial_soc, model.cell.capacity_Ah, model.cell.efficiency)
+    starts = np.array(run.segment_starts, dtype=np.int64)
+    currents_A = model.branches.currents_A(run.current_A, temperature, run.dt_s, starts)
+    ohmic = model.r0_Ohm.at(soc, temperature) * run.current_A
+    return model.ocv_V.at(soc, temperature) + ohmic + model.branches.voltage_V(currents_A, soc, temperature)
 
 
 def fit_equivalent_circuit(

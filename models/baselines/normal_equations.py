@@ -13,7 +13,7 @@ from numba import njit
 from scipy.linalg import cho_factor, cho_solve
 
 from models.baselines.tables import Axis
-from models.timeseries import FloatArray
+from models.data.timeseries import FloatArray
 
 # Keeps directions that neither data nor smoothness reach solvable; far below any information in the data.
 _RIDGE = 1e-11

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from models import signals
 from models.baselines.tables import Axis
-from models.timeseries import FloatArray
+from models.data.timeseries import FloatArray
+from models.network import signals
 
 
 @dataclass(frozen=True)

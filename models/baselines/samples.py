@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models import holdout
-from models.errors import ModelError, NotIdentifiableError
-from models.identification import start_soc
-from models.regression import CellContext, Dataset
-from models.resampling import GridRun, to_grid, typical_interval_s
-from models.signals import soc_by_counting
-from models.timeseries import FloatArray, TimeSeries
+from models.data.errors import ModelError, NotIdentifiableError
+from models.data.resampling import GridRun, to_grid, typical_interval_s
+from models.data.start_soc import start_soc
+from models.data.timeseries import FloatArray, TimeSeries
+from models.network import folds as holdout
+from models.network.regression import CellContext, Dataset
+from models.network.signals import soc_by_counting
 
 _MIN_SAMPLES = 200
 _MIN_STEPS = 5
@@ -139,7 +139,7 @@ def _joined(grid: list[GridRun], soc: list[FloatArray], dt_s: float, cell: CellC
 
 
 def _folds(lengths: list[int], voltage: FloatArray, starts: np.ndarray) -> tuple[np.ndarray, int]:
-    """Fold of each sample after `models.holdout`; -1 where no voltage was measured."""
+    """Fold of each sample after `models.network.folds`; -1 where no voltage was measured."""
     run_index = np.repeat(np.arange(len(lengths)), lengths)
     nothing = np.empty((len(voltage), 0))
     group = holdout.groups(Dataset(u=nothing, z=nothing, y=voltage, starts=starts, run_index=run_index))

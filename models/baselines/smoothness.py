@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.baselines.normal_equations import Sums, Term, offsets, solve
-from models.timeseries import FloatArray
+from models.data.timeseries import FloatArray
 
 # Powers of ten: volt squared per unit of squared curvature (open-circuit voltage) or slope (all else).
 _RANGE = (-13.0, 2.0)

@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from models.errors import StructureError
-from models.timeseries import FloatArray
+from models.data.errors import StructureError
+from models.data.timeseries import FloatArray
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from models.baselines.circuit_problem import CircuitProblem, Layout
 from models.baselines.normal_equations import Term, offsets, solve_bounded
 from models.baselines.samples import Samples
 from models.baselines.tables import Table
-from models.errors import NotIdentifiableError
-from models.timeseries import FloatArray
+from models.data.errors import NotIdentifiableError
+from models.data.timeseries import FloatArray
 
 # Time constants to begin with, as multiples of the sampling time, and hysteresis rates.
 _BRANCH_STEPS = (1.0, 2.5, 6.0, 16.0, 40.0, 100.0, 250.0, 600.0, 1500.0)

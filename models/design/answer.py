@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from models.design.ascent import Progress, optimise
-from models.design.block_design import DesignRequest, demands_of
+from models.data.timeseries import FloatArray, TimeSeries
+from models.design.constraints.feasible import Feasible
+from models.design.constraints.limits import InfeasibleError
 from models.design.design import Design, design, judged
-from models.design.experiment import Experiment
-from models.design.feasible import Feasible
-from models.design.limits import InfeasibleError
-from models.design.profile import Profile
-from models.design.reference_model import experiment_with, first_reference, pre_test
+from models.design.information.experiment import Experiment
+from models.design.information.rival_experiment import RivalEvaluator
+from models.design.optimise.ascent import Progress, optimise
+from models.design.optimise.block_design import DesignRequest, demands_of
+from models.design.optimise.reference_model import experiment_with, first_reference, pre_test
 from models.design.request import DISCRIMINATE, RequestError, WrittenRequest
-from models.design.rival_experiment import RivalEvaluator
 from models.design.rivals import rival_models
-from models.local_model_network import LocalModelNetwork
-from models.timeseries import FloatArray, TimeSeries
+from models.design.sequence.profile import Profile
+from models.network.local_model_network import LocalModelNetwork
 
 _DEFAULT_DT_S, _DEFAULT_SOC = 1.0, 0.5
 # Between a request's capacity and its model's: more is another cell, or a wrong unit.

@@ -7,8 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.design.ascent import Optimum, Progress, optimise
-from models.design.block_design import (
+from models.data.errors import ModelError
+from models.data.timeseries import FloatArray
+from models.design.constraints.feasible import Feasible
+from models.design.constraints.limits import InfeasibleError
+from models.design.information.criteria import CRITERIA
+from models.design.information.experiment import Evaluator, Experiment, parameter_names, parameter_std
+from models.design.optimise.ascent import Optimum, Progress, optimise
+from models.design.optimise.block_design import (
     OPTIMAL,
     DesignRequest,
     block_designer,
@@ -16,21 +22,16 @@ from models.design.block_design import (
     demands_of,
     plan_of,
 )
-from models.design.criteria import CRITERIA
-from models.design.excitation_sequence import (
+from models.design.sequence.excitation_sequence import (
     Block,
     ExcitationSequence,
     build_sequence,
     compact_profile,
     estimated_duration_s,
 )
-from models.design.experiment import Evaluator, Experiment, parameter_names, parameter_std
-from models.design.family import FamilyRequest, family
-from models.design.feasible import Feasible
-from models.design.limits import InfeasibleError
-from models.design.profile import Profile
-from models.errors import ModelError
-from models.timeseries import FloatArray
+from models.design.sequence.profile import Profile
+from models.design.test_signals import family
+from models.design.test_signals.family import FamilyRequest
 
 _SINGLE_STARTS = 40
 

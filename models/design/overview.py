@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.design.block_design import DesignRequest
+from models.data.errors import ModelError
+from models.data.timeseries import FloatArray
 from models.design.design import design
-from models.design.experiment import Evaluator, Experiment, parameter_std
-from models.design.family import find_families
-from models.errors import ModelError
-from models.timeseries import FloatArray
+from models.design.information.experiment import Evaluator, Experiment, parameter_std
+from models.design.optimise.block_design import DesignRequest
+from models.design.test_signals import find_families
 
 _POINTS = 60
 _SOC_BINS, _CURRENT_BINS = 20, 15

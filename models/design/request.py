@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from models.design.block_design import OPTIMAL
-from models.design.criteria import CRITERIA
-from models.design.excitation_sequence import REST_RATIO
-from models.design.family import find_families
-from models.design.limits import Limits, Window
-from models.errors import ModelError
+from models.data.errors import ModelError
+from models.design.constraints.limits import Limits, Window
+from models.design.information.criteria import CRITERIA
+from models.design.optimise.block_design import OPTIMAL
+from models.design.sequence.excitation_sequence import REST_RATIO
+from models.design.test_signals import find_families
 
 DISCRIMINATE = "discriminate"
 LIMIT_NAMES = ("current_A", "voltage_V", "temperature_degC", "soc", "ramp_A_per_s", "net_charge_Ah")

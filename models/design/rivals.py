@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from models.design.ascent import Progress
+from models.data.start_soc import start_soc
+from models.data.timeseries import TimeSeries
+from models.design.optimise.ascent import Progress
 from models.design.request import RequestError
-from models.diagnosis.addition import add_effect
 from models.effects import effects
-from models.identification import start_soc
-from models.local_model_network import LocalModelNetwork
-from models.timeseries import TimeSeries
+from models.network.local_model_network import LocalModelNetwork
+from models.pipeline.addition import add_effect
 
 
 def is_effect(name: str) -> bool:

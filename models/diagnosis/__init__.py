@@ -1,7 +1,6 @@
-"""Which physical effect is missing, or new, with evidence."""
+"""Which physical effect is missing in a model, or new in its cell, with evidence."""
 
-from models.diagnosis.addition import Addition, add_effect
+from models.diagnosis.answer.findings import Diagnosis, Finding
 from models.diagnosis.diagnosis import MEMORY, diagnose, memory_of
-from models.diagnosis.findings import Diagnosis, Finding
 
-__all__ = ["MEMORY", "Addition", "Diagnosis", "Finding", "add_effect", "diagnose", "memory_of"]
+__all__ = ["MEMORY", "Diagnosis", "Finding", "diagnose", "memory_of"]

@@ -5,24 +5,24 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from models.diagnosis.change import analyse_change
-from models.diagnosis.change_answer import change_answer
-from models.diagnosis.findings import Diagnosis, Mode
-from models.diagnosis.layout import Shape
-from models.diagnosis.memory import Memory, remember
-from models.diagnosis.record import Record, make_record
-from models.diagnosis.reference import fit_reference
-from models.diagnosis.refits import try_refits
-from models.diagnosis.structure import analyse_structure
-from models.diagnosis.structure_answer import structure_answer, unexplained
+from models.data.errors import ModelError
+from models.data.resampling import GridRun, to_grid
+from models.data.timeseries import TimeSeries
+from models.diagnosis.answer.change_answer import change_answer
+from models.diagnosis.answer.findings import Diagnosis, Mode
+from models.diagnosis.answer.refits import try_refits
+from models.diagnosis.answer.structure_answer import structure_answer, unexplained
+from models.diagnosis.change.change import analyse_change
+from models.diagnosis.evidence.memory import Memory, remember
+from models.diagnosis.reference.layout import Shape
+from models.diagnosis.reference.record import Record, make_record
+from models.diagnosis.reference.reference import fit_reference
+from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect, effects
-from models.errors import ModelError
-from models.input_correction import as_read
-from models.local_model_network import LocalModelNetwork
-from models.resampling import GridRun, to_grid
-from models.signals import parse_signal
-from models.structure import Structure
-from models.timeseries import TimeSeries
+from models.effects.input_correction import as_read
+from models.network.local_model_network import LocalModelNetwork
+from models.network.signals import parse_signal
+from models.network.structure import Structure
 
 # Key of a model's record under which the memory of its training runs is kept.
 MEMORY = "diagnosis"

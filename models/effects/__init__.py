@@ -6,8 +6,8 @@ import importlib
 import pkgutil
 from functools import cache
 
+from models.data.errors import ModelError
 from models.effects.effect import Effect, Parameter
-from models.errors import ModelError
 
 __all__ = ["Effect", "Parameter", "effect", "effects"]
 

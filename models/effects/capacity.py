@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
 from models.effects.view import View
-from models.timeseries import FloatArray
 
 _STEP = 0.01
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter, Values
 from models.effects.view import View
-from models.structure import PartitionAxis, Structure
-from models.timeseries import FloatArray
+from models.network.structure import PartitionAxis, Structure
 
 
 def _regressors(view: View) -> FloatArray:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter, Values, has_signal
 from models.effects.view import View
-from models.structure import InputChannel, Structure
-from models.timeseries import FloatArray
+from models.network.structure import InputChannel, Structure
 
 _C_RATES = (0.1, 0.3, 1.0, 3.0)
 # Two electrodes with symmetric transfer have 2 R T / F each.

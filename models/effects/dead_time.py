@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
 from models.effects.view import View
-from models.timeseries import FloatArray
 
 _LIMIT_SAMPLES = 6.0
 _STEP_SAMPLES = 0.05

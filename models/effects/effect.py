@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from models.data.timeseries import FloatArray
 from models.effects.thermal_view import ThermalView
 from models.effects.view import View
-from models.signals import parse_signal
-from models.structure import Structure
-from models.timeseries import FloatArray
+from models.network.signals import parse_signal
+from models.network.structure import Structure
 
 Regressors = Callable[[View], FloatArray]
 Values = dict[str, float]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter, Values, has_signal
 from models.effects.view import View
-from models.structure import InputChannel, Structure
-from models.timeseries import FloatArray
+from models.network.structure import InputChannel, Structure
 
 _REFERENCE_DEGC = 25.0
 _BUMPS = 6

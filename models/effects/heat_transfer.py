@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Warmth
 from models.effects.thermal_view import ThermalView
-from models.timeseries import FloatArray
 
 _LARGEST = float(np.log(50.0))
 

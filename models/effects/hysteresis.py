@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter, Values, has_signal
 from models.effects.view import View
-from models.structure import InputChannel, Structure
-from models.timeseries import FloatArray
+from models.network.structure import InputChannel, Structure
 
 _RATES = (5.0, 15.0, 50.0, 150.0)
 _SHAPES = (4.0, 6.0, 9.0, 14.0, 20.0, 30.0, 45.0, 70.0, 110.0, 170.0, 400.0)

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter, Values
 from models.effects.view import View
-from models.structure import InputChannel, Structure
-from models.timeseries import FloatArray
+from models.network.structure import InputChannel, Structure
 
 _TIME_CONSTANTS_S = (100.0, 300.0, 1000.0, 3000.0)
 _SURFACE_S = (300.0, 1000.0, 3000.0)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter
 from models.effects.view import View
-from models.timeseries import FloatArray
 
 
 def _grown_A(view: View) -> FloatArray:

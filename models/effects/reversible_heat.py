@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Warmth
 from models.effects.thermal_view import ThermalView
-from models.timeseries import FloatArray
 
 
 def _moved(view: ThermalView, values: tuple[float, ...]) -> ThermalView:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Local, Parameter, Values
 from models.effects.view import View
-from models.signals import is_soc
-from models.structure import PartitionAxis, Structure
-from models.timeseries import FloatArray
+from models.network.signals import is_soc
+from models.network.structure import PartitionAxis, Structure
 
 _BUMPS = 6
 _FINER = 0.7

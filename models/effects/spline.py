@@ -9,7 +9,7 @@ from math import factorial
 import numpy as np
 from scipy.interpolate import BSpline
 
-from models.timeseries import FloatArray
+from models.data.timeseries import FloatArray
 
 _ORDER = 3
 

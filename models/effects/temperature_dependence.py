@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift, Values
 from models.effects.view import View
-from models.signals import parse_signal
-from models.structure import InputChannel, PartitionAxis, Structure
-from models.timeseries import FloatArray
+from models.network.signals import parse_signal
+from models.network.structure import InputChannel, PartitionAxis, Structure
 
 _ACTIVATION_K = (2000.0, 6000.0)
 _SCALED = {"current": "scaled_current", "scaled_current": "scaled_current"}

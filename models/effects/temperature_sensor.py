@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Warmth
 from models.effects.thermal_view import ThermalView
-from models.timeseries import FloatArray
 
 _LEAST_GAIN = 0.02
 

@@ -8,10 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
-from models import signals
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
 from models.effects.spline import SplineBasis
-from models.resampling import GridRun
-from models.timeseries import FloatArray
+from models.network import signals
 
 _SMALL_SOC = 1e-3
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.baselines import EquivalentCircuit
-from models.errors import ModelError
-from models.observer.places import SOC_SLACK
-from models.timeseries import FloatArray
+from models.data.errors import ModelError
+from models.data.timeseries import FloatArray
+from models.observer.filter.places import SOC_SLACK
 
 KINDS = ("extended", "unscented", "counting")
 # How far beyond empty and full the tables are read.

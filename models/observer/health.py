@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from models.observer import places
-from models.observer.fuzzy_observer import ObserverOutput
-from models.timeseries import FloatArray
+from models.data.timeseries import FloatArray
+from models.observer.filter import places
+from models.observer.filter.fuzzy_observer import ObserverOutput
 
 # Bits of an alarm.
 MODEL, STUCK, MISSING, RANGE = 1, 2, 4, 8

@@ -100,7 +100,7 @@ def test_bad_settings(settings):
 async def test_an_identified_model_is_served_by_the_command(tmp_path):
     model, module = tmp_path / "model.json", tmp_path / "module.json"
     model.write_text(json.dumps(hand_network.everything(1).to_json()))
-    from models.module import ModuleModel
+    from models.module.models import ModuleModel
 
     module.write_text(json.dumps(ModuleModel("S1", 3, 1).to_json()))
     process = await asyncio.create_subprocess_exec(

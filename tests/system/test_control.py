@@ -22,11 +22,11 @@ from bench_service.store.samples import SampleReader
 from bench_service.streams import OBSERVER, Flag
 from drivers.cycler import DeviceLimits
 from drivers.factory import open_cycler
-from models.local_model_network import LocalModelNetwork
+from models.network.local_model_network import LocalModelNetwork
+from models.network.partition import Partition
+from models.network.regression import CellContext
+from models.network.structure import minimal_structure
 from models.observer import FuzzyObserver
-from models.partition import Partition
-from models.regression import CellContext
-from models.structure import minimal_structure
 
 LONG = [0.0, 3600.0], [1.5, 0.0]
 

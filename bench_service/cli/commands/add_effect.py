@@ -28,8 +28,8 @@ def _run(options: Namespace, output: Output) -> int:
     from threadpoolctl import threadpool_limits
 
     from bench_service.exchange.atomic import check_writable
-    from models.diagnosis import add_effect
-    from models.observer.tuning import with_tuned_observer
+    from models.observer.tuning.tuning import with_tuned_observer
+    from models.pipeline.addition import add_effect
 
     check_writable(options.out)
     network = read_model(options.model)

@@ -29,7 +29,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
     from bench_service.exchange.atomic import check_writable, write_atomically
-    from models.comparison import compare
+    from models.comparison.figures import compare
 
     if options.report is not None:
         check_writable(options.report)

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from models.design.answer import Material
-    from models.design.profile import Profile
     from models.design.request import WrittenRequest
+    from models.design.sequence.profile import Profile
 
 
 def _arguments(parser: ArgumentParser) -> None:

@@ -64,7 +64,7 @@ def _battery(options: Namespace) -> tuple[TruthCell, int]:
     """Return what behaves like the battery, and how many cells it has in series."""
     from bench_service.cli.files import read_model, read_module
     from bench_service.cli.network_cell import ModuleOfCells, NetworkCell
-    from models.cell_temperature import thermal_of
+    from models.thermal.cell_temperature import thermal_of
     from simulators.catalogue import cell_type
     from simulators.cell import Cell
 

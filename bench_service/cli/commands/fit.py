@@ -34,9 +34,9 @@ def _run(options: Namespace, output: Output) -> int:
     from threadpoolctl import threadpool_limits
 
     from bench_service.exchange.atomic import check_writable
-    from models.identification import fit_network
-    from models.observer.tuning import with_tuned_observer
-    from models.readouts import summary
+    from models.observer.tuning.tuning import with_tuned_observer
+    from models.pipeline.fit import fit_network
+    from models.readouts.tables import summary
 
     check_writable(options.out)
     structure = read_structure(options.structure)

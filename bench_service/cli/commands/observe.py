@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bench_service.cli.observation import Observation
+    from models.data.timeseries import TimeSeries
     from models.observer import FuzzyObserver
-    from models.timeseries import TimeSeries
 
 _FIGURES = (
     ("soc_rmse", "SoC RMSE %", 100.0),
@@ -56,8 +56,8 @@ def _run(options: Namespace, output: Output) -> int:
     from bench_service.cli.observation import observe
     from bench_service.exchange.atomic import check_writable
     from models.observer import FuzzyObserver
-    from models.observer.module_errors import CellSpread
-    from models.observer.module_observer import ModuleObserver
+    from models.observer.module.module_errors import CellSpread
+    from models.observer.module.module_observer import ModuleObserver
 
     for path in (options.out, options.report):
         if path is not None:
@@ -103,10 +103,10 @@ def _answer(observed: Sequence[Observation]) -> dict[str, Any]:
 def _report(options: Namespace, cell: FuzzyObserver, runs: Sequence[TimeSeries], observed: list[Observation]) -> None:
     from bench_service.cli.observer_page import observer_page
     from bench_service.exchange.atomic import write_atomically
-    from models.errors import ModelError
-    from models.input_correction import as_read
-    from models.observer.trade_off import trade_off
-    from models.resampling import to_grid
+    from models.data.errors import ModelError
+    from models.data.resampling import to_grid
+    from models.effects.input_correction import as_read
+    from models.observer.tuning.trade_off import trade_off
 
     grid = [to_grid(as_read(cell.network.record, run), cell.dt_s) for run in runs]
     try:

@@ -35,7 +35,7 @@ def _run(options: Namespace, output: Output) -> int:
 
     from bench_service.exchange.atomic import check_writable
     from bench_service.jobs.refitting import refitted
-    from models.simulated_runs import free_run_metrics
+    from models.comparison.simulated_runs import free_run_metrics
 
     check_writable(options.out)
     parent = read_model(options.model)

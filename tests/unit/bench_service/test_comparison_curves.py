@@ -5,9 +5,9 @@ import json
 import numpy as np
 
 from bench_service.jobs.modelling import _curves, plain
-from models.resampling import to_grid
-from models.simulated_runs import RunComparison
-from models.timeseries import TimeSeries
+from models.comparison.simulated_runs import RunComparison
+from models.data.resampling import to_grid
+from models.data.timeseries import TimeSeries
 
 
 def compared(voltage_V: np.ndarray, simulated_V: np.ndarray, start_s: float = 0.0) -> tuple[TimeSeries, RunComparison]:

@@ -10,8 +10,8 @@ import pytest
 
 from bench_service.jobs import diagnosing, refitting
 from bench_service.jobs.modelling import RunInput
-from models.identification import fit_network
-from models.local_model_network import LocalModelNetwork
+from models.network.local_model_network import LocalModelNetwork
+from models.pipeline.fit import fit_network
 from simulators.catalogue import CELLS
 from simulators.cell import Cell
 from tests.unit.models.simulated_cells import pulses_A, record

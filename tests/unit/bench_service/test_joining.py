@@ -8,8 +8,8 @@ import pytest
 from bench_service.campaign.designing import pauses_between_s
 from bench_service.jobs.joining import joined
 from bench_service.store.records import RunRecord
-from models.resampling import to_grid
-from models.timeseries import TimeSeries
+from models.data.resampling import to_grid
+from models.data.timeseries import TimeSeries
 
 
 def series(name: str, first_A: float, ambient: bool = True) -> TimeSeries:

@@ -14,7 +14,7 @@ from bench_service.campaign.request import CampaignRequest, complete
 from bench_service.campaign.standing import Standing
 from bench_service.config import BenchConfig, LimitsConfig, SimulateConfig
 from bench_service.errors import BadRequestError
-from models.errors import ModelError
+from models.data.errors import ModelError
 
 LIMITS = Limits((2.5, 4.2), (-6.0, 3.0), (-20.0, 60.0), (0.05, 0.95), None, 20_000.0)
 REQUEST = CampaignRequest(

@@ -5,7 +5,15 @@ import subprocess
 import sys
 
 # Each costs tenths of a second; workers and single requests load them when they need them.
-HEAVY = ("scipy", "numba", "pyarrow", "rich", "models.local_model_network", "models.signals", "models.observer")
+HEAVY = (
+    "scipy",
+    "numba",
+    "pyarrow",
+    "rich",
+    "models.network.local_model_network",
+    "models.network.signals",
+    "models.observer",
+)
 
 
 def test_the_service_starts_without_the_libraries_of_its_workers() -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.local_model_network import LocalModelNetwork
-from models.partition import Partition, initial_partition
-from models.regression import VOLTAGE, CellContext
-from models.resampling import GridRun
-from models.structure import InputChannel, PartitionAxis, Structure
+from models.data.resampling import GridRun
+from models.network.local_model_network import LocalModelNetwork
+from models.network.partition import Partition, initial_partition
+from models.network.regression import VOLTAGE, CellContext
+from models.network.structure import InputChannel, PartitionAxis, Structure
 
 DT_S = 1.0
 CAPACITY_AH = 2.0

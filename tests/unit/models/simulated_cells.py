@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.ocv import OcvTable
-from models.timeseries import TimeSeries
+from models.data.timeseries import TimeSeries
+from models.readouts.ocv import OcvTable
 from simulators.catalogue import CELLS
 from simulators.cell import TruthCell
 

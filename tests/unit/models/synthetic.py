@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.timeseries import TimeSeries
+from models.data.timeseries import TimeSeries
 
 CAPACITY_AH = 2.0
 R0_OHM = 0.02

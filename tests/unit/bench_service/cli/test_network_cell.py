@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from bench_service.cli.network_cell import ModuleOfCells, NetworkCell
-from models.electrothermal import simulate_closed
-from models.module import ModuleModel
-from models.ocv import ocv_table
-from models.thermal import ThermalModel
+from models.module.models import ModuleModel
+from models.network.free_run import free_run_V
+from models.readouts.ocv import ocv_table
+from models.thermal.closed_loop import simulate_closed
+from models.thermal.model import ThermalModel
 from tests.unit.models import hand_network
 
 
@@ -24,7 +25,7 @@ def test_on_the_grid_it_is_the_free_run(order: int) -> None:
     current = load_A()
     cell = NetworkCell(network, 0.55, 22.0)
     seen = [cell.step(0.0, 0.0).voltage_V] + [cell.step(value, hand_network.DT_S).voltage_V for value in current[1:]]
-    expected = network.free_run_V(hand_network.grid_run(current, 22.0), 0.55)
+    expected = free_run_V(network, hand_network.grid_run(current, 22.0), 0.55)
     # Where past outputs are used, the free run holds its first value for that many samples; the cell is settled there.
     np.testing.assert_allclose(seen[20:], expected[20:], rtol=0, atol=1e-9 if order == 0 else 2e-3)
 

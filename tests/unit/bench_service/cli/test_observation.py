@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.observer.accuracy import soc_figures
+from models.observer.tuning.accuracy import soc_figures
 
 TIME_S = np.arange(100.0) + 5.0
 STD = np.full(100, 0.01)

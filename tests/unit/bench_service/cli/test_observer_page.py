@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from bench_service.cli.main import main
-from models.identification import fit_network
-from models.module import ModuleModel
+from models.module.models import ModuleModel
+from models.pipeline.fit import fit_network
 from tests.unit.models import synthetic
 
 _HEADER = "Test Time / s,Current / A,Voltage / V,Surface Temperature / degC,soc_ref"

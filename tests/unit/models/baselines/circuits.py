@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.timeseries import TimeSeries
+from models.data.timeseries import TimeSeries
 from tests.unit.models.synthetic import excitation_A
 
 CAPACITY_AH = 1.0

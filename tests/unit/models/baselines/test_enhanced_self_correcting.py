@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from models.baselines import EnhancedSelfCorrecting, fit_enhanced_self_correcting, fit_equivalent_circuit
-from models.errors import ModelError, NotIdentifiableError, StructureError
-from models.resampling import to_grid
-from models.timeseries import TimeSeries
+from models.data.errors import ModelError, NotIdentifiableError, StructureError
+from models.data.resampling import to_grid
+from models.data.timeseries import TimeSeries
+from models.network.free_run import free_run_V
 from tests.unit.models.baselines import circuits
 
 NOISE_V = 5e-4
@@ -41,7 +42,7 @@ def test_simulates_unseen_runs_to_the_noise_and_better_than_without_hysteresis(
 ) -> None:
     run = to_grid(circuits.run(6000, 9, with_hysteresis=True), 1.0)
     circuit = fit_equivalent_circuit(train, capacity_Ah=circuits.CAPACITY_AH)
-    rmse_V = [float(np.sqrt(np.mean((m.free_run_V(run, 0.6) - run.voltage_V) ** 2))) for m in (model, circuit)]
+    rmse_V = [float(np.sqrt(np.mean((free_run_V(m, run, 0.6) - run.voltage_V) ** 2))) for m in (model, circuit)]
     assert rmse_V[0] < 1.5 * NOISE_V
     assert rmse_V[0] < 0.5 * rmse_V[1]
     assert model.name == "ESC 2RC"
@@ -62,7 +63,7 @@ def test_parameters_follow_temperature() -> None:
 def test_document_round_trip(model: EnhancedSelfCorrecting) -> None:
     again = EnhancedSelfCorrecting.from_json(json.loads(json.dumps(model.to_json())))
     run = to_grid(circuits.run(3000, 21, with_hysteresis=True), 1.0)
-    np.testing.assert_array_equal(again.free_run_V(run, 0.6), model.free_run_V(run, 0.6))
+    np.testing.assert_array_equal(free_run_V(again, run, 0.6), free_run_V(model, run, 0.6))
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,10 @@ from models.baselines import EquivalentCircuit, fit_equivalent_circuit
 from models.baselines.circuit_problem import CircuitProblem, Layout
 from models.baselines.samples import gather
 from models.baselines.smoothness import default
-from models.errors import ModelError, NotIdentifiableError, StructureError
-from models.resampling import to_grid
-from models.timeseries import TimeSeries
+from models.data.errors import ModelError, NotIdentifiableError, StructureError
+from models.data.resampling import to_grid
+from models.data.timeseries import TimeSeries
+from models.network.free_run import free_run_V
 from tests.unit.models import synthetic
 from tests.unit.models.baselines import circuits
 
@@ -46,7 +47,7 @@ def test_recovers_the_known_circuit_at_two_temperatures(circuit: EquivalentCircu
 def test_simulates_unseen_runs_to_the_noise(circuit: EquivalentCircuit) -> None:
     for series in two_temperatures(11):
         run = to_grid(series, 1.0)
-        error = circuit.free_run_V(run, 0.6) - run.voltage_V
+        error = free_run_V(circuit, run, 0.6) - run.voltage_V
         assert np.sqrt(np.mean(error**2)) < 1.3 * NOISE_V
     assert circuit.record["held_out_rmse_mV"] == pytest.approx(1e3 * NOISE_V, rel=0.3)
     assert circuit.name == "2RC"
@@ -60,8 +61,8 @@ def test_one_branch_is_recovered_with_another_time_step() -> None:
     np.testing.assert_allclose(circuit.branches.time_constants_s, synthetic.TAU_S, rtol=0.1)
     # Continuous-time parameters: the same circuit runs on a finer grid.
     coarse, fine = (to_grid(runs[0], dt_s) for dt_s in (1.0, 0.5))
-    at_s = circuit.free_run_V(fine, 0.6)[::2]
-    np.testing.assert_allclose(at_s, circuit.free_run_V(coarse, 0.6), atol=1e-4)
+    at_s = free_run_V(circuit, fine, 0.6)[::2]
+    np.testing.assert_allclose(at_s, free_run_V(circuit, coarse, 0.6), atol=1e-4)
 
 
 def test_nothing_is_negative_and_the_curve_rises() -> None:
@@ -75,7 +76,7 @@ def test_nothing_is_negative_and_the_curve_rises() -> None:
 def test_document_round_trip(circuit: EquivalentCircuit) -> None:
     again = EquivalentCircuit.from_json(json.loads(json.dumps(circuit.to_json())))
     run = to_grid(two_temperatures(21)[1], 1.0)
-    np.testing.assert_array_equal(again.free_run_V(run, 0.6), circuit.free_run_V(run, 0.6))
+    np.testing.assert_array_equal(free_run_V(again, run, 0.6), free_run_V(circuit, run, 0.6))
     assert again.record == circuit.record
 
 
@@ -99,9 +100,9 @@ def test_needs_the_temperature_that_its_tables_depend_on(circuit: EquivalentCirc
     nothing = np.full(len(series), np.nan)
     blind = TimeSeries(series.time_s, series.current_A, series.voltage_V, nothing, None, series.soc_ref)
     with pytest.raises(StructureError, match="temperature"):
-        circuit.free_run_V(to_grid(blind, 1.0), 0.6)
+        free_run_V(circuit, to_grid(blind, 1.0), 0.6)
     without = fit_equivalent_circuit([blind], capacity_Ah=circuits.CAPACITY_AH, n_branches=1)
-    assert np.isfinite(without.free_run_V(to_grid(blind, 1.0), 0.6)).all()
+    assert np.isfinite(free_run_V(without, to_grid(blind, 1.0), 0.6)).all()
 
 
 def series_of(current_A: np.ndarray, initial_soc: float = 0.5, missing: np.ndarray | None = None) -> TimeSeries:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from models.baselines.tables import Table
-from models.errors import StructureError
+from models.data.errors import StructureError
 
 SOC, DEGC = np.array([0.0, 0.2, 1.0]), np.array([-10.0, 25.0])
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.design.experiment import Experiment
-from models.local_model_network import LocalModelNetwork
-from models.structure import InputChannel, PartitionAxis, Structure
+from models.design.information.experiment import Experiment
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import InputChannel, PartitionAxis, Structure
 from tests.unit.models.hand_network import network
 
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.design.experiment import Experiment
-from models.local_model_network import LocalModelNetwork
-from models.signals import parse_signal
+from models.design.information.experiment import Experiment
+from models.network.local_model_network import LocalModelNetwork
+from models.network.signals import parse_signal
 
 
 def information(experiment: Experiment, current_A: np.ndarray) -> np.ndarray:

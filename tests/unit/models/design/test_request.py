@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from models.data.errors import ModelError
+from models.data.timeseries import TimeSeries
 from models.design.answer import Material, answer, even_cycle
-from models.design.limits import InfeasibleError
+from models.design.constraints.limits import InfeasibleError
 from models.design.request import RequestError, read_request
-from models.errors import ModelError
-from models.timeseries import TimeSeries
 from tests.unit.models.design.networks import resistive
 
 DOCUMENT = {

@@ -5,13 +5,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from models.data.timeseries import TimeSeries
 from models.design.answer import Material, answer
 from models.design.request import RequestError, read_request
 from models.design.rivals import is_effect, rival_models
-from models.identification import fit_network
-from models.local_model_network import LocalModelNetwork
-from models.structure import InputChannel, PartitionAxis, Structure
-from models.timeseries import TimeSeries
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import InputChannel, PartitionAxis, Structure
+from models.pipeline.fit import fit_network
 from simulators.catalogue import CELLS
 from simulators.cell import Cell
 from tests.unit.models.design.networks import resistive

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.local_model_network import LocalModelNetwork
-from models.partition import Partition
-from models.regression import CellContext
-from models.structure import InputChannel, PartitionAxis, Structure
-from models.timeseries import TimeSeries
+from models.data.timeseries import TimeSeries
+from models.network.local_model_network import LocalModelNetwork
+from models.network.partition import Partition
+from models.network.regression import CellContext
+from models.network.structure import InputChannel, PartitionAxis, Structure
 from simulators.catalogue import CELLS
 from simulators.cell import Branch, Cell, CellParameters
 from tests.unit.models.simulated_cells import pulses_A, record

@@ -3,14 +3,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from models.data.errors import ModelError
+from models.data.resampling import GridRun, to_grid
+from models.data.timeseries import TimeSeries
 from models.effects import effect, effects
 from models.effects.spline import SplineBasis
 from models.effects.thermal_view import ThermalView
 from models.effects.view import ModelInputs, View
-from models.errors import ModelError
-from models.resampling import GridRun, to_grid
-from models.structure import full_structure, minimal_structure
-from models.timeseries import TimeSeries
+from models.network.structure import full_structure, minimal_structure
 
 CONTRACT = {
     "hysteresis", "relaxation", "temperature_dependence", "charge_transfer", "soc_dependence",

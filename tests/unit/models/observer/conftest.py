@@ -2,9 +2,9 @@
 
 import pytest
 
-from models.identification import fit_network
 from models.observer import FuzzyObserver
-from models.observer.tuning import with_tuned_observer
+from models.observer.tuning.tuning import with_tuned_observer
+from models.pipeline.fit import fit_network
 from tests.unit.models import synthetic
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models.identification import fit_network
+from models.data.timeseries import TimeSeries
 from models.observer import FuzzyObserver
 from models.observer import health as watching
 from models.observer.health import MISSING, MODEL, RANGE, STUCK
-from models.timeseries import TimeSeries
+from models.pipeline.fit import fit_network
 from tests.unit.models import synthetic
 
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from models.baselines import EquivalentCircuit, fit_equivalent_circuit
-from models.errors import ModelError
-from models.observer.accuracy import soc_figures
+from models.data.errors import ModelError
 from models.observer.circuit_filters import CircuitObserver
+from models.observer.tuning.accuracy import soc_figures
 from tests.unit.models import synthetic
 
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from models.observer import FuzzyObserver
-from models.observer.places import SOC_SLACK
+from models.observer.filter.places import SOC_SLACK
 from tests.unit.models import hand_network, synthetic
-from tests.unit.models.observer.test_kalman import OHM, SETTINGS, SLOPE, one_line
+from tests.unit.models.observer.filter.test_kalman import OHM, SETTINGS, SLOPE, one_line
 
 
 def test_a_full_cell_whose_voltage_is_too_high_is_full_and_the_model_wrong() -> None:

@@ -1,0 +1,95 @@
+"""Model against measurement: how large the error is, and where it lies."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from models.comparison.reach import band_figures, bands, gaps, inside_by
+from models.comparison.samples import error_samples
+from models.comparison.shares import error_shares
+from models.comparison.simulated_runs import RunComparison, simulate_runs
+from models.comparison.where import regions
+from models.comparison.whiteness import whiteness
+from models.data.errors import ModelError
+from models.data.metrics import Metrics, metrics, noise_floor_V
+from models.data.timeseries import FloatArray, TimeSeries
+from models.effects.input_correction import corrections_of
+from models.network.cell_model import CellModel
+from models.network.local_model_network import LocalModelNetwork
+from models.thermal.cell_temperature import compare_temperature
+
+_MIN_COMPARED = 10
+
+
+def compare(network: CellModel, runs: list[TimeSeries], initial_soc: list[float]) -> dict[str, Any]:
+    """Free-run error overall, of each run, and where it lies.
+
+    Parameters
+    ----------
+    network : the model
+    runs : measurements that the fit may or may not have seen
+    initial_soc : fraction 0..1 of each run
+
+    Returns
+    -------
+    The `compare` object of the public contract; ``inside_training`` and ``outside`` are the overall figures apart, None
+    where no sample lies there; ``where`` and ``regions`` count the samples inside (all, where none lies inside).
+    """
+    if not runs:
+        raise ModelError("nothing to compare: no run was given")
+    compared = simulate_runs(network, runs, initial_soc)
+    grid = [c.run for c in compared]
+    measured = np.concatenate([c.run.voltage_V for c in compared])
+    simulated = np.concatenate([c.simulated_V for c in compared])
+    _check_comparable(measured, simulated)
+    floors = [noise_floor_V(c.run.voltage_V, c.run.current_A) for c in compared]
+    known = [f for f in floors if not np.isnan(f)]
+    inside = np.concatenate([c.inside for c in compared])
+    samples, _ = error_samples(network, compared)
+    return {
+        "overall": metrics(measured, simulated),
+        "inside_training": _figures(measured, simulated, inside),
+        "outside": _figures(measured, simulated, ~inside),
+        "runs": [{"run": c.run.name, **metrics(c.run.voltage_V, c.simulated_V)} for c in compared],
+        "noise_floor_mV": 1e3 * float(np.median(known)) if known else None,
+        "whiteness": whiteness(compared),
+        "where": error_shares(samples),
+        "regions": regions(samples),
+        "outside_training": float(1.0 - inside.mean()),
+        "outside_by": _outside_by(network, compared),
+        "gaps": [gaps(run) for run in grid],
+        "corrections": [asdict(each) for each in corrections_of(network.record)],
+        "band": band_figures(bands(network, grid, initial_soc), grid, [c.inside for c in compared]),
+        "temperature": compare_temperature(network, grid, initial_soc)
+        if isinstance(network, LocalModelNetwork)
+        else None,
+    }
+
+
+def _figures(measured_V: FloatArray, simulated_V: FloatArray, chosen: np.ndarray) -> Metrics | None:
+    chosen = chosen & ~np.isnan(measured_V)
+    return metrics(measured_V[chosen], simulated_V[chosen]) if chosen.any() else None
+
+
+def _outside_by(network: CellModel, compared: list[RunComparison]) -> dict[str, float]:
+    """Share of the samples outside the trained range of each dimension."""
+    parts = [inside_by(network, c.run, c.soc) for c in compared]
+    return {name: float(1.0 - np.concatenate([part[name] for part in parts]).mean()) for name in parts[0]}
+
+
+def _check_comparable(measured_V: FloatArray, simulated_V: FloatArray) -> None:
+    """Refuse figures of almost nothing: a model that cannot be simulated must not look perfect."""
+    known = ~np.isnan(measured_V)
+    lost = int((known & ~np.isfinite(simulated_V)).sum())
+    if lost:
+        raise ModelError(
+            f"the model gives no voltage at {lost} of {int(known.sum())} samples: temperature is missing there, or the "
+            "model is not for this cell"
+        )
+    if int(known.sum()) < _MIN_COMPARED:
+        raise ModelError(
+            f"{int(known.sum())} samples have a voltage on the model's grid; at least {_MIN_COMPARED} are needed"
+        )

@@ -1,0 +1,77 @@
+"""How far a comparison reaches: samples outside the trained domain, gaps, and whether the prediction bands hold."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.network.cell_model import CellModel
+from models.network.local_model_network import LocalModelNetwork
+from models.uncertainty.bands import PredictionBand, prediction_band
+from models.uncertainty.model_uncertainty import uncertainty_of
+
+
+def inside_by(network: CellModel, run: GridRun, soc: FloatArray) -> dict[str, np.ndarray]:
+    """Whether each sample lies in the trained range, for each dimension of the domain; a missing value does."""
+    domain = network.record.get("domain", {})
+    values = {"soc": soc, "current_A": run.current_A, "temperature_degC": run.temperature_degC}
+    inside = {}
+    for name, (low, high) in domain.items():
+        # Half a percent of the range: sensor noise at the edge is not a new operating point.
+        slack, value = 0.005 * (high - low), values[name]
+        inside[name] = np.isnan(value) | ((value >= low - slack) & (value <= high + slack))
+    return inside
+
+
+def gaps(run: GridRun) -> dict[str, Any]:
+    """Where a run has no voltage on the model's grid, and in how many parts a pause in the log cuts it."""
+    missing = ~run.measured
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
+    lengths = (edges[1::2] - edges[::2]) * run.dt_s
+    return {
+        "run": run.name,
+        "missing_share": float(missing.mean()),
+        "gaps": len(lengths),
+        "longest_gap_s": float(lengths.max()) if len(lengths) else 0.0,
+        "parts": len(run.segment_starts),
+    }
+
+
+def bands(network: CellModel, runs: list[GridRun], initial_soc: list[float]) -> list[PredictionBand] | None:
+    """95 % band of each run's free run; None where the model does not say what it does not know."""
+    if not isinstance(network, LocalModelNetwork):
+        return None
+    uncertainty = uncertainty_of(network)
+    if uncertainty is None:
+        return None
+    return [prediction_band(network, run, soc, uncertainty) for run, soc in zip(runs, initial_soc, strict=True)]
+
+
+def band_figures(found: list[PredictionBand] | None, runs: list[GridRun], inside: list[np.ndarray]) -> Any:
+    """Share of the measured voltages within the 95 % band, over all samples and inside the trained domain.
+
+    Returns
+    -------
+    dict or None
+        `coverage_95`, `coverage_95_inside` (None where nothing lies there), `mean_half_width_mV`; None without bands.
+    """
+    if found is None:
+        return None
+    within, known, held = [], [], np.concatenate(inside)
+    for band, run in zip(found, runs, strict=True):
+        within.append((run.voltage_V >= band.lower_V) & (run.voltage_V <= band.upper_V))
+        known.append(run.measured)
+    hit, counted = np.concatenate(within), np.concatenate(known)
+    width = np.concatenate([band.upper_V - band.voltage_V for band in found])
+    return {
+        "coverage_95": _share(hit, counted),
+        "coverage_95_inside": _share(hit, counted & held),
+        "mean_half_width_mV": 1e3 * float(width[counted].mean()) if counted.any() else None,
+    }
+
+
+def _share(hit: np.ndarray, counted: np.ndarray) -> float | None:
+    return float(hit[counted].mean()) if counted.any() else None

@@ -1,0 +1,143 @@
+"""From unevenly spaced samples to an even grid, without inventing data.
+
+Current is known between samples (backward hold), so its mean over each grid interval is exact and charge is kept.
+Voltage and temperature are not known between samples: a grid point without a sample near it stays missing (NaN).
+Where a pause in the log leaves even the current unknown, the grid is cut and the parts are told apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.data.timeseries import FloatArray, TimeSeries
+
+# A pause in the log longer than this many typical intervals, with current on either side, is a gap.
+_GAP_FACTOR = 30.0
+_REST_FRACTION = 0.01
+
+
+@dataclass(frozen=True)
+class GridRun:
+    """One run on an even grid.
+
+    Attributes
+    ----------
+    time_s : (n,) grid times, from the run's first sample on, step `dt_s`
+    current_A : (n,) mean current over the interval that ends at each grid time
+    voltage_V, temperature_degC : (n,) at the grid time; voltage NaN where no sample lies near
+    charge_Ah : (n,) charge counted from the first sample (positive: charged)
+    segment_starts : indices at which a part begins (0 is always one)
+    measured : (n,) True where voltage is known
+    n_missing : grid points without voltage
+    """
+
+    name: str
+    dt_s: float
+    time_s: FloatArray
+    current_A: FloatArray
+    voltage_V: FloatArray
+    temperature_degC: FloatArray
+    ambient_degC: FloatArray | None
+    charge_Ah: FloatArray
+    soc_ref: FloatArray | None
+    segment_starts: tuple[int, ...]
+    measured: np.ndarray
+
+    @property
+    def n_missing(self) -> int:
+        """Number of grid points without a voltage."""
+        return int((~self.measured).sum())
+
+    def __len__(self) -> int:
+        """Return the number of grid points."""
+        return len(self.time_s)
+
+
+def typical_interval_s(runs: list[TimeSeries]) -> float:
+    """Return the median sampling interval of several runs, in s, rounded to 1, 2 or 5 times a power of ten."""
+    median = float(np.median(np.concatenate([np.diff(run.time_s) for run in runs])))
+    scale = 10.0 ** np.floor(np.log10(median))
+    return float(min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(np.log(m * scale / median))) * scale)
+
+
+def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
+    """Put a run on an even grid of step `dt_s`.
+
+    Parameters
+    ----------
+    run : TimeSeries
+    dt_s : grid step in s; the model's sampling time
+
+    Returns
+    -------
+    GridRun
+    """
+    t = run.time_s - run.time_s[0]
+    current = _fill_hold(run.current_A)
+    n = int(np.floor(t[-1] / dt_s + 1e-6)) + 1
+    grid = np.arange(n) * dt_s
+    charge_As = np.concatenate([[0.0], np.cumsum(current[1:] * np.diff(t))])
+    charge_grid = np.interp(grid, t, charge_As)
+    mean_current = np.empty(n)
+    mean_current[1:] = np.diff(charge_grid) / dt_s
+    mean_current[0] = current[0]
+    voltage = _sample_near(grid, t, run.voltage_V, dt_s)
+    return GridRun(
+        name=run.name,
+        dt_s=dt_s,
+        time_s=grid,
+        current_A=mean_current,
+        voltage_V=voltage,
+        temperature_degC=_interpolate(grid, t, run.temperature_degC),
+        ambient_degC=None if run.ambient_degC is None else _interpolate(grid, t, run.ambient_degC),
+        charge_Ah=charge_grid / 3600.0,
+        soc_ref=None if run.soc_ref is None else _interpolate(grid, t, run.soc_ref),
+        segment_starts=_segments(grid, t, current),
+        measured=~np.isnan(voltage),
+    )
+
+
+def _fill_hold(values: FloatArray) -> FloatArray:
+    """Carry the last known value over missing ones (leading ones become 0: nothing flowed before the first value)."""
+    known = ~np.isnan(values)
+    if known.all():
+        return values
+    index = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
+    return np.where(index >= 0, values[np.maximum(index, 0)], 0.0)
+
+
+def _interpolate(grid: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:
+    """Linear interpolation over slowly varying values; all NaN where nothing is known."""
+    known = ~np.isnan(values)
+    if not known.any():
+        return np.full(len(grid), np.nan)
+    return np.interp(grid, t[known], values[known])
+
+
+def _sample_near(grid: FloatArray, t: FloatArray, values: FloatArray, dt_s: float) -> FloatArray:
+    """Interpolate between two samples at most 1.5 grid steps apart, or take a sample within 1 % of a step."""
+    known = ~np.isnan(values)
+    tk, vk = t[known], values[known]
+    if len(tk) == 0:
+        return np.full(len(grid), np.nan)
+    out = np.interp(grid, tk, vk)
+    right = np.clip(np.searchsorted(tk, grid), 0, len(tk) - 1)
+    left = np.clip(right - 1, 0, len(tk) - 1)
+    near = np.minimum(np.abs(tk[right] - grid), np.abs(grid - tk[left])) <= 0.01 * dt_s
+    bracketed = (tk[left] <= grid) & (grid <= tk[right]) & (tk[right] - tk[left] <= 1.5 * dt_s)
+    out[~(near | bracketed)] = np.nan
+    return out
+
+
+def _segments(grid: FloatArray, t: FloatArray, current: FloatArray) -> tuple[int, ...]:
+    step = np.diff(t)
+    typical = float(np.median(step))
+    scale = max(float(np.max(np.abs(current))), 1e-9)
+    loaded = (np.abs(current[:-1]) > _REST_FRACTION * scale) | (np.abs(current[1:]) > _REST_FRACTION * scale)
+    gaps = np.flatnonzero((step > _GAP_FACTOR * max(typical, 1e-9)) & loaded)
+    # A constant-current step that is logged sparsely is no gap: the current is the same on both sides.
+    gaps = [g for g in gaps if abs(current[g + 1] - current[g]) > _REST_FRACTION * scale]
+    starts = sorted({0, *(int(np.searchsorted(grid, t[g + 1])) for g in gaps)})
+    return tuple(s for s in starts if s < len(grid))

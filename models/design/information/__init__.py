@@ -1,0 +1,1 @@
+"""What a current tells about the parameters of a network, and its gradient."""

@@ -1,0 +1,205 @@
+"""An experiment that is still to be made: what a current would tell about a network, and how to make it tell more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from models.data.errors import ModelError
+from models.data.timeseries import FloatArray
+from models.design.information.criteria import CRITERIA
+from models.design.information.sensitivity_path import sensitivities, signal_gradient
+from models.design.information.signal_path import current_gradient, signal_values
+from models.network.compiled_network import flat_network
+from models.network.local_model_network import LocalModelNetwork
+
+SENSITIVITIES = ("free_run", "one_step")
+DEFAULT_TEMPERATURE_DEGC = 25.0
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What is to be learnt about which network, from where.
+
+    Attributes
+    ----------
+    network : reference model
+    initial_soc : fraction, the cell at rest
+    noise_V : standard deviation of the voltage that the fit cannot explain
+    temperature_degC : of the cell, throughout
+    sensitivity : "free_run" or "one_step". Free run is the default: the bench's noise sits on the measured voltage, not
+        in the cell's own past, and the network is fitted and judged by its free run. One-step is the method's
+        (eq. 2.9), with past outputs that are simulated but taken as known.
+    prior : (M p, M p) information that is there already; without it each parameter, which is of the order of 1 in
+        normalised units, is taken as known to `prior_std`
+    prior_std : see `prior`
+    """
+
+    network: LocalModelNetwork
+    initial_soc: float
+    noise_V: float
+    temperature_degC: float = DEFAULT_TEMPERATURE_DEGC
+    sensitivity: str = SENSITIVITIES[0]
+    prior: FloatArray | None = field(default=None, repr=False)
+    prior_std: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        if self.sensitivity not in SENSITIVITIES:
+            raise ModelError(f"sensitivity {self.sensitivity!r} is unknown; use one of {', '.join(SENSITIVITIES)}")
+        if not (np.isfinite(self.noise_V) and self.noise_V > 0.0):
+            raise ModelError(f"noise is {self.noise_V:g} V; its standard deviation must be positive")
+        if not (np.isfinite(self.prior_std) and self.prior_std > 0.0):
+            raise ModelError(f"prior standard deviation is {self.prior_std:g}; it must be positive")
+        size = self.network.theta.size
+        if self.prior is not None and self.prior.shape != (size, size):
+            raise ModelError(f"prior information has shape {self.prior.shape}; the network has {size} parameters")
+
+    @property
+    def lead(self) -> int:
+        """Samples at rest before the current begins: they hold the initial values."""
+        return max(self.network.structure.output_order, 1)
+
+    def prior_information(self) -> FloatArray:
+        """(M p, M p) information that is there before the experiment."""
+        size = self.network.theta.size
+        return self.prior if self.prior is not None else np.eye(size) / self.prior_std**2
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the reference model expects of a current.
+
+    Attributes
+    ----------
+    voltage_V, soc : (N,) at the end of each current's interval
+    sensitivity_V : (N, M p) derivatives of the voltage to the parameters
+    """
+
+    voltage_V: FloatArray
+    soc: FloatArray
+    sensitivity_V: FloatArray
+
+
+class Evaluator:
+    """Information and its gradient for currents of one length; keeps its arrays between calls.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    n_samples : length of the current; current_A[k] flows from k dt to (k + 1) dt
+    criterion : "A", "D" or "E"
+    """
+
+    def __init__(self, experiment: Experiment, n_samples: int, criterion: str = "D") -> None:
+        if criterion not in CRITERIA:
+            raise ModelError(f"criterion {criterion!r} is unknown; use one of {', '.join(CRITERIA)}")
+        if n_samples < 1:
+            raise ModelError(f"a current of {n_samples} samples tells nothing; at least 1 is needed")
+        self.experiment = experiment
+        self._criterion = CRITERIA[criterion]
+        self._net = flat_network(experiment.network)
+        self._free_run = experiment.sensitivity == "free_run"
+        self._prior = experiment.prior_information()
+        self._by_information = self._prior
+        # In normalised units, as the sensitivities.
+        self._variance = (experiment.noise_V / experiment.network.voltage_span_V) ** 2
+        n, (n_models, n_params) = n_samples + experiment.lead, experiment.network.theta.shape
+        n_signals = len(experiment.network.structure.signals)
+        self._temperature_degC = np.full(n, experiment.temperature_degC)
+        self._current_A, self._soc, self._y = np.zeros(n), np.empty(n), np.empty(n)
+        self._signals, self._slopes = np.empty((n, n_signals)), np.ones((n, n_signals))
+        self._validity, self._blended = np.empty((n, n_models)), np.empty((n, n_params))
+        self._psi, self._weights = np.empty((n, n_models * n_params)), np.empty((n, n_models * n_params))
+        self._by_signal, self._gradient = np.empty((n, n_signals)), np.empty(n)
+
+    def value(self, current_A: FloatArray) -> float:
+        """Criterion of a current; larger is better."""
+        value, self._by_information = self._criterion(self.information(current_A))
+        return value
+
+    def value_and_gradient(self, current_A: FloatArray) -> tuple[float, FloatArray]:
+        """Criterion, and its derivative to each sample of the current in 1/A."""
+        return self.value(current_A), self.gradient()
+
+    def gradient(self) -> FloatArray:
+        """(N,) derivative of the criterion to the current whose value was asked for last, in 1/A."""
+        np.matmul(self._psi, (2.0 / self._variance) * self._by_information, out=self._weights)
+        return self._back(np.zeros(len(self._y)))
+
+    def information(self, current_A: FloatArray) -> FloatArray:
+        """(M p, M p) information after the experiment, prior included (eq. 2.12)."""
+        self._simulate(current_A)
+        return self._psi.T @ self._psi / self._variance + self._prior
+
+    def predict(self, current_A: FloatArray) -> Prediction:
+        """Predict voltage, state of charge and the voltage's sensitivities."""
+        self._simulate(current_A)
+        lead, network = self.experiment.lead, self.experiment.network
+        return Prediction(
+            network.to_volts(self._y[lead:]), self._soc[lead:].copy(), network.voltage_span_V * self._psi[lead:]
+        )
+
+    def voltage_gradient(
+        self, current_A: FloatArray, by_voltage: FloatArray, by_sensitivity: FloatArray | None = None
+    ) -> FloatArray:
+        """Derivative to the current of a function of the predicted voltage and its sensitivities.
+
+        Parameters
+        ----------
+        current_A : (N,)
+        by_voltage : (N,) derivative of the function to each predicted voltage
+        by_sensitivity : (N, M p) and to each of its sensitivities in V; None: it does not depend on them
+        """
+        self._simulate(current_A)
+        self._weights[:] = 0.0
+        if by_sensitivity is not None:
+            self._weights[self.experiment.lead :] = self.experiment.network.voltage_span_V * by_sensitivity
+        by_output = np.zeros(len(self._y))
+        by_output[self.experiment.lead :] = self.experiment.network.voltage_span_V * by_voltage
+        return self._back(by_output)
+
+    def _simulate(self, current_A: FloatArray) -> None:
+        self._current_A[self.experiment.lead :] = current_A
+        net = self._net
+        signal_values(
+            net,
+            self._current_A,
+            self.experiment.initial_soc,
+            self._temperature_degC,
+            self._signals,
+            self._slopes,
+            self._soc,
+        )
+        sensitivities(net, self._signals, self._free_run, self._validity, self._blended, self._y, self._psi)
+
+    def _back(self, by_output: FloatArray) -> FloatArray:
+        signal_gradient(
+            self._net,
+            self._signals,
+            self._free_run,
+            self._validity,
+            self._blended,
+            self._y,
+            self._psi,
+            self._weights,
+            by_output,
+            self._by_signal,
+        )
+        current_gradient(self._net, self._current_A, self._signals, self._slopes, self._by_signal, self._gradient)
+        return self._gradient[self.experiment.lead :].copy()
+
+
+def parameter_std(information: FloatArray) -> FloatArray:
+    """Standard deviation of each parameter, normalised units: the Cramer-Rao bound."""
+    factor = cho_factor(information, lower=True, check_finite=False)
+    return np.sqrt(np.diag(cho_solve(factor, np.eye(len(information)), check_finite=False)))
+
+
+def parameter_names(network: LocalModelNetwork) -> list[str]:
+    """Name of each parameter, as the information matrix orders them."""
+    names: Any = network.structure.regressor_names()
+    return [f"local model {i + 1}: {name}" for i in range(network.n_models) for name in names]

@@ -1,0 +1,236 @@
+"""From a current to the signals of a network and back: values forwards, derivatives backwards, compiled.
+
+The held direction of the current has no derivative: its sequence is taken as it is. Temperature is given, not a
+consequence of the current.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from models.network.compiled_network import (
+    DIRECTION,
+    FILTERED,
+    HYSTERESIS,
+    RELAXATION,
+    SOC,
+    SQUARED,
+    TEMPERATURE,
+    FlatNetwork,
+)
+from models.network.signals import DIFFUSION_GAINS, KELVIN, REFERENCE_K
+
+
+@njit(cache=True)
+def signal_values(
+    net: FlatNetwork,
+    current_A: np.ndarray,
+    initial_soc: float,
+    temperature_degC: np.ndarray,
+    values: np.ndarray,
+    slopes: np.ndarray,
+    soc: np.ndarray,
+) -> None:
+    """Signals over a whole run, as `models.network.signals` has them.
+
+    Parameters
+    ----------
+    net : the network
+    current_A : (N,) current_A[k] flows from sample k-1 to sample k
+    initial_soc : fraction
+    temperature_degC : (N,)
+    values : (N, S) normalised signals, written
+    slopes : (N, S) derivative of what enters the signal's filter to the current of the same sample, written
+    soc : (N,) written
+    """
+    n_samples = current_A.shape[0]
+    charge = initial_soc
+    for k in range(n_samples):
+        if k > 0:
+            current = float(current_A[k])
+            charge += (net.efficiency if current > 0.0 else 1.0) * current * net.soc_per_A
+        soc[k] = charge
+    for s in range(net.kind.shape[0]):
+        kind = net.kind[s]
+        if kind == FILTERED or kind == SQUARED:
+            _filtered(net, s, current_A, temperature_degC, values, slopes)
+        elif kind == SOC:
+            _diffusion(net, s, current_A, temperature_degC, values, slopes)
+        elif kind == RELAXATION:
+            _relaxation(net, s, current_A, values)
+        elif kind == HYSTERESIS:
+            _hysteresis_state(net, s, current_A, values, slopes)
+        elif kind == DIRECTION:
+            direction = -1.0
+            for k in range(n_samples):
+                if current_A[k] > net.rest_A:
+                    direction = 1.0
+                elif current_A[k] < -net.rest_A:
+                    direction = -1.0
+                values[k, s] = direction
+        else:
+            for k in range(n_samples):
+                kelvin = temperature_degC[k] + KELVIN
+                values[k, s] = temperature_degC[k] if kind == TEMPERATURE else 1.0 / kelvin
+        for k in range(n_samples):
+            if kind == SOC:
+                values[k, s] = soc[k] + net.factor[s] * values[k, s]
+            values[k, s] = (values[k, s] - net.low[s]) / net.span[s]
+
+
+@njit(cache=True)
+def _filtered(
+    net: FlatNetwork,
+    s: int,
+    current_A: np.ndarray,
+    temperature_degC: np.ndarray,
+    values: np.ndarray,
+    slopes: np.ndarray,
+) -> None:
+    """Current, scaled by temperature and through asinh where asked, then low-passed."""
+    pole, state = net.pole[s, 0], 0.0
+    for k in range(current_A.shape[0]):
+        slope = _slowed(net, s, temperature_degC[k])
+        value = slope * current_A[k]
+        if net.exchange_A[s] != 0.0:
+            value /= net.exchange_A[s]
+            slope /= net.exchange_A[s] * np.sqrt(1.0 + value * value)
+            value = np.arcsinh(value)
+        state = pole * state + (1.0 - pole) * value
+        values[k, s], slopes[k, s] = state, slope
+        if net.kind[s] == SQUARED:
+            values[k, s] = state * abs(state)
+
+
+@njit(cache=True)
+def _slowed(net: FlatNetwork, s: int, temperature_degC: float) -> float:
+    if net.activation_K[s] == 0.0:
+        return 1.0
+    return float(np.exp(net.activation_K[s] * (1.0 / (temperature_degC + KELVIN) - 1.0 / REFERENCE_K)))
+
+
+@njit(cache=True)
+def _diffusion(
+    net: FlatNetwork,
+    s: int,
+    current_A: np.ndarray,
+    temperature_degC: np.ndarray,
+    values: np.ndarray,
+    slopes: np.ndarray,
+) -> None:
+    """Shift of the surface's state of charge, in A; the slopes hold by how much diffusion is slowed."""
+    for k in range(current_A.shape[0]):
+        values[k, s], slopes[k, s] = 0.0, 1.0
+    if net.factor[s] == 0.0:
+        return
+    for mode in range(3):
+        state = 0.0
+        for k in range(current_A.shape[0]):
+            slowed = _slowed(net, s, temperature_degC[k])
+            keep = np.exp(-net.pole[s, mode] / slowed)
+            state = keep * state + (1.0 - keep) * DIFFUSION_GAINS[mode] * slowed * current_A[k]
+            values[k, s] += state
+            slopes[k, s] = slowed
+
+
+@njit(cache=True)
+def _relaxation(net: FlatNetwork, s: int, current_A: np.ndarray, values: np.ndarray) -> None:
+    """Third-order low-pass of the current's change."""
+    first, second, third = 0.0, 0.0, 0.0
+    a, b, c = net.pole[s, 0], net.pole[s, 1], net.pole[s, 2]
+    for k in range(current_A.shape[0]):
+        change = current_A[k] - current_A[k - 1] if k > 0 else 0.0
+        first = a * first + (1.0 - a) * change
+        second = b * second + (1.0 - b) * first
+        third = c * third + (1.0 - c) * second
+        values[k, s] = third / (1.0 - a)
+
+
+@njit(cache=True)
+def _hysteresis_state(net: FlatNetwork, s: int, current_A: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> None:
+    """One-state hysteresis; the slope holds how the state moves with the present current."""
+    state = 0.0
+    for k in range(current_A.shape[0]):
+        sign = np.sign(current_A[k])
+        keep = np.exp(-net.factor[s] * abs(current_A[k]))
+        slopes[k, s] = -net.factor[s] * sign * keep * (state - sign)
+        state = keep * state + (1.0 - keep) * sign
+        values[k, s] = state
+
+
+@njit(cache=True)
+def current_gradient(
+    net: FlatNetwork,
+    current_A: np.ndarray,
+    signals: np.ndarray,
+    slopes: np.ndarray,
+    by_signal: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Carry derivatives to the normalised signals back to the current.
+
+    Parameters
+    ----------
+    net, current_A, signals, slopes : as `signal_values` left them
+    by_signal : (N, S) derivatives to the normalised signals
+    out : (N,) derivative to each current, written
+    """
+    n_samples = current_A.shape[0]
+    out[:] = 0.0
+    by_soc = np.zeros(n_samples)
+    for s in range(net.kind.shape[0]):
+        kind = net.kind[s]
+        if kind == SOC:
+            for k in range(n_samples):
+                by_soc[k] += by_signal[k, s] / net.span[s]
+            if net.factor[s] != 0.0:
+                _diffusion_gradient(net, s, slopes, by_signal, out)
+        elif kind == FILTERED:
+            pole, total = net.pole[s, 0], 0.0
+            for k in range(n_samples - 1, -1, -1):
+                total = pole * total + by_signal[k, s] / net.span[s]
+                out[k] += (1.0 - pole) * total * slopes[k, s]
+        elif kind == SQUARED:
+            pole, total = net.pole[s, 0], 0.0
+            for k in range(n_samples - 1, -1, -1):
+                root = np.sqrt(abs(net.low[s] + net.span[s] * signals[k, s]))
+                total = pole * total + 2.0 * root * by_signal[k, s] / net.span[s]
+                out[k] += (1.0 - pole) * total * slopes[k, s]
+        elif kind == RELAXATION:
+            _relaxation_gradient(net, s, by_signal, out)
+        elif kind == HYSTERESIS:
+            total = 0.0
+            for k in range(n_samples - 1, -1, -1):
+                total += by_signal[k, s] / net.span[s]
+                out[k] += total * slopes[k, s]
+                total *= np.exp(-net.factor[s] * abs(current_A[k]))
+    total = 0.0
+    for k in range(n_samples - 1, 0, -1):
+        total += by_soc[k]
+        out[k] += (net.efficiency if current_A[k] > 0.0 else 1.0) * net.soc_per_A * total
+
+
+@njit(cache=True)
+def _relaxation_gradient(net: FlatNetwork, s: int, by_signal: np.ndarray, out: np.ndarray) -> None:
+    first, second, third = 0.0, 0.0, 0.0
+    a, b, c = net.pole[s, 0], net.pole[s, 1], net.pole[s, 2]
+    scale = 1.0 / ((1.0 - a) * net.span[s])
+    for k in range(by_signal.shape[0] - 1, 0, -1):
+        third = c * third + scale * by_signal[k, s]
+        second = b * second + (1.0 - c) * third
+        first = a * first + (1.0 - b) * second
+        out[k] += (1.0 - a) * first
+        out[k - 1] -= (1.0 - a) * first
+
+
+@njit(cache=True)
+def _diffusion_gradient(net: FlatNetwork, s: int, slopes: np.ndarray, by_signal: np.ndarray, out: np.ndarray) -> None:
+    scale = net.factor[s] / net.span[s]
+    for mode in range(3):
+        total = 0.0
+        for k in range(by_signal.shape[0] - 1, -1, -1):
+            keep = np.exp(-net.pole[s, mode] / slopes[k, s])
+            total += scale * by_signal[k, s]
+            out[k] += (1.0 - keep) * DIFFUSION_GAINS[mode] * slopes[k, s] * total
+            total *= keep

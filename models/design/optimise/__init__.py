@@ -1,0 +1,1 @@
+"""The search for the current that tells most inside its limits."""

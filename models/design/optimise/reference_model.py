@@ -1,0 +1,132 @@
+"""The reference model of a design: where an experiment with a network begins, and what is known already.
+
+No model yet is the normal first day: a bounded pre-test is played, a network of one local model is fitted to it, and
+the design goes on from there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.data.errors import ModelError
+from models.data.timeseries import FloatArray, TimeSeries
+from models.design.constraints.feasible import TemperatureOf
+from models.design.constraints.limits import InfeasibleError, Limits
+from models.design.information.experiment import DEFAULT_TEMPERATURE_DEGC, SENSITIVITIES, Experiment
+from models.design.sequence.profile import Profile
+from models.design.sequence.step_profile import StepProfileRequest, step_profile
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import InputChannel, PartitionAxis, Structure
+from models.pipeline.fit import fit_network
+from models.thermal.cell_temperature import thermal_of
+from models.thermal.closed_loop import simulate_closed
+from models.uncertainty.model_uncertainty import uncertainty_of
+
+# The pre-test uses the whole current that is allowed: a model that has never seen it says nothing of the voltage there,
+# and the design that follows would have to keep away from it. The bench guards the voltage, which cannot be predicted.
+PRE_TEST_SHARE = 1.0
+_PRE_TEST_LEVELS = 3
+# Sensors of benches read a cell's voltage to about this.
+_LEAST_NOISE_V = 1e-3
+# Relative to the best known combination of parameters; what is known better yet (shared poles are known to be equal)
+# counts as this.
+_BEST_KNOWN = 1e-9
+# What a thermal model's prediction may be wrong by, in K, with the model's own error.
+_TEMPERATURE_MARGIN_K = 1.0
+
+
+def experiment_with(
+    network: LocalModelNetwork,
+    initial_soc: float,
+    *,
+    sensitivity: str = SENSITIVITIES[0],
+    use_prior: bool = True,
+    temperature_degC: float | None = None,
+    noise_V: float | None = None,
+) -> Experiment:
+    """Experiment with a fitted network.
+
+    Parameters
+    ----------
+    network : the reference model
+    initial_soc : where the cell stands
+    sensitivity : see `Experiment`
+    use_prior : count what the training runs have told already, as far as the network's record says it
+    temperature_degC : of the cell; by default the middle of the trained range
+    noise_V : by default the noise floor of the training runs, at least 1 mV
+    """
+    domain = network.record.get("domain", {}).get("temperature_degC")
+    degC = temperature_degC
+    if degC is None:
+        degC = DEFAULT_TEMPERATURE_DEGC if domain is None else 0.5 * (domain[0] + domain[1])
+    floor_mV = network.record.get("noise_floor_mV")
+    noise = noise_V if noise_V is not None else max(_LEAST_NOISE_V, 1e-3 * float(floor_mV or 0.0))
+    prior = known_information(network) if use_prior else None
+    return Experiment(network, initial_soc, noise, float(degC), sensitivity, prior)
+
+
+def known_information(network: LocalModelNetwork) -> FloatArray | None:
+    """(M p, M p) information on the parameters that the training runs gave; None where the record does not say."""
+    uncertainty = uncertainty_of(network)
+    if uncertainty is None:
+        return None
+    values, vectors = np.linalg.eigh(uncertainty.parameters.covariance)
+    least = _BEST_KNOWN * max(float(values[-1]), 1e-300)
+    return (vectors / np.maximum(values, least)) @ vectors.T
+
+
+def predicted_temperature(network: LocalModelNetwork, initial_soc: float, ambient_degC: float) -> TemperatureOf | None:
+    """Temperature of a current by the network's thermal model, its error added; None where it has none."""
+    found = thermal_of(network)
+    if found is None:
+        return None
+    thermal, losses = found
+
+    def temperature_of(current_A: FloatArray) -> FloatArray:
+        played = np.concatenate([[0.0], current_A])
+        closed = simulate_closed(network, thermal, losses, played, ambient_degC, initial_soc=initial_soc)
+        return np.maximum(closed.temperature_degC, closed.core_degC) + _TEMPERATURE_MARGIN_K
+
+    return temperature_of
+
+
+def pre_test(
+    limits: Limits, capacity_Ah: float, initial_soc: float, duration_s: float, dt_s: float, seed: int
+) -> Profile:
+    """Return a bounded first test for a cell of which nothing is known: steps, pulses and rests within its limits.
+
+    Raises
+    ------
+    InfeasibleError
+        The limits leave no room, or the time does not suffice.
+    """
+    low_A, high_A = limits.current_A
+    request = StepProfileRequest(
+        capacity_Ah=capacity_Ah,
+        current_A=(PRE_TEST_SHARE * low_A, PRE_TEST_SHARE * high_A),
+        soc=limits.soc,
+        initial_soc=initial_soc,
+        duration_s=duration_s,
+        dt_s=dt_s,
+        n_levels=_PRE_TEST_LEVELS,
+    )
+    try:
+        return step_profile(request, np.random.default_rng(seed))
+    except InfeasibleError:
+        raise
+    except ModelError as error:
+        raise InfeasibleError(f"pre-test: {error}") from None
+
+
+def first_reference(
+    runs: list[TimeSeries], capacity_Ah: float, dt_s: float | None = None, initial_soc: list[float] | None = None
+) -> LocalModelNetwork:
+    """Network of one local model, fitted to whatever was measured so far (ch. 2.3.1)."""
+    structure = Structure(
+        output_order=1,
+        inputs=(InputChannel("soc", delay=1), InputChannel("current", order=1)),
+        axes=(PartitionAxis("soc", splittable=False),),
+        dt_s=dt_s or 1.0,
+        name="linear",
+    )
+    return fit_network(runs, capacity_Ah=capacity_Ah, structure=structure, dt_s=dt_s, initial_soc=initial_soc).network

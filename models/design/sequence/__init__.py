@@ -1,0 +1,1 @@
+"""Tests as sequences over states of charge: profiles, levels, rests, load cycles."""

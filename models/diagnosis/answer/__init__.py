@@ -1,0 +1,1 @@
+"""From evidence to an answer: verdict, findings, confidence, explanation, next experiment."""

@@ -1,0 +1,70 @@
+"""Findings in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from models.diagnosis.evidence.parameters import Value
+from models.effects import Effect, effect
+
+_KEEP_SHORT = 3
+
+
+def explain(
+    found: Effect,
+    share: float,
+    remaining_mV: float,
+    values: dict[str, Value],
+    rivals: Sequence[str],
+    mode: str,
+    beside: Sequence[str] = (),
+) -> str:
+    """One paragraph on a finding.
+
+    Parameters
+    ----------
+    found : the effect
+    share : of what is new that it explains, 0..1
+    remaining_mV : of the reference model's error with it
+    values : its parameters
+    rivals : effects that the data cannot tell from it
+    mode : "change" or "structure"
+    beside : effects that are named before it, with which its figures are given
+    """
+    verb = "has changed" if mode == "change" else "is missing in the model"
+    parts = [
+        f"{found.title} {verb}: {_listed(values)}.",
+        f"It explains {100 * max(min(share, 1.0), 0.0):.0f} % of what the model's own error leaves open; "
+        f"{remaining_mV:.1f} mV remain.",
+        f"How to recognise it: {found.recognise}.",
+    ]
+    if beside:
+        parts.append(f"The error that is left is given together with: {_titles(beside)}.")
+    if rivals:
+        parts.append(f"These data cannot tell it from: {_titles(rivals[:_KEEP_SHORT])}.")
+    return " ".join(parts)
+
+
+def explain_warmth(found: Effect, share: float, before_K: float, after_K: float, values: dict[str, Value]) -> str:
+    """One paragraph on a finding in the temperature."""
+    return (
+        f"{found.title} has changed: {_listed(values)}. It explains {100 * share:.0f} % of the squared error of the "
+        f"temperature, which falls from {before_K:.2f} to {after_K:.2f} K. How to recognise it: {found.recognise}."
+    )
+
+
+def _titles(names: Sequence[str]) -> str:
+    return ", ".join(effect(name).title.lower() for name in names)
+
+
+def _listed(values: dict[str, Value]) -> str:
+    return ", ".join(_one(name, each) for name, each in values.items())
+
+
+def _one(name: str, each: Value) -> str:
+    label = name.replace("_", " ")
+    for unit in ("Ohm", "V per K", "K", "V", "A", "Ah", "s", "mV", "per Ah"):
+        label = label.removesuffix(f" {unit}")
+    unit = "" if each.unit == "1" else f" {each.unit}"
+    band = "" if each.std is None else f" +- {each.std:.1g}"
+    return f"{label} {each.value:.3g}{band}{unit}"

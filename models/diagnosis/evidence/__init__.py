@@ -1,0 +1,1 @@
+"""What each effect would explain of a residual, alone and together with others."""

@@ -1,0 +1,188 @@
+"""Structure mode: what is asked is which effect the model's structure lacks.
+
+The network's error on all runs is explained by the sensitivities to the parameters that it has, by an open-circuit
+curve as fine as held-out blocks ask for, and by one effect at a time. Without the sensitivities parameter errors would
+be taken for effects; without the finer curve, its corners would.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.diagnosis.evidence.candidates import Candidate, Comparison, lean_columns, try_effect, try_lean
+from models.diagnosis.evidence.evidence import Evidence
+from models.diagnosis.evidence.joint import Named, named_effects
+from models.diagnosis.evidence.memory import noise_mse
+from models.diagnosis.evidence.ranking import Ranking, rank
+from models.diagnosis.reference.reference import Reference
+from models.diagnosis.reference.samples import Samples, all_samples, visible
+from models.diagnosis.structure.sensitivities import sensitivities_V
+from models.effects import Effect
+from models.effects.spline import SplineBasis
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+
+_SAMPLES = 8_000
+_RESOLUTIONS = (0, 10, 20, 40)
+_RIDGES = (1e-7, 1e-5, 1e-3)
+_EFFECTS_RIDGE = 1e-5
+# A finer curve must lower the held-out error by this share.
+_WORTH = 0.01
+_HELD_OUT_RIDGE = 1e-5
+# Here the own error is what all effects together leave of the same runs: no other record is held against it.
+_BIAS_ALLOWANCE = 0.2
+_NEARLY = 0.9
+_SOC_SLACK = 0.01
+
+
+@dataclass(frozen=True)
+class StructureAnalysis:
+    """Everything that structure mode found.
+
+    Attributes
+    ----------
+    comparison : all runs with the network's error and every effect's regressors
+    ranking : of single effects
+    named : effects that are named, the larger first
+    n_train : samples of the training runs, the first ones
+    resolution : bumps of the open-circuit curve that the data ask for beside the network's; 0: none
+    """
+
+    comparison: Comparison
+    ranking: Ranking
+    named: tuple[Named, ...]
+    n_train: int
+    resolution: int
+
+
+def analyse_structure(
+    network: LocalModelNetwork,
+    reference: Reference,
+    train: list[GridRun],
+    train_soc: list[float],
+    runs: list[GridRun],
+    soc: list[float],
+    effects: list[Effect],
+) -> StructureAnalysis:
+    """Try every effect beside what the network has.
+
+    Parameters
+    ----------
+    network : the model
+    reference : fitted to the same training runs; effects that scale the overvoltage take its resistances
+    train, train_soc : what the network was fitted to; empty where it is not at hand
+    runs, soc : runs to be explained
+    effects : to be tried
+    """
+    samples = _inside(all_samples(reference, [*train, *runs], [*train_soc, *soc], _SAMPLES), len(train))
+    error = np.concatenate([_error_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
+    own = np.vstack([sensitivities_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
+    usable = [effect for effect in effects if not effect.absorbed and visible(effect, [*train, *runs])]
+    columns = {effect.name: samples.regressors(effect) for effect in usable}
+    evidence, resolution = _resolved(samples, error, own, np.hstack(list(columns.values())))
+    everything = evidence.solve(np.hstack(list(columns.values()))).cost / len(error)
+    noise = min(noise_mse(samples), everything)
+    comparison = Comparison(samples, tuple(usable), columns, evidence, everything, noise, _BIAS_ALLOWANCE)
+    candidates = [try_effect(comparison, effect) for effect in usable]
+    ranking = rank(comparison, candidates)
+    n_train = sum(len(view.index) for view in samples.views[: len(train)])
+    named = named_effects(comparison, ranking) if ranking.something_new else ()
+    # An effect that helps only the runs it was fitted to is none, a second one that does leaves the first alone;
+    # without other runs there is nothing to ask.
+    if len(named) > 1 and runs and not all(_helps(each, n_train) for each in named):
+        named = (Named(comparison, ranking),)
+    if len(named) == 1 and not (ranking.significant and (not runs or _helps(named[0], n_train))):
+        named = ()
+    return StructureAnalysis(comparison, ranking, named, n_train, resolution)
+
+
+def _helps(named: Named, n_train: int) -> bool:
+    candidate = named.ranking.candidates[0]
+    return held_out_mse(named.comparison, n_train, candidate) < held_out_mse(named.comparison, n_train)
+
+
+def _inside(samples: Samples, n_train: int) -> Samples:
+    """Leave out what lies beyond the SoC of the training runs: there the network is a guess, whatever it lacks."""
+    if n_train == 0:
+        return samples
+    soc = [view.soc[view.index] for view in samples.views]
+    known, every = np.concatenate(soc[:n_train]), np.concatenate(soc)
+    inside = (every >= known.min() - _SOC_SLACK) & (every <= known.max() + _SOC_SLACK)
+    return samples if inside.all() or not inside[len(known) :].any() else samples.kept(inside)
+
+
+def _error_V(network: LocalModelNetwork, run: GridRun, initial_soc: float, index: np.ndarray) -> FloatArray:
+    return run.voltage_V[index] - free_run_V(network, run, initial_soc)[index]
+
+
+def _resolved(samples: Samples, error: FloatArray, own: FloatArray, others: FloatArray) -> tuple[Evidence, int]:
+    """Raise the resolution of the open-circuit curve until the held-out error stops falling.
+
+    The effects are in the model meanwhile: beside one that is not, no finer curve would show.
+    """
+    soc = np.concatenate([view.soc[view.index] for view in samples.views])
+    best: tuple[float, Evidence, int] | None = None
+    for size in _RESOLUTIONS:
+        curve = SplineBasis(float(soc.min()), float(soc.max()), size).matrix(soc) if size else np.zeros((len(soc), 0))
+        regressors = np.hstack([own, curve])
+        p, wider = regressors.shape[1], np.hstack([regressors, others])
+        scale = (wider**2).sum(axis=0) + 1e-12
+        plain = Evidence(error, wider, np.diag(scale), samples.blocks)
+        losses = {}
+        for ridge in _RIDGES:
+            prior = np.concatenate([ridge * scale[:p], _EFFECTS_RIDGE * scale[p:]])
+            losses[ridge] = float((plain.with_information(np.diag(prior)).null_errors_V ** 2).sum())
+        ridge = min(losses, key=losses.__getitem__)
+        if best is not None and losses[ridge] > (1.0 - _WORTH) * best[0]:
+            break
+        found = Evidence(error, regressors, np.diag(ridge * scale[:p]), samples.blocks)
+        best = (losses[ridge], found, size)
+    assert best is not None
+    return best[1], best[2]
+
+
+def held_out_mse(comparison: Comparison, n_train: int, candidate: Candidate | None = None) -> float:
+    """Mean squared error of the diagnosed runs when network and effect are refitted to the training runs, V^2.
+
+    The effect enters in its smallest form where it has one and that explains nearly as much. Without training runs it
+    is the error in held-out blocks.
+
+    Parameters
+    ----------
+    comparison : of training and diagnosed runs
+    n_train : samples of the training runs, the first ones
+    candidate : the effect; None: the network alone, or with what the comparison has beside it
+    """
+    n = n_train
+    evidence = comparison.evidence
+    x, y = np.zeros((len(evidence.error_V), 0)), evidence.error_V
+    if candidate is not None:
+        x, y = _form(comparison, candidate), candidate.target_V
+    if n == 0:
+        gained = evidence.gains(x, y).sum() if candidate is not None else 0.0
+        return float(((evidence.null_errors_V**2).sum() - gained) / len(y))
+    whole = np.hstack([evidence.regressors, x])
+    p = evidence.regressors.shape[1]
+    # What the training runs do not show stays where it was instead of running away in the others.
+    ridge = _HELD_OUT_RIDGE * (whole**2).sum(axis=0) + 1e-12
+    information = whole[:n].T @ whole[:n] + np.diag(ridge)
+    information[:p, :p] += evidence.information
+    scale = np.sqrt(np.diag(information))
+    b = np.linalg.solve(information / np.outer(scale, scale), whole[:n].T @ y[:n] / scale) / scale
+    return float(np.mean((y[n:] - whole[n:] @ b) ** 2))
+
+
+def _form(comparison: Comparison, candidate: Candidate) -> FloatArray:
+    """(n, k) regressors of an effect: of its smallest form where that will do."""
+    lean = candidate.effect.lean
+    if lean is None:
+        return candidate.columns
+    small = try_lean(comparison, candidate.effect)
+    gained = comparison.evidence.cost - candidate.solution.cost
+    if comparison.evidence.cost - small.cost < _NEARLY * gained:
+        return candidate.columns
+    return lean_columns(comparison, lean, small.shape)[:, : small.columns]

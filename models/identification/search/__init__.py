@@ -1,0 +1,5 @@
+"""Which structure to take: candidates, and the held-out error by which they are judged."""
+
+from models.identification.search.search import Choice, Search
+
+__all__ = ["Choice", "Search"]

@@ -1,0 +1,222 @@
+"""A network as plain arrays, and the compiled step that makes its signals and its output, sample by sample."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from models.data.errors import StructureError
+from models.network.local_model_network import LocalModelNetwork
+from models.network.regression import VOLTAGE, axis_lag
+from models.network.signals import (
+    DIFFUSION_GAINS,
+    KELVIN,
+    REFERENCE_K,
+    diffusion_rates,
+    parse_signal,
+    relaxation_poles,
+)
+from models.network.structure import KERNELS
+
+# What the compiled loop does with a signal.
+FILTERED, SOC, RELAXATION, DIRECTION, HYSTERESIS, TEMPERATURE, INVERSE_TEMPERATURE, SQUARED = range(8)
+CODES = {
+    "current": FILTERED,
+    "scaled_current": FILTERED,
+    "low_pass": FILTERED,
+    "charge_transfer": FILTERED,
+    "squared_current": SQUARED,
+    "soc": SOC,
+    "surface_soc": SOC,
+    "relaxation": RELAXATION,
+    "hysteresis": DIRECTION,
+    "hysteresis_state": HYSTERESIS,
+    "temperature": TEMPERATURE,
+    "inverse_temperature": INVERSE_TEMPERATURE,
+}
+_GAUSSIAN, _UNIFORM = KERNELS.index("gaussian"), KERNELS.index("uniform")
+
+
+class FlatNetwork(NamedTuple):
+    """A network as plain arrays."""
+
+    theta: np.ndarray
+    centres: np.ndarray
+    widths: np.ndarray
+    kernel: int
+    order: int
+    kind: np.ndarray  # (S,) code of each signal
+    pole: np.ndarray  # (S, 3) poles of the filter stages, 0 where there is none; of a SoC: rates of its diffusion
+    activation_K: np.ndarray  # (S,) 0: the current is not scaled by temperature
+    exchange_A: np.ndarray  # (S,) 0: no asinh
+    factor: np.ndarray  # (S,) of SoC per ampere, or of hysteresis per ampere and sample
+    low: np.ndarray  # (S,) normalisation
+    span: np.ndarray
+    tap_signal: np.ndarray
+    tap_lag: np.ndarray
+    axis_signal: np.ndarray
+    axis_lag: np.ndarray
+    rest_A: float
+    soc_per_A: float
+    efficiency: float
+    voltage_low: float
+    voltage_span: float
+
+
+@njit(cache=True)
+def step_signals(
+    net: FlatNetwork,
+    filters: np.ndarray,
+    now: np.ndarray,
+    current_A: float,
+    change_A: float,
+    soc: float,
+    direction: float,
+    temperature_degC: float,
+) -> None:
+    """Write the normalised signals of this sample into `now` and move the filters on."""
+    # Signals that follow each other often share their scaling by temperature and their exchange current.
+    slowed, slowed_for, exchange_for, transfer = 1.0, 0.0, 0.0, 0.0
+    for s in range(net.kind.shape[0]):
+        kind, pole, state = net.kind[s], net.pole[s], filters[s]
+        value = direction
+        if kind == FILTERED or kind == SOC or kind == SQUARED:
+            if net.activation_K[s] != slowed_for:
+                slowed_for = net.activation_K[s]
+                slowed = np.exp(slowed_for * (1.0 / (temperature_degC + KELVIN) - 1.0 / REFERENCE_K))
+                exchange_for = 0.0
+            value = current_A * slowed
+            if kind == SOC:
+                shift = 0.0
+                for mode in range(3 if net.factor[s] != 0.0 else 0):
+                    keep = np.exp(-pole[mode] / slowed)
+                    state[mode] = keep * state[mode] + (1.0 - keep) * DIFFUSION_GAINS[mode] * value
+                    shift += state[mode]
+                value = soc + net.factor[s] * shift
+            else:
+                if net.exchange_A[s] != 0.0:
+                    if net.exchange_A[s] != exchange_for:
+                        exchange_for = net.exchange_A[s]
+                        transfer = np.arcsinh(value / exchange_for)
+                    value = transfer
+                state[0] = pole[0] * state[0] + (1.0 - pole[0]) * value
+                value = state[0] * abs(state[0]) if kind == SQUARED else state[0]
+        elif kind == RELAXATION:
+            value = change_A
+            for stage in range(3):
+                state[stage] = pole[stage] * state[stage] + (1.0 - pole[stage]) * value
+                value = state[stage]
+            value /= 1.0 - pole[0]
+        elif kind == HYSTERESIS:
+            keep = np.exp(-net.factor[s] * abs(current_A))
+            state[0] = keep * state[0] + (1.0 - keep) * np.sign(current_A)
+            value = state[0]
+        elif kind == TEMPERATURE:
+            value = temperature_degC
+        elif kind == INVERSE_TEMPERATURE:
+            value = 1.0 / (temperature_degC + KELVIN)
+        now[s] = (value - net.low[s]) / net.span[s]
+
+
+@njit(cache=True)
+def step_output(
+    net: FlatNetwork, history: np.ndarray, weight: np.ndarray, out: np.ndarray, k: int, initial_y: float
+) -> float:
+    """Normalised voltage of sample k from the signals in `history` and the past outputs in `out`."""
+    if k < net.order and (k > 0 or not np.isnan(initial_y)):
+        return float(out[k - 1, 0]) if k > 0 else initial_y
+    n_models, n_params = net.theta.shape
+    step_validity(net, history, weight)
+    y, poles_sum = 0.0, 0.0
+    for p in range(n_params):
+        blended = 0.0
+        for i in range(n_models):
+            blended += weight[i] * net.theta[i, p]
+        if p < net.order:
+            if k == 0:
+                poles_sum += blended
+            else:
+                y += blended * out[k - 1 - p, 0]
+        elif p < n_params - 1:
+            tap = p - net.order
+            y += blended * history[net.tap_lag[tap], net.tap_signal[tap]]
+        else:
+            y += blended
+    return float(y / (1.0 - poles_sum))
+
+
+@njit(cache=True)
+def step_validity(net: FlatNetwork, history: np.ndarray, weight: np.ndarray) -> None:
+    """Write the (M,) validity functions, as `Partition.validity` has them."""
+    n_models, n_axes = net.centres.shape
+    nearest, far = 0, np.inf
+    for i in range(n_models):
+        squared, kernel = 0.0, 1.0
+        for j in range(n_axes):
+            distance = abs(history[net.axis_lag[j], net.axis_signal[j]] - net.centres[i, j]) / net.widths[i, j]
+            squared += distance * distance
+            if net.kernel == _UNIFORM:
+                kernel *= 1.0 if distance <= 1.0 else 0.0
+            else:
+                kernel *= max(1.0 - 0.5 * distance, 0.0)
+        weight[i] = squared if net.kernel == _GAUSSIAN else kernel
+        if squared < far:
+            far, nearest = squared, i
+    total = 0.0
+    for i in range(n_models):
+        if net.kernel == _GAUSSIAN:
+            # Relative to the nearest, so that far outside all boxes the sum does not underflow to 0.
+            weight[i] = np.exp(-0.5 * (weight[i] - far))
+        total += weight[i]
+    if total <= 0.0:
+        weight[nearest] = total = 1.0
+    for i in range(n_models):
+        weight[i] /= total
+
+
+def flat_network(network: LocalModelNetwork) -> FlatNetwork:
+    """Lay a network out as plain arrays for compiled loops."""
+    structure, cell = network.structure, network.cell
+    names = structure.signals
+    parsed = [parse_signal(name) for name in names]
+    unknown = [name for name, signal in zip(names, parsed, strict=True) if signal.kind not in CODES]
+    if unknown:
+        raise StructureError(f"signal {unknown[0]!r} cannot be simulated together with the temperature")
+    pole, soc_per_A = np.zeros((len(names), 3)), structure.dt_s / (3600.0 * cell.capacity_Ah)
+    for s, signal in enumerate(parsed):
+        time_constant_s = signal.get("time_constant_s")
+        if signal.kind == "relaxation":
+            pole[s] = relaxation_poles(time_constant_s, structure.dt_s)
+        elif signal.kind == "surface_soc":
+            pole[s] = diffusion_rates(time_constant_s, structure.dt_s)
+        elif time_constant_s:
+            pole[s, 0] = np.exp(-structure.dt_s / time_constant_s)
+    bounds = np.array([network.scaling[name] for name in names])
+    taps = [(names.index(signal), lag) for signal, lag in structure.taps()]
+    axes = [(names.index(axis.signal), axis_lag(axis.signal)) for axis in structure.axes]
+    low, _ = network.scaling[VOLTAGE]
+    return FlatNetwork(
+        theta=np.ascontiguousarray(network.theta),
+        centres=np.ascontiguousarray(network.partition.centres),
+        widths=np.ascontiguousarray(network.partition.widths),
+        kernel=KERNELS.index(network.partition.kernel),
+        order=structure.output_order,
+        kind=np.array([CODES[signal.kind] for signal in parsed]),
+        pole=pole,
+        activation_K=np.array([signal.get("activation_K") for signal in parsed]),
+        exchange_A=np.array([signal.get("exchange_current_A") for signal in parsed]),
+        factor=np.array([signal.get("depth") / cell.capacity_Ah + signal.get("rate") * soc_per_A for signal in parsed]),
+        low=np.ascontiguousarray(bounds[:, 0]),
+        span=np.ascontiguousarray(bounds[:, 1] - bounds[:, 0]),
+        tap_signal=np.array([t[0] for t in taps]),
+        tap_lag=np.array([t[1] for t in taps]),
+        axis_signal=np.array([a[0] for a in axes]),
+        axis_lag=np.array([a[1] for a in axes]),
+        rest_A=cell.rest_A,
+        soc_per_A=soc_per_A,
+        efficiency=cell.efficiency,
+        voltage_low=low,
+        voltage_span=network.voltage_span_V,
+    )

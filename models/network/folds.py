@@ -1,0 +1,62 @@
+"""Groups of training samples that are held out together when choices are judged."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.data.resampling import GridRun
+
+if TYPE_CHECKING:
+    from models.network.regression import Dataset
+
+N_FOLDS = 5
+_GROUPS = 20
+
+
+def groups(data: Dataset) -> np.ndarray:
+    """(N,) number of the group that each sample belongs to.
+
+    Whole runs where there are at least as many as folds; else each run in blocks in time, long enough that a block
+    spans operating points which the rest of its fold has not seen. The free run passes through held-out samples, so
+    the error there is one of simulation, not of prediction from measured voltage.
+    """
+    return group_numbers(data.run_index, data.run_group)
+
+
+def group_numbers(run_index: np.ndarray, run_group: np.ndarray | None) -> np.ndarray:
+    """(N,) what `groups` says of samples of which only the run is given, and each run's own group."""
+    n_runs = int(run_index.max()) + 1
+    if n_runs >= N_FOLDS:
+        own = np.arange(n_runs) if run_group is None else run_group
+        return own[run_index].astype(np.int64)
+    blocks = -(-_GROUPS // n_runs)
+    out = np.empty(len(run_index), dtype=np.int64)
+    for run in range(n_runs):
+        index = np.flatnonzero(run_index == run)
+        out[index] = run * blocks + (np.arange(len(index)) * blocks) // len(index)
+    return out
+
+
+def balanced_groups(runs: list[GridRun]) -> np.ndarray:
+    """(runs,) number of the group of each run, so that every fold holds out runs at every temperature.
+
+    Runs of like temperature stand together, and in each such set the fold goes by load: one fold holds out the
+    gentlest runs of all temperatures, another the hardest, on which a model has to extrapolate. The order in which
+    the runs were given does not matter.
+    """
+    temperature = [float(np.nan_to_num(np.mean(run.temperature_degC))) for run in runs]
+    load_A = [float(np.mean(np.abs(run.current_A))) for run in runs]
+    by_temperature = sorted(range(len(runs)), key=lambda i: (temperature[i], load_A[i]))
+    out = np.empty(len(runs), dtype=np.int64)
+    for first in range(0, len(runs), N_FOLDS):
+        members = sorted(by_temperature[first : first + N_FOLDS], key=lambda i: load_A[i])
+        out[members] = first + np.arange(len(members))
+    return out
+
+
+def folds(n_groups: int) -> list[np.ndarray]:
+    """Numbers of the groups that each fold holds out."""
+    every = np.arange(n_groups)
+    return [every[every % N_FOLDS == fold] for fold in range(min(N_FOLDS, n_groups))]

@@ -1,0 +1,1 @@
+"""What can be said about an observer before it runs: observability and stability."""

@@ -1,0 +1,1 @@
+"""The fuzzy observer itself, one compiled step live and in replay."""

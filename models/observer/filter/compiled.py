@@ -1,0 +1,160 @@
+"""One sample of the observer as a compiled function of plain arrays; live and replay both call it.
+
+The state of one hypothesis is [y(k) ... y(k-n+1), SoC(k), quick error, slow error, current offset, capacity error,
+voltage offset, resistance error, place in the hysteresis loop at the start] (`places`), the last where there is a
+loop. A sample goes through it as signals (`running_inputs`), prediction
+(`prediction`), correction (`correction`), and what all hypotheses say together (`hypotheses`).
+While the state of charge is not known well, several hypotheses run side by side (a Gaussian sum, Alspach and Sorenson,
+IEEE Trans. Autom. Control 17, 1972): an open-circuit curve is no straight line over half of its range. Those that the
+measurements contradict die out, those that meet are merged, and one remains.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from models.network.compiled_network import FlatNetwork
+from models.observer.filter import hypotheses
+from models.observer.filter.blending import Prepared
+from models.observer.filter.correction import correct
+from models.observer.filter.places import (
+    BAND,
+    CAPACITY_AH,
+    CAPACITY_OUT,
+    CAPACITY_STD_OUT,
+    COMPILED,
+    COUNTED,
+    EXPECTED_ROW,
+    HELD_CURRENT,
+    HELD_DIRECTION,
+    HELD_OFFSET,
+    HELD_OFFSET_STD,
+    HELD_TEMPERATURE,
+    INNOVATION_OUT,
+    INNOVATION_ROW,
+    INNOVATION_STD_OUT,
+    LIKELIHOOD_ROW,
+    MORE_A,
+    NET,
+    NET_SHARE,
+    OFFSET_OUT,
+    OFFSET_STD_OUT,
+    Q_SOC,
+    R_JUDGED_MORE,
+    RESISTANCE_STD,
+    SEEN,
+    SERIES_STD,
+    SLOW_CHARGE,
+    SLOW_RATE,
+    SOC_STD_OUT,
+    VOLTAGE_OUT,
+)
+from models.observer.filter.prediction import predict
+from models.observer.filter.running_inputs import move_on
+
+# Of a current that is not known, in multiples of the network's rest current: about 1C.
+_UNKNOWN_CURRENT = 200.0
+# Standard deviations of the current sensor's offset up to which a current is as good as none.
+_TOLD_SIGMA = 2.0
+
+
+@njit(**COMPILED)
+def step(
+    net: FlatNetwork,
+    prepared: Prepared,
+    errors: np.ndarray,
+    gains: np.ndarray,
+    constants: np.ndarray,
+    # memory, updated in place
+    x: np.ndarray,
+    covariance: np.ndarray,
+    weight: np.ndarray,
+    filters: np.ndarray,
+    history: np.ndarray,
+    held: np.ndarray,
+    scratch: np.ndarray,
+    # the sample
+    current_A: float,
+    voltage_V: float,
+    temperature_degC: float,
+    out: np.ndarray,
+) -> None:
+    """Advance by one sample.
+
+    Parameters
+    ----------
+    net : the network
+    prepared : what of it is worked out beforehand
+    errors : (N_ERRORS, M) standard deviations of the model's errors near each local model, normalised
+    gains : (M, s + 1) steady-state gains K_i and, last, the variance of the SoC that they lead to
+    constants : (N_CONSTANTS,)
+    x, covariance, weight : (J, s), (J, s, s), (J,) hypotheses; the first whose weight is 0 ends them
+    filters : (2, signals, 3); history : (2, lags, signals) normalised signals, newest first; those of the state of
+        charge without the hypothesis' own starting point. The second of each is what the signals would be with a
+        little more current, which tells what an offset of the current sensor does to the output
+    held : (N_HELD,)
+    scratch : (rows, columns) room for intermediate results
+    current_A, voltage_V, temperature_degC : NaN = missing
+    out : (N_OUT,) written
+    """
+    voltage = (voltage_V - net.voltage_low) / net.voltage_span
+    missing_current, first = np.isnan(current_A), held[SEEN] == 0.0
+    if np.isnan(temperature_degC):
+        temperature_degC = held[HELD_TEMPERATURE]
+    if missing_current:
+        current_A = held[HELD_CURRENT]
+    counted, moved = held[COUNTED], 0.0
+    if not first:
+        moved = (net.efficiency if current_A > 0.0 else 1.0) * current_A * net.soc_per_A
+    # What may be nothing but the sensor's offset is rest, and moves neither direction nor hysteresis.
+    flowing_A = current_A - held[HELD_OFFSET]
+    if abs(flowing_A) <= _TOLD_SIGMA * held[HELD_OFFSET_STD]:
+        flowing_A = 0.0
+    if abs(flowing_A) > net.rest_A:
+        held[HELD_DIRECTION] = np.sign(flowing_A)
+    change_A = 0.0 if first else current_A - held[HELD_CURRENT]
+    move_on(
+        net, prepared.per_span, constants[MORE_A], filters, history, current_A, flowing_A, change_A, counted + moved,
+        held[HELD_DIRECTION], temperature_degC, first,
+    )  # fmt: skip
+    held[NET] += constants[NET_SHARE] * (moved - held[NET])
+    keep_slow = np.exp(-constants[SLOW_RATE] - constants[SLOW_CHARGE] * abs(held[NET]))
+    q_soc = 0.0 if first else constants[Q_SOC]
+    if missing_current:
+        # Nothing is known of the charge that flows: as if it were 1C either way, in each sample anew.
+        q_soc += (net.soc_per_A * net.rest_A * _UNKNOWN_CURRENT) ** 2
+    alive, n = hypotheses.count(weight), max(net.order, 1)
+    for j in range(alive):
+        base = x[j, n] - counted
+        quick, slow, overpotential = predict(
+            net, prepared, errors, gains, constants, x[j], covariance[j], filters, history, scratch, base, moved,
+            keep_slow, q_soc, first, voltage,
+        )  # fmt: skip
+        more = constants[RESISTANCE_STD] * overpotential + constants[SERIES_STD] * current_A
+        correct(n, constants, x[j], covariance[j], scratch, quick, slow, more, voltage, first and net.order > 0, out)
+        scratch[EXPECTED_ROW, j], scratch[INNOVATION_ROW, j] = out[VOLTAGE_OUT], out[INNOVATION_OUT]
+        scratch[LIKELIHOOD_ROW, j] = out[INNOVATION_STD_OUT]
+    alive = hypotheses.weigh(n, x, covariance, weight, scratch, alive, voltage, out)
+    hypotheses.sum_up(n, x, covariance, weight, alive, out)
+    _to_physical(net, constants, out)
+    held[HELD_OFFSET], held[HELD_OFFSET_STD] = out[OFFSET_OUT], out[OFFSET_STD_OUT]
+    held[HELD_CURRENT] = current_A
+    held[HELD_TEMPERATURE] = temperature_degC
+    held[SEEN] += 1.0
+    held[COUNTED] = counted + moved
+
+
+@njit(**COMPILED)
+def _to_physical(net: FlatNetwork, constants: np.ndarray, out: np.ndarray) -> None:
+    """Make volts of normalised ones, standard deviations of variances, and a capacity of its error."""
+    out[INNOVATION_STD_OUT] += constants[R_JUDGED_MORE]
+    for column in (SOC_STD_OUT, INNOVATION_STD_OUT, OFFSET_STD_OUT, CAPACITY_STD_OUT):
+        out[column] = np.sqrt(max(out[column], 0.0))
+    out[SOC_STD_OUT] *= constants[BAND]
+    out[VOLTAGE_OUT] = net.voltage_low + net.voltage_span * out[VOLTAGE_OUT]
+    out[INNOVATION_OUT] *= net.voltage_span
+    out[INNOVATION_STD_OUT] *= net.voltage_span
+    # The state of charge moves by (1 + e) times what the nominal capacity says.
+    out[CAPACITY_OUT] = constants[CAPACITY_AH] / (1.0 + out[CAPACITY_OUT])
+    out[CAPACITY_STD_OUT] *= constants[CAPACITY_AH]

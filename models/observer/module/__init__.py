@@ -1,0 +1,1 @@
+"""The observer of a module of unequal cells."""

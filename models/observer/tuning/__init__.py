@@ -1,0 +1,1 @@
+"""Noise and settings of the observer from records."""

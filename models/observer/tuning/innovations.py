@@ -1,0 +1,162 @@
+"""How likely innovations are: a small Kalman filter over a free run's errors, with the noise that the observer has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.signal import lfilter
+
+from models.data.errors import ModelError
+from models.data.timeseries import FloatArray
+from models.network.compiled_network import CODES, FILTERED, RELAXATION, SQUARED
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.network.regression import Dataset
+from models.network.signals import parse_signal, soc_by_counting
+from models.observer.filter.places import NET_S
+from models.observer.filter.settings import error_levels
+from models.observer.tuning.unseen import Judged
+
+# SoC is moved by this much to see how the output follows.
+_STEP_SOC = 0.002
+# So many samples are looked at, the same number from the beginning of each run.
+_LONGEST = 100_000
+
+
+@dataclass(frozen=True)
+class TuningData:
+    """Free-run errors of all runs, one after the other.
+
+    Attributes
+    ----------
+    error_V : (N,) measured minus simulated, NaN where not measured
+    slope_V : (N,) change of the output per unit of SoC
+    level : (N,) size of the model's error there, relative to all
+    moved : (N,) size of the SoC's net change in each sample, averaged as the observer does
+    overpotential_V : (N,) what the current does to the output
+    starts : first index of each run
+    """
+
+    error_V: FloatArray
+    slope_V: FloatArray
+    level: FloatArray
+    moved: FloatArray
+    overpotential_V: FloatArray
+    starts: np.ndarray
+    dt_s: float
+
+
+def tuning_data(judged: list[Judged]) -> TuningData:
+    """Free-run errors with what the filter needs to know of each sample.
+
+    Raises
+    ------
+    ModelError
+        Nothing was measured.
+    """
+    if not any(each.run.measured.any() for each in judged):
+        raise ModelError("the observer cannot be tuned: no run with a measured voltage was given")
+    parts: list[list[FloatArray]] = [[], [], [], [], []]
+    starts, total = [], 0
+    dt_s, levels = judged[0].network.dt_s, error_levels(judged[0].network)
+    for each in judged:
+        network, run, soc = each.network, each.run, each.initial_soc
+        kept = slice(0, max(_LONGEST // len(judged), 1))
+        simulated = free_run_V(network, run, soc)
+        moved_up, moved_down = (free_run_V(network, run, soc + sign * _STEP_SOC) for sign in (1.0, -1.0))
+        counted = soc_by_counting(run.charge_Ah, soc, network.cell.capacity_Ah, network.cell.efficiency)
+        parts[0].append((run.voltage_V - simulated)[kept])
+        parts[1].append(((moved_up - moved_down) / (2.0 * _STEP_SOC))[kept])
+        data = network.dataset([run], [soc])
+        validity = network.partition.validity(data.z)
+        parts[2].append((validity @ levels)[kept])
+        share = min(dt_s / NET_S, 1.0)
+        net = lfilter([share], [1.0, share - 1.0], np.diff(counted, prepend=counted[:1]))
+        parts[3].append(np.abs(net)[kept])
+        parts[4].append(_overpotential_V(network, validity @ network.theta, data)[kept])
+        starts.append(total)
+        total += len(parts[0][-1])
+    return TuningData(*(np.concatenate(part) for part in parts), starts=np.array(starts), dt_s=dt_s)
+
+
+def _overpotential_V(network: LocalModelNetwork, blended: FloatArray, data: Dataset) -> FloatArray:
+    """(N,) what the current does to the output once it has settled; the observer has the same."""
+    order, out = network.structure.output_order, np.zeros(len(data))
+    for tap, (signal, _) in enumerate(network.structure.taps()):
+        if CODES[parse_signal(signal).kind] in (FILTERED, SQUARED, RELAXATION):
+            low, high = network.scaling[signal]
+            out += blended[:, order + tap] * (data.u[:, tap] + low / (high - low))
+    return network.voltage_span_V * out / (1.0 - blended[:, :order].sum(axis=1))
+
+
+def log_likelihood(data: TuningData, values: FloatArray) -> float:
+    """Log-likelihood of the innovations for the tuned values, in the order of the settings that are tuned."""
+    return float(
+        _log_likelihood(
+            data.error_V,
+            data.slope_V,
+            data.level,
+            data.moved,
+            data.overpotential_V,
+            data.starts,
+            data.dt_s,
+            *values.tolist(),
+        )
+    )
+
+
+@njit(cache=True)
+def _log_likelihood(
+    error_V: np.ndarray,
+    slope_V: np.ndarray,
+    level: np.ndarray,
+    moved: np.ndarray,
+    overpotential_V: np.ndarray,
+    starts: np.ndarray,
+    dt_s: float,
+    voltage_std_V: float,
+    quick_std_V: float,
+    quick_s: float,
+    slow_std_V: float,
+    slow_s: float,
+    slow_soc: float,
+    soc_std: float,
+    resistance_std: float,
+) -> float:
+    x, p, h, seen = np.zeros(4), np.zeros((4, 4)), np.zeros(4), np.zeros(4)
+    keep = np.ones(4)
+    keep[1] = np.exp(-dt_s / quick_s)
+    total, part = 0.0, 0
+    for k in range(error_V.shape[0]):
+        if part < starts.shape[0] and k == starts[part]:
+            x[:] = 0.0
+            p[:, :] = 0.0
+            p[1, 1] = p[2, 2] = p[3, 3] = 1.0
+            part += 1
+        else:
+            keep[2] = keep[3] = np.exp(-dt_s / slow_s - moved[k] / slow_soc)
+            for a in range(4):
+                x[a] *= keep[a]
+                for b in range(4):
+                    p[a, b] *= keep[a] * keep[b]
+            p[0, 0] += soc_std**2 * dt_s
+            p[1, 1] += 1.0 - keep[1] ** 2
+            p[2, 2] += 1.0 - keep[2] ** 2
+            p[3, 3] += 1.0 - keep[3] ** 2
+        if np.isnan(error_V[k]):
+            continue
+        h[0], h[1], h[2] = slope_V[k], quick_std_V * level[k], slow_std_V * level[k]
+        h[3] = resistance_std * overpotential_V[k]
+        variance, innovation = voltage_std_V**2, error_V[k]
+        for a in range(4):
+            seen[a] = p[a, 0] * h[0] + p[a, 1] * h[1] + p[a, 2] * h[2] + p[a, 3] * h[3]
+            variance += h[a] * seen[a]
+            innovation -= h[a] * x[a]
+        total -= 0.5 * (innovation * innovation / variance + np.log(variance))
+        for a in range(4):
+            x[a] += seen[a] / variance * innovation
+            for b in range(4):
+                p[a, b] -= seen[a] * seen[b] / variance
+    return total

@@ -1,0 +1,167 @@
+"""Finding the filter's noise from identification data: the likelihood of the innovations.
+
+On identification data the state of charge is counted from a known start, so the model's free-run error is what the
+filter will have to live with, once what the fit has hidden of it is put back (`unseen`). A small Kalman filter with the
+same noise as the observer's (white noise, quick and slow model error, drift of the state of charge) runs over that
+error, and its innovations are made as likely as possible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from models.data.errors import ModelError
+from models.data.resampling import GridRun, to_grid
+from models.data.timeseries import FloatArray, TimeSeries
+from models.effects.input_correction import as_read
+from models.network.local_model_network import LocalModelNetwork
+from models.observer.filter.settings import ObserverSettings, default_settings
+from models.observer.tuning.calibration import calibrated_band
+from models.observer.tuning.innovations import log_likelihood, tuning_data
+from models.observer.tuning.unseen import as_they_are, as_unseen
+
+# What is tuned, each between bounds and with the spread of the weak prior around its start (in its logarithm).
+_TUNED = (
+    "voltage_std_V",
+    "quick_error_std_V",
+    "quick_error_time_s",
+    "slow_error_std_V",
+    "slow_error_time_s",
+    "slow_error_soc",
+    "soc_std_per_sqrt_s",
+    "resistance_std",
+)
+_BOUNDS = {
+    "voltage_std_V": (2e-5, 0.5),
+    "quick_error_std_V": (2e-5, 0.5),
+    "quick_error_time_s": (2.0, 1800.0),
+    "slow_error_std_V": (5e-5, 0.5),
+    "slow_error_time_s": (7200.0, 2e5),
+    "slow_error_soc": (0.01, 1.0),
+    "resistance_std": (1e-4, 0.3),
+    # The reference is itself counted charge: more drift than a good counter has would only be model error in disguise.
+    "soc_std_per_sqrt_s": (1e-7, 3e-6),
+}
+_START = {
+    "quick_error_time_s": 20.0,
+    "slow_error_time_s": 3e4,
+    "slow_error_soc": 0.1,
+    "soc_std_per_sqrt_s": 1e-6,
+}
+# Time constants are hardly seen in a short run: the prior keeps them within about this factor of the start.
+_PRIOR_FACTOR = 4.0
+_ITERATIONS = 500
+# What is assumed of the current sensor where nothing is declared: a tuned model is good enough to tell so much.
+_OFFSET_STD_C = 0.01
+# Factors on slow error and noise, tried around what is most likely; the first is that itself.
+_AROUND = tuple((slow, noise) for noise in (1.0, 3.0, 10.0) for slow in (1.0, 0.3, 3.0))
+_CLEARLY = 0.9
+
+
+def tune(
+    network: LocalModelNetwork,
+    runs: list[TimeSeries],
+    initial_soc: list[float],
+    settings: ObserverSettings | None = None,
+    held_out: tuple[list[TimeSeries], list[float]] | None = None,
+) -> ObserverSettings:
+    """Find the noise that makes the innovations on identification data most likely.
+
+    Parameters
+    ----------
+    network : the model
+    runs, initial_soc : runs that it was identified from, and the fraction at which each starts
+    settings : where to begin, and what is not tuned (sensor offset, capacity); by default the model's own, with a
+        standard deviation of the current sensor's offset of 1 % of 1C
+    held_out : runs that the fit did not see and their initial SoC, to calibrate the band; by default the same runs
+
+    Returns
+    -------
+    ObserverSettings
+        With the factor by which the band is widened so that it holds the counted state of charge as often as it says.
+
+    Raises
+    ------
+    ModelError
+        Nothing was measured.
+    """
+
+    def read(run: TimeSeries) -> GridRun:
+        return to_grid(as_read(network.record, run), network.dt_s)
+
+    grid = [read(run) for run in runs]
+    judged = None if held_out is None else ([read(run) for run in held_out[0]], held_out[1])
+    return tune_on_grid(network, grid, initial_soc, settings, judged)
+
+
+def with_tuned_observer(
+    network: LocalModelNetwork,
+    runs: list[TimeSeries],
+    initial_soc: list[float],
+    held_out: tuple[list[TimeSeries], list[float]] | None = None,
+) -> LocalModelNetwork:
+    """Return the network with the settings that `tune` finds in its record, where every observer looks for them.
+
+    A network that no observer can use is returned with a reservation that says why.
+    """
+    try:
+        found: dict[str, Any] = {"observer": tune(network, runs, initial_soc, held_out=held_out).to_json()}
+    except ModelError as error:
+        found = {"reservations": [*network.record.get("reservations", []), f"observer not tuned: {error}"]}
+    return replace(network, record=network.record | found)
+
+
+def tune_on_grid(
+    network: LocalModelNetwork,
+    runs: list[GridRun],
+    initial_soc: list[float],
+    settings: ObserverSettings | None = None,
+    held_out: tuple[list[GridRun], list[float]] | None = None,
+) -> ObserverSettings:
+    """Tune with runs that are on the model's grid already; see `tune`."""
+    unseen = as_unseen(network, runs, initial_soc)
+    data = tuning_data(unseen)
+    rms_V = float(np.sqrt(np.nanmean(data.error_V**2)))
+    first = replace(
+        settings or replace(default_settings(network), current_offset_std_C=_OFFSET_STD_C),
+        voltage_std_V=0.5 * rms_V,
+        quick_error_std_V=0.5 * rms_V,
+        slow_error_std_V=0.7 * rms_V,
+        **_START,
+    )
+    start = np.log([getattr(first, name) for name in _TUNED])
+    low, high = np.log(np.array([_BOUNDS[name] for name in _TUNED])).T
+    weak = np.array([name in _START for name in _TUNED]) / np.log(_PRIOR_FACTOR)
+
+    def cost(values: FloatArray) -> float:
+        inside = np.clip(values, low, high)
+        beyond = float(np.sum((values - inside) ** 2))
+        prior = 0.5 * float(np.sum((weak * (inside - start)) ** 2))
+        return -log_likelihood(data, np.exp(inside)) + prior + 1e3 * beyond
+
+    simplex = np.vstack([start, start + 0.7 * np.eye(len(start))])
+    found = minimize(
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxfev": _ITERATIONS, "xatol": 0.02, "fatol": 0.1, "adaptive": True},
+    )
+    values = dict(zip(_TUNED, np.exp(np.clip(found.x, low, high)).tolist(), strict=True))
+    judged = unseen if held_out is None else as_they_are(network, *held_out)
+    likely = replace(first, **values)
+    around = [
+        replace(likely, slow_error_std_V=slow * likely.slow_error_std_V, voltage_std_V=noise * likely.voltage_std_V)
+        for slow, noise in _AROUND
+    ]
+    bands = [calibrated_band(judged, candidate) for candidate in around]
+    best = int(np.argmin([band.score for band in bands]))
+    # What is most likely stays unless something near it is clearly better at what it is for.
+    if bands[best].score > _CLEARLY * bands[0].score:
+        best = 0
+    # Halfway: the likely noise alone calls what the model errs by an alarm, the noise chosen for the SoC hides it.
+    judged_V = float(np.sqrt(likely.voltage_std_V * around[best].voltage_std_V))
+    return replace(around[best], band_factor=bands[best].factor, judged_noise_V=judged_V)

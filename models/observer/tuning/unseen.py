@@ -1,0 +1,55 @@
+"""Identification runs as if the model had not seen them.
+
+A model errs less on the runs that it was fitted to than on others: what its parameters are wrong by does not show. A
+draw from their covariance puts it back, so that noise that is tuned on such runs holds for those to come.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.network.local_model_network import LocalModelNetwork
+from models.uncertainty.model_uncertainty import uncertainty_of
+
+# Each run of a few is seen with several draws: one alone can be lucky.
+_LEAST = 3
+_SEED = 20
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A run to judge by, with its SoC at the start and the model that is held against it."""
+
+    network: LocalModelNetwork
+    run: GridRun
+    initial_soc: float
+
+
+def as_they_are(network: LocalModelNetwork, runs: list[GridRun], initial_soc: list[float]) -> list[Judged]:
+    """Runs that the model has not seen."""
+    return [Judged(network, run, soc) for run, soc in zip(runs, initial_soc, strict=True)]
+
+
+def as_unseen(network: LocalModelNetwork, runs: list[GridRun], initial_soc: list[float]) -> list[Judged]:
+    """Runs that the model was fitted to, each against a model whose parameters are drawn from their covariance.
+
+    Without a covariance in its record the model stays as it is. The same model gives the same draws.
+    """
+    uncertainty = uncertainty_of(network)
+    if uncertainty is None:
+        return as_they_are(network, runs, initial_soc)
+    factor, rng = uncertainty.parameters.theta_factor, np.random.default_rng(_SEED)
+    times = -(-_LEAST // len(runs)) if runs else 0
+    return [
+        Judged(_drawn(network, factor, rng), each.run, each.initial_soc)
+        for each in times * as_they_are(network, runs, initial_soc)
+    ]
+
+
+def _drawn(network: LocalModelNetwork, factor: FloatArray, rng: np.random.Generator) -> LocalModelNetwork:
+    away = factor @ rng.standard_normal(factor.shape[1])
+    return replace(network, theta=network.theta + away.reshape(network.theta.shape))

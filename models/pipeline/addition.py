@@ -1,0 +1,190 @@
+"""An effect put into a model: into its structure, or as a correction, with a refit on the training runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from models.data.errors import ModelError
+from models.data.timeseries import TimeSeries
+from models.diagnosis.change.change import analyse_change
+from models.diagnosis.diagnosis import network_memory, own_activation_K
+from models.diagnosis.evidence.joint import Named
+from models.diagnosis.evidence.parameters import Value, parameters
+from models.diagnosis.evidence.reading import Readings
+from models.diagnosis.reference.layout import Shape
+from models.diagnosis.reference.record import Record, make_record
+from models.diagnosis.reference.reference import fit_reference
+from models.diagnosis.structure.extension import ExtensionSearch
+from models.diagnosis.structure.structure import analyse_structure
+from models.effects import Effect, effect
+from models.effects.input_correction import as_read, corrected, corrects_inputs
+from models.identification.search.search import Progress
+from models.network.lineage import version_of, with_version
+from models.network.local_model_network import LocalModelNetwork
+from models.pipeline.fit import fit_network
+
+# Numbers of local models with which the ways to put an effect in are compared.
+_SIZES = (12, 24, 36)
+_REFITTED = "the network was refitted to the training runs, which takes it in"
+
+
+@dataclass(frozen=True)
+class Addition:
+    """A model with one more effect.
+
+    Attributes
+    ----------
+    network : the new model; its record names the parent's effects and this one
+    effect : name
+    parameters : of the effect, as the training runs show it
+    error_before_mV, error_after_mV : free-run RMSE over the validation runs of the parent and of the new model
+    remark : how it was put in
+    """
+
+    network: LocalModelNetwork
+    effect: str
+    parameters: dict[str, Value]
+    error_before_mV: float
+    error_after_mV: float
+    remark: str
+
+
+def add_effect(
+    network: LocalModelNetwork,
+    name: str,
+    train: list[TimeSeries],
+    train_soc: list[float],
+    validate: list[TimeSeries],
+    validate_soc: list[float],
+    progress: Progress | None = None,
+) -> Addition:
+    """Put an effect into a model.
+
+    Parameters
+    ----------
+    network : the parent
+    name : of the effect
+    train, train_soc : runs to refit to, with their SoC at the start
+    validate, validate_soc : runs that only judge
+    progress : called with a share 0..1 and a short text
+
+    Raises
+    ------
+    ModelError
+        Unknown effect, or one that the structure has already.
+    """
+    chosen = effect(name)
+    before = make_record(network, validate, validate_soc)
+    own = make_record(network, train, train_soc)
+    train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))
+    if chosen.extend is not None:
+        values = _missing(network, chosen, own)
+        plain = {key: each.value for key, each in values.items()}
+        search = ExtensionSearch(own.runs, own.soc, network.cell, lambda _share, _text: None, sizes=_SIZES)
+        extension = search.extended(search.own(network), chosen, plain)
+        if extension is None:
+            raise ModelError(f"the model's structure has {name} already; nothing to add")
+        structure = extension.choice.given
+        remark = f"structure extended from {', '.join(network.structure.signals)} to {', '.join(structure.signals)}"
+        fitted = fit_network(
+            train,
+            capacity_Ah=network.cell.capacity_Ah,
+            structure=replace(structure, name=_name(network, name)),
+            initial_soc=train_soc,
+            dt_s=structure.dt_s,
+            progress=progress,
+        )
+        after = make_record(fitted.network, validate, validate_soc)
+        return _addition(network, fitted.network, name, values, before, after, remark, train)
+    return _by_correction(network, chosen, own, train, validate, validate_soc, before, progress)
+
+
+def _by_correction(
+    network: LocalModelNetwork,
+    chosen: Effect,
+    own: Record,
+    train: list[TimeSeries],
+    validate: list[TimeSeries],
+    validate_soc: list[float],
+    before: Record,
+    progress: Progress | None,
+) -> Addition:
+    values = _changed(chosen, own, network)
+    plain = {key: each.value for key, each in values.items()}
+    capacity_Ah = plain.get("capacity_Ah", network.cell.capacity_Ah)
+    moved = plain["soc"] - own.soc[0] if chosen.name == "initial_soc" else 0.0
+    fitted = fit_network(
+        [corrected(run, chosen.name, plain) for run in train],
+        capacity_Ah=capacity_Ah,
+        structure=replace(network.structure, name=_name(network, chosen.name)),
+        initial_soc=[soc + moved for soc in own.soc],
+        dt_s=network.structure.dt_s,
+        progress=progress,
+    )
+    after = make_record(fitted.network, [corrected(run, chosen.name, plain) for run in validate], validate_soc)
+    remark = _REFITTED
+    if corrects_inputs(chosen.name):
+        remark = "the runs' columns were corrected by it before the refit; correct further runs of this rig likewise"
+    elif chosen.name == "capacity":
+        remark = f"the model counts charge on {capacity_Ah:.4g} Ah"
+    return _addition(network, fitted.network, chosen.name, values, before, after, remark, train)
+
+
+def _missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[str, Value]:
+    """Parameters of an effect that the structure lacks, from the training runs."""
+    shape = Shape(own_activation_K(network.structure))
+    reference = fit_reference(own.runs, own.soc, network.cell.capacity_Ah, shape)
+    found = analyse_structure(network, reference, own.runs, own.soc, [], [], [chosen])
+    named = Named(found.comparison, found.ranking)
+    return Readings((named,)).parameters(named, found.ranking.candidates[0])
+
+
+def _changed(chosen: Effect, own: Record, network: LocalModelNetwork) -> dict[str, Value]:
+    """Parameters of an effect that is new in the runs, held against what the network would have given."""
+    analysis = analyse_change(network_memory(network, own), own.runs, own.soc, [chosen])
+    if chosen.warmth is not None:
+        trial = analysis.thermal.trials[0] if analysis.thermal is not None else None
+        if trial is None:
+            raise ModelError(f"{chosen.name}: the runs have no ambient temperature, or the cell hardly warmed up")
+        named = zip(chosen.parameters, trial.values, trial.std, strict=True)
+        return {each.name: Value(value, std, each.unit) for each, value, std in named}
+    if analysis.comparison is None or analysis.ranking is None:
+        raise ModelError(f"{chosen.name}: the training runs have too few samples in the trained domain to size it")
+    return parameters(analysis.comparison, analysis.ranking.candidates[0])
+
+
+def _name(network: LocalModelNetwork, effect_name: str) -> str:
+    return f"{network.structure.name}+{effect_name}"
+
+
+def _addition(
+    parent: LocalModelNetwork,
+    network: LocalModelNetwork,
+    name: str,
+    values: dict[str, Value],
+    before: Record,
+    after: Record,
+    remark: str,
+    train: list[TimeSeries],
+) -> Addition:
+    entry: dict[str, Any] = {
+        "effect": name,
+        "parameters": {key: {"value": v.value, "std": v.std, "unit": v.unit} for key, v in values.items()},
+        "correction": corrects_inputs(name),
+        "error_before_mV": before.rms_mV,
+        "error_after_mV": after.rms_mV,
+    }
+    record = {**network.record, "effects": [*parent.record.get("effects", []), entry]}
+    made_by = version_of(network)
+    versioned = with_version(
+        replace(network, record=record),
+        "effect",
+        train,
+        parent=parent,
+        settings={"effect": name},
+        errors={"parent_rmse_mV": before.rms_mV, "rmse_mV": after.rms_mV},
+        code_version="unknown" if made_by is None else made_by.code_version,
+        sums_sha256=None if made_by is None else made_by.sums_sha256,
+    )
+    return Addition(versioned, name, values, before.rms_mV, after.rms_mV, remark)

@@ -1,0 +1,206 @@
+"""The resistance seen t seconds after a step of the current, to be compared with a pulse of that length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from models.data.errors import ModelError
+from models.data.timeseries import FloatArray
+from models.network import signals
+from models.network.local_model_network import LocalModelNetwork
+from models.network.recursion import run_recursion, sensitivity_block
+from models.network.regression import VOLTAGE, axis_lag, normalise
+from models.readouts.steady_state import OperatingPoints, drive, settled_voltage, standard_deviation
+
+
+@dataclass(frozen=True)
+class StepResponse:
+    """Resistance over the time since a step of the current.
+
+    Attributes
+    ----------
+    soc, temperature_degC : where the step was made
+    from_A, to_A : the step
+    direction_before : direction of the current that the cell had settled from
+    time_s : (n,) multiples of the model's sampling time, from the first one after the step on
+    resistance_Ohm : (n,) (V(t) - V(0)) / (to_A - from_A)
+    std_Ohm : (n,) or None where no parameter covariance was given
+    reservations : what a person should know before trusting the numbers
+    """
+
+    soc: float
+    temperature_degC: float
+    from_A: float
+    to_A: float
+    direction_before: float
+    time_s: FloatArray
+    resistance_Ohm: FloatArray
+    std_Ohm: FloatArray | None = None
+    reservations: tuple[str, ...] = ()
+
+    def at(self, time_s: float) -> float:
+        """Resistance in ohm after a time.
+
+        Raises
+        ------
+        ModelError
+            The time lies before the first sample after the step or beyond the last: the model does not show it.
+        """
+        if not self.time_s[0] * (1.0 - 1e-9) <= time_s <= self.time_s[-1] * (1.0 + 1e-9):
+            raise ModelError(
+                f"step response: {time_s:g} s lies outside {self.time_s[0]:g}..{self.time_s[-1]:g} s; "
+                "the model's sampling time is the shortest that it can show"
+            )
+        return float(np.interp(time_s, self.time_s, self.resistance_Ohm))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a document of plain types."""
+        return {
+            "schema_version": 1,
+            "kind": "step_response",
+            "soc": self.soc,
+            "temperature_degC": self.temperature_degC,
+            "from_A": self.from_A,
+            "to_A": self.to_A,
+            "direction_before": self.direction_before,
+            "time_s": self.time_s.tolist(),
+            "resistance_Ohm": self.resistance_Ohm.tolist(),
+            "std_Ohm": None if self.std_Ohm is None else self.std_Ohm.tolist(),
+            "reservations": list(self.reservations),
+        }
+
+
+def step_response(
+    network: LocalModelNetwork,
+    *,
+    soc: float,
+    to_A: float,
+    duration_s: float,
+    temperature_degC: float = 25.0,
+    from_A: float = 0.0,
+    direction_before: float | None = None,
+    soc_moves: bool = False,
+    covariance: FloatArray | None = None,
+) -> StepResponse:
+    """Run the network's recursion through a step of the current, from a settled state.
+
+    Parameters
+    ----------
+    network : any structure
+    soc : fraction, held
+    to_A, from_A : currents after and before the step, positive charges
+    duration_s : how long to run; rounded up to samples
+    temperature_degC : held
+    direction_before : +1 or -1; by default that of `from_A`, or of `to_A` where the step begins at rest, which leaves
+        hysteresis out of the resistance. A pulse against the last direction shows hysteresis as resistance: give that
+        direction for it
+    soc_moves : let the SoC follow the current, as it does in a real pulse
+    covariance : (M p, M p) of the network's parameters in normalised units, for the band
+
+    Returns
+    -------
+    StepResponse
+
+    Raises
+    ------
+    ModelError
+        The step is none, the time is not positive, or the network does not settle where the step begins.
+    """
+    if to_A == from_A or not duration_s > 0.0:
+        raise ModelError(f"step response: from {from_A:g} A to {to_A:g} A for {duration_s:g} s is no step")
+    before = float(np.sign(from_A or to_A)) if direction_before is None else direction_before
+    order, dt_s = network.structure.output_order, network.structure.dt_s
+    n = int(np.ceil(duration_s / dt_s - 1e-9))
+    start = settled_voltage(network, OperatingPoints.grid(soc, from_A, before, temperature_degC))
+    if np.isnan(start.voltage_V[0]):
+        raise ModelError(f"step response: the network does not settle at {from_A:g} A, SoC {soc:g}")
+    # As many settled samples before the step as the recursion needs past outputs; sample `lead` is the first after it.
+    lead = max(order, 1)
+    since = np.maximum(np.arange(lead + n) - lead + 1, 0)
+    u, z = _regressors(network, since, soc, from_A, to_A, before, temperature_degC, soc_moves)
+    validity = network.partition.validity(z)
+    blended = validity @ network.theta
+    a, f = np.ascontiguousarray(blended[:, :order]), np.einsum("kp,kp->k", blended[:, order:], u)
+    y0 = float(normalise(start.voltage_V, network.scaling[VOLTAGE])[0])
+    y = run_recursion(a, f, np.full(lead + n, y0), np.array([0]))
+    change_V = network.voltage_span_V * (y[lead:] - y0)
+    std = None
+    if covariance is not None:
+        settled = start.gradient_V[0] / network.voltage_span_V
+        carry, rows = np.tile(settled, (lead, 1)), np.empty((n, len(settled)))
+        sensitivity_block(lead, validity, u, y, a, np.zeros(lead + n, np.uint8), carry, rows)
+        scale = network.voltage_span_V / (to_A - from_A)
+        std = standard_deviation(scale * (rows - settled), covariance)
+    resistance = change_V / (to_A - from_A)
+    return StepResponse(
+        soc,
+        temperature_degC,
+        from_A,
+        to_A,
+        before,
+        dt_s * np.arange(1, n + 1),
+        resistance,
+        std,
+        tuple(_reservations(resistance)),
+    )
+
+
+def _regressors(
+    network: LocalModelNetwork,
+    since: np.ndarray,
+    soc: float,
+    from_A: float,
+    to_A: float,
+    before: float,
+    temperature_degC: float,
+    soc_moves: bool,
+) -> tuple[FloatArray, FloatArray]:
+    """Input taps and partition variables around the step; `since` counts samples from the step, 0 before it."""
+    structure, cell, dt_s = network.structure, network.cell, network.structure.dt_s
+    stepped = since > 0
+    current, temperature = np.where(stepped, to_A, from_A), np.full(len(since), temperature_degC)
+    turned = float(np.sign(to_A)) if abs(to_A) > cell.rest_A else before
+    per_sample = to_A * dt_s / (3600.0 * cell.capacity_Ah)
+    counted = soc + (since * per_sample * (cell.efficiency if to_A > 0.0 else 1.0) if soc_moves else 0.0 * since)
+
+    def physical(name: str) -> FloatArray:
+        signal = signals.parse_signal(name)
+        if signal.kind == "hysteresis":
+            return np.where(stepped, turned, before)
+        if signal.kind == "hysteresis_state":
+            return turned + (before - turned) * np.exp(-signal.get("rate") * abs(per_sample) * since)
+        if signal.kind == "relaxation":
+            return signals.relaxation(current, signal.get("time_constant_s"), dt_s)
+        if signal.kind in ("temperature", "inverse_temperature"):
+            return signals.RunSignals(current, temperature, counted, dt_s, cell.capacity_Ah).values(name)
+        x = drive(signal, current, temperature)
+        tau_s = signal.get("time_constant_s")
+        # From the settled value on, where the signal of a whole run starts at rest.
+        if signal.kind == "surface_soc":
+            slowed = signals.arrhenius(temperature, signal.get("activation_K"))
+            x = x[0] + signals.diffusion(x - x[0], tau_s, slowed, dt_s)
+        elif tau_s:
+            x = x[0] + signals.low_pass(x - x[0], tau_s, dt_s)
+        if signals.is_soc(name):
+            return counted + signal.get("depth") * x / cell.capacity_Ah
+        return x * np.abs(x) if signal.kind == "squared_current" else x
+
+    value = {name: normalise(physical(name), network.scaling[name]) for name in structure.signals}
+    columns = [_delayed(value[signal], lag) for signal, lag in structure.taps()]
+    u = np.column_stack([*columns, np.ones(len(since))])
+    z = np.column_stack([_delayed(value[axis.signal], axis_lag(axis.signal)) for axis in structure.axes])
+    return u, z
+
+
+def _delayed(values: FloatArray, lag: int) -> FloatArray:
+    """Return values(k - lag); the first value is the settled one."""
+    return values[np.maximum(np.arange(len(values)) - lag, 0)]
+
+
+def _reservations(resistance: FloatArray) -> list[str]:
+    if np.isnan(resistance).any() or (resistance <= 0.0).any():
+        return [f"resistance is not positive at {int((~(resistance > 0.0)).sum())} of {len(resistance)} samples"]
+    return []

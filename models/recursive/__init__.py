@@ -1,0 +1,1 @@
+"""A network that learns on from sample to sample."""

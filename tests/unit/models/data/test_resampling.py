@@ -1,0 +1,53 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from models.data.resampling import to_grid, typical_interval_s
+from models.data.timeseries import TimeSeries
+
+
+def uneven(seed: int, n: int = 200) -> TimeSeries:
+    rng = np.random.default_rng(seed)
+    t = np.concatenate([[0.0], np.cumsum(rng.choice([0.1, 0.5, 1.0, 3.0], n - 1))])
+    return TimeSeries(t, rng.normal(size=n), 3.5 + 0.1 * rng.normal(size=n), np.full(n, 25.0))
+
+
+@given(st.integers(0, 10_000))
+def test_charge_is_kept_to_the_last_grid_point(seed: int) -> None:
+    run = uneven(seed)
+    grid = to_grid(run, 1.0)
+    charge = np.concatenate([[0.0], np.cumsum(run.current_A[1:] * np.diff(run.time_s))])
+    expected = np.interp(grid.time_s[-1], run.time_s, charge) / 3600.0
+    assert abs(grid.charge_Ah[-1] - expected) < 1e-12
+    assert abs(grid.current_A[1:].sum() / 3600.0 - expected) < 1e-12
+
+
+def test_voltage_is_not_invented_in_a_pause_of_the_log() -> None:
+    t = np.concatenate([np.arange(0.0, 10.0), np.arange(70.0, 80.0)])
+    run = TimeSeries(t, np.zeros(20), np.full(20, 3.7), np.full(20, 25.0))
+    grid = to_grid(run, 1.0)
+    assert np.isnan(grid.voltage_V[10:70]).all()
+    assert not np.isnan(grid.voltage_V[:10]).any()
+    assert grid.n_missing == 60
+    assert grid.segment_starts == (0,)  # at rest the current is known all along
+
+
+def test_a_pause_between_different_currents_cuts_the_run() -> None:
+    t = np.concatenate([np.arange(0.0, 10.0), np.arange(200.0, 210.0)])
+    current = np.concatenate([np.full(10, 2.0), np.full(10, -3.0)])
+    grid = to_grid(TimeSeries(t, current, np.full(20, 3.7), np.full(20, 25.0)), 1.0)
+    assert grid.segment_starts == (0, 200)
+
+
+def test_even_samples_stay_as_they_are() -> None:
+    n = 50
+    rng = np.random.default_rng(3)
+    run = TimeSeries(np.arange(n) * 0.5, rng.normal(size=n), 3 + rng.normal(size=n) * 0.1, np.full(n, 20.0))
+    grid = to_grid(run, 0.5)
+    np.testing.assert_allclose(grid.current_A, run.current_A, atol=1e-12)
+    np.testing.assert_allclose(grid.voltage_V, run.voltage_V, atol=1e-12)
+
+
+def test_typical_interval_is_a_round_number() -> None:
+    t = np.cumsum(np.full(100, 0.97))
+    assert typical_interval_s([TimeSeries(t, np.zeros(100), np.full(100, 3.0), np.zeros(100))]) == 1.0

@@ -1,0 +1,114 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.data.errors import ModelError
+from models.data.resampling import to_grid
+from models.data.timeseries import TimeSeries
+from models.diagnosis import diagnose
+from models.diagnosis.structure.sensitivities import sensitivities_V
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import InputChannel, PartitionAxis, Structure, minimal_structure
+from models.pipeline.addition import add_effect
+from models.pipeline.fit import fit_network
+from simulators.catalogue import CELLS
+from simulators.cell import Branch, CellParameters
+from tests.unit.models.diagnosis.cells import SOC, bare, measured, simple_network
+
+CELL = bare()
+BARE = Structure(
+    0,
+    (InputChannel("soc", delay=1), InputChannel("current"), InputChannel("low_pass:1.5"), InputChannel("low_pass:25")),
+    (PartitionAxis("soc", k_sigma=0.7),),
+    1.0,
+    name="bare",
+)
+
+
+def fitted(cell: CellParameters) -> tuple[LocalModelNetwork, TimeSeries, TimeSeries]:
+    train, run = measured(cell, 1), measured(cell, 2)
+    fit = fit_network([train], capacity_Ah=cell.capacity_Ah, structure=BARE, initial_soc=[SOC], dt_s=1.0)
+    return fit.network, train, run
+
+
+def test_an_effect_that_the_structure_lacks_is_named_added_and_pays() -> None:
+    network, train, run = fitted(replace(CELL, hysteresis_amplitude_V=0.015, hysteresis_rate=40.0))
+    answer = diagnose(network, [run], [SOC], train=[train], train_soc=[SOC], mode="structure")
+    assert answer.verdict == "missing"
+    first = answer.findings[0]
+    assert first.effect == "hysteresis"
+    assert first.parameters["amplitude_V"].value == pytest.approx(0.015, rel=0.15)
+    assert first.error_after_mV < 0.7 * first.error_before_mV
+
+    added = add_effect(network, "hysteresis", [train], [SOC], [run], [SOC])
+    assert any(signal.startswith("hysteresis_state") for signal in added.network.structure.signals)
+    assert added.error_before_mV == pytest.approx(first.error_before_mV)
+    assert added.error_after_mV < 0.75 * added.error_before_mV
+    assert [each["effect"] for each in added.network.record["effects"]] == ["hysteresis"]
+    # The extended model lacks nothing any more.
+    again = diagnose(added.network, [run], [SOC], train=[train], train_soc=[SOC], mode="structure")
+    assert again.verdict == "nothing_missing"
+
+
+def test_nothing_is_missing_in_a_structure_that_has_all() -> None:
+    network, train, run = fitted(CELL)
+    answer = diagnose(network, [run], [SOC], train=[train], train_soc=[SOC], mode="structure")
+    assert answer.verdict == "nothing_missing"
+    assert answer.findings == ()
+
+
+def test_a_sensor_error_is_added_as_a_correction() -> None:
+    network, train, run = fitted(CELL)
+    wrong = [replace(each, current_A=each.current_A + 0.02) for each in (train, run)]
+    added = add_effect(network, "current_offset", [wrong[0]], [SOC], [wrong[1]], [SOC])
+    assert added.parameters["offset_A"].value == pytest.approx(0.02, rel=0.1)
+    assert added.error_after_mV < 0.75 * added.error_before_mV
+    assert added.network.structure.signals == network.structure.signals
+    assert added.network.record["effects"][0]["correction"] is True
+
+
+def test_an_unknown_effect_is_not_added() -> None:
+    network = simple_network(CELL.capacity_Ah)
+    runs = [measured(CELL, 3, n=1200)]
+    with pytest.raises(ModelError, match="unknown"):
+        add_effect(network, "gremlins", runs, [SOC], runs, [SOC])
+
+
+def test_what_is_there_already_is_not_added() -> None:
+    network = simple_network(CELL.capacity_Ah, PartitionAxis("hysteresis", initial=2, splittable=False))
+    runs = [measured(CELL, 3, n=1200)]
+    with pytest.raises(ModelError, match="has charge_discharge_asymmetry already"):
+        add_effect(network, "charge_discharge_asymmetry", runs, [SOC], runs, [SOC])
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_sensitivities_are_the_derivatives_of_the_free_run(order: int) -> None:
+    train = measured(CELL, 4, n=1500)
+    structure = replace(minimal_structure(1.0), output_order=order)
+    fit = fit_network([train], capacity_Ah=CELL.capacity_Ah, structure=structure, initial_soc=[SOC], dt_s=1.0)
+    network, run = fit.network, to_grid(train, 1.0)
+    index = np.arange(5, 1500, 97)
+    jacobian = sensitivities_V(network, run, SOC, index)
+    rng = np.random.default_rng(1)
+    move = 1e-6 * rng.standard_normal(network.theta.shape)
+    high = free_run_V(replace(network, theta=network.theta + move), run, SOC)[index]
+    low = free_run_V(replace(network, theta=network.theta - move), run, SOC)[index]
+    np.testing.assert_allclose(jacobian @ (2.0 * move).ravel(), high - low, rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_an_effect_is_sized_although_the_structure_lacks_much_besides(order: int) -> None:
+    whole = CELLS["nmc"].parameters
+    cell = replace(whole, slow=Branch(0.0, 900.0), hysteresis_amplitude_V=0.03, hysteresis_rate=40.0)
+    train, run = measured(cell, 1, n=9000), measured(cell, 2, n=9000)
+    fit = fit_network(
+        [train], capacity_Ah=cell.capacity_Ah, structure=minimal_structure(1.0, order), initial_soc=[SOC], dt_s=1.0
+    )
+    answer = diagnose(fit.network, [run], [SOC], train=[train], train_soc=[SOC], mode="structure")
+    found = next(each for each in answer.findings if each.effect == "hysteresis")
+    assert found.parameters["amplitude_V"].value == pytest.approx(0.03, rel=0.1)
+    added = add_effect(fit.network, "hysteresis", [train], [SOC], [run], [SOC])
+    assert added.parameters["amplitude_V"].value == pytest.approx(0.03, rel=0.15)
+    assert {each.error_before_mV for each in answer.findings} == {added.error_before_mV}

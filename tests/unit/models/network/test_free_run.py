@@ -1,0 +1,99 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.data.resampling import GridRun
+from models.network.blocked_free_run import blocked_free_run_V, runs_in_blocks
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.network.recursion import free_run
+from models.network.regression import CellContext
+from tests.unit.models.hand_network import DT_S, everything
+
+# More than two blocks.
+N = 9000
+
+
+def measured_run(n: int = N, seed: int = 0, starts: tuple[int, ...] = (0,), largest_A: float = 5.0) -> GridRun:
+    rng = np.random.default_rng(seed)
+    current = np.repeat(rng.uniform(-largest_A, largest_A, n // 10 + 1), 10)[:n]
+    voltage = 3.6 + 0.05 * rng.standard_normal(n)
+    return GridRun(
+        name="run",
+        dt_s=DT_S,
+        time_s=DT_S * np.arange(n),
+        current_A=current,
+        voltage_V=voltage,
+        temperature_degC=20.0 + 12.0 * np.sin(np.arange(n) / 700.0),
+        ambient_degC=None,
+        charge_Ah=np.concatenate([[0.0], np.cumsum(current[1:])]) / 3600.0,
+        soc_ref=None,
+        segment_starts=starts,
+        measured=np.ones(n, bool),
+    )
+
+
+def on_arrays_V(network: LocalModelNetwork, run: GridRun, soc: float) -> np.ndarray:
+    """The free run on the arrays of a regression."""
+    data = network.dataset([run], [soc])
+    validity = network.partition.validity(data.z)
+    return network.to_volts(free_run(network.theta, network.structure.output_order, validity, data))
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_blocks_give_the_same_as_the_arrays_of_a_regression(order: int) -> None:
+    network, run = everything(order), measured_run()
+    assert runs_in_blocks(network, run)
+    expected = on_arrays_V(network, run, 0.5)
+    np.testing.assert_allclose(blocked_free_run_V(network, run, 0.5), expected, rtol=0.0, atol=1e-10)
+    np.testing.assert_array_equal(free_run_V(network, run, 0.5), blocked_free_run_V(network, run, 0.5))
+    assert np.ptp(expected) > 0.05
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_parts_begin_from_what_was_measured_there_or_settled(order: int) -> None:
+    network, run = everything(order), measured_run(starts=(0, 700, 4095, 4096, 8999))
+    voltage = run.voltage_V.copy()
+    voltage[[0, 701, 4096]] = np.nan
+    bare = replace(run, voltage_V=voltage)
+    np.testing.assert_allclose(blocked_free_run_V(network, bare, 0.5), on_arrays_V(network, bare, 0.5), atol=1e-10)
+
+
+def test_an_efficiency_below_one_counts_over_blocks() -> None:
+    network = replace(everything(1), cell=CellContext(2.0, 0.97))
+    run = measured_run()
+    np.testing.assert_allclose(blocked_free_run_V(network, run, 0.4), on_arrays_V(network, run, 0.4), atol=1e-10)
+
+
+def test_far_outside_all_boxes_the_nearest_one_takes_over() -> None:
+    network, run = everything(0), measured_run(largest_A=400.0)
+    expected = on_arrays_V(network, run, 0.5)
+    assert np.isfinite(expected).all()
+    np.testing.assert_allclose(blocked_free_run_V(network, run, 0.5), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_other_kernels_and_missing_temperatures_take_the_arrays() -> None:
+    run = measured_run(500)
+    assert not runs_in_blocks(everything(1, "triangular"), run)
+    assert not runs_in_blocks(everything(1), replace(run, temperature_degC=np.full(500, np.nan)))
+    network = everything(1, "uniform")
+    np.testing.assert_array_equal(free_run_V(network, run, 0.5), on_arrays_V(network, run, 0.5))
+
+
+def test_memory_does_not_grow_with_the_run() -> None:
+    import tracemalloc
+
+    network = everything(0)
+    free_run_V(network, measured_run(1000), 0.5)
+
+    def peak(n: int) -> int:
+        run = measured_run(n)
+        tracemalloc.start()
+        free_run_V(network, run, 0.5)
+        largest = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return largest
+
+    # Beside the result and a few of its size nothing grows: a regression's arrays would take some 200 bytes a sample.
+    assert (peak(400_000) - peak(100_000)) / 300_000 < 40.0

@@ -1,0 +1,47 @@
+from dataclasses import replace
+
+import numpy as np
+
+from models.data.resampling import to_grid
+from models.network.free_run import free_run_V
+from models.observer import FuzzyObserver
+from models.observer.tuning.innovations import tuning_data
+from models.observer.tuning.unseen import as_they_are, as_unseen
+from models.uncertainty.bands import prediction_band
+from models.uncertainty.model_uncertainty import uncertainty_of
+from tests.unit.models import synthetic
+
+
+def test_models_are_drawn_as_wide_as_their_parameters_are_uncertain(fitted: FuzzyObserver) -> None:
+    network, uncertainty = fitted.network, uncertainty_of(fitted.network)
+    assert uncertainty is not None
+    run = to_grid(synthetic.run(2000, seed=7, noise_V=1e-3), 1.0)
+    band = prediction_band(network, run, 0.6, uncertainty)
+    judged = as_unseen(network, [run] * 40, [0.6] * 40)
+    away = np.array([free_run_V(each.network, run, 0.6) - band.voltage_V for each in judged])
+    ratio = np.sqrt(np.mean(away**2) / np.mean(band.parameter_std_V**2))
+    assert 0.7 < ratio < 1.4
+    assert abs(np.mean(away)) < 0.4 * np.sqrt(np.mean(band.parameter_std_V**2))
+
+
+def test_few_runs_are_seen_more_than_once_and_the_same_way_each_time(fitted: FuzzyObserver) -> None:
+    run = to_grid(synthetic.run(500, seed=7, noise_V=1e-3), 1.0)
+    first, again = (as_unseen(fitted.network, [run], [0.6]) for _ in range(2))
+    assert len(first) == 3
+    assert not np.array_equal(first[0].network.theta, first[1].network.theta)
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.network.theta, other.network.theta)
+
+
+def test_errors_of_unseen_runs_are_not_smaller_than_of_runs_that_were_fitted(fitted: FuzzyObserver) -> None:
+    run = to_grid(synthetic.run(5000, seed=2, noise_V=1e-3), 1.0)
+    seen = tuning_data(as_they_are(fitted.network, [run], [0.6]))
+    unseen = tuning_data(as_unseen(fitted.network, [run], [0.6]))
+    assert len(unseen.starts) == 3
+    assert np.nanstd(unseen.error_V) > np.nanstd(seen.error_V)
+
+
+def test_without_a_covariance_the_model_stays_as_it_is(fitted: FuzzyObserver) -> None:
+    run = to_grid(synthetic.run(500, seed=7, noise_V=1e-3), 1.0)
+    bare = replace(fitted.network, record={})
+    assert [each.network for each in as_unseen(bare, [run], [0.6])] == [bare]

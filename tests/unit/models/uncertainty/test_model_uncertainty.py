@@ -1,0 +1,118 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.data.errors import ModelError
+from models.data.resampling import GridRun, to_grid
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import InputChannel, PartitionAxis, Structure
+from models.pipeline.fit import FitResult, fit_network
+from models.readouts.ocv import ocv_table
+from models.uncertainty.bands import prediction_band
+from models.uncertainty.model_uncertainty import Uncertainty, uncertainty_of
+from tests.unit.models import synthetic
+
+NOISE_V = 1e-3
+
+
+@pytest.fixture(scope="module")
+def fitted() -> FitResult:
+    runs = [synthetic.run(3000, seed=s, noise_V=NOISE_V, drift_A=d) for s, d in ((2, -0.2), (3, 0.2))]
+    return fit_network(runs, capacity_Ah=synthetic.CAPACITY_AH, structure="minimal")
+
+
+@pytest.fixture(scope="module")
+def known(fitted: FitResult) -> Uncertainty:
+    found = uncertainty_of(fitted.network)
+    assert found is not None
+    return found
+
+
+def grid(seed: int, **options: float) -> GridRun:
+    return to_grid(synthetic.run(3000, seed=seed, noise_V=NOISE_V, **options), 1.0)
+
+
+def test_the_document_is_json_and_comes_back(fitted: FitResult, known: Uncertainty) -> None:
+    document = json.loads(json.dumps(fitted.network.to_json(), allow_nan=False))
+    again = uncertainty_of(LocalModelNetwork.from_json(document))
+    assert again is not None
+    np.testing.assert_array_equal(again.parameters.covariance, known.parameters.covariance)
+    np.testing.assert_array_equal(again.level_V, known.level_V)
+    assert again.to_json() == known.to_json()
+
+
+def test_rounding_the_factor_keeps_every_band(fitted: FitResult, known: Uncertainty) -> None:
+    """The document's digits are enough although open-circuit voltage is a small difference of large numbers."""
+    size = len(known.parameters.factor)
+    noise = 1.0 + 5e-8 * np.random.default_rng(0).uniform(-1, 1, (size, size))
+    shaken = replace(known.parameters, factor=known.parameters.factor * noise)
+    first = ocv_table(fitted.network, covariance=known.parameters.covariance).std_V
+    second = ocv_table(fitted.network, covariance=shaken.covariance).std_V
+    assert first is not None and second is not None
+    np.testing.assert_allclose(second, first, rtol=1e-3)
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_bands_hold_on_runs_that_the_fit_did_not_see(fitted: FitResult, known: Uncertainty, seed: int) -> None:
+    run = grid(seed)
+    band = prediction_band(fitted.network, run, 0.6, known)
+    assert 0.90 <= band.coverage_95(run.voltage_V) <= 0.985
+    assert (band.std_V >= band.parameter_std_V).all()
+    np.testing.assert_allclose(band.voltage_V, free_run_V(fitted.network, run, 0.6))
+
+
+def test_bands_grow_outside_the_trained_domain(fitted: FitResult, known: Uncertainty) -> None:
+    run = grid(11)
+    inside = prediction_band(fitted.network, run, 0.6, known)
+    far = prediction_band(fitted.network, replace(run, temperature_degC=run.temperature_degC + 20.0), 0.6, known)
+    more = prediction_band(fitted.network, replace(run, current_A=2.0 * run.current_A), 0.6, known)
+    assert (far.std_V > 5.0 * inside.std_V).all()
+    # Where only the current lies outside, and not the SoC already.
+    loaded = (np.abs(2.0 * run.current_A) > 6.0) & (inside.std_V < 1.5 * NOISE_V)
+    assert loaded.sum() > 100
+    assert (more.std_V[loaded] > 2.0 * inside.std_V[loaded]).all()
+
+
+def test_local_models_say_how_much_data_they_have(fitted: FitResult, known: Uncertainty) -> None:
+    assert known.samples.sum() == pytest.approx(fitted.n_samples, rel=0.01)
+    assert (known.effective_samples <= known.samples * (1 + 1e-9)).all()
+    assert ((known.parameters.data_share > 0.0) & (known.parameters.data_share <= 1.0)).all()
+
+
+def test_a_corner_that_hardly_any_sample_reaches_is_thin() -> None:
+    short = synthetic.run(3000, seed=4, noise_V=NOISE_V)
+    lonely = replace(short, temperature_degC=np.where(np.arange(3000) > 2990, 55.0, 20.0 + 0.001 * np.arange(3000)))
+    axes = (PartitionAxis("soc", k_sigma=0.7), PartitionAxis("temperature", 3, splittable=False, k_sigma=0.6))
+    structure = Structure(0, (InputChannel("soc", delay=1), InputChannel("current")), axes, 1.0)
+    network = fit_network([lonely], capacity_Ah=synthetic.CAPACITY_AH, structure=structure).network
+    found = uncertainty_of(network)
+    assert found is not None
+    hot = network.partition.lower[:, 1] > 0.6
+    assert found.thin[hot].all()
+    assert found.samples[hot].sum() < 0.05 * found.samples.sum()
+    assert any("too little data" in text for text in network.record["tables"]["reservations"])
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"kind": "other"},
+        {"schema_version": 99},
+        {"covariance_factor": [1.0]},
+        {"local_models": []},
+        {"n_free": "many"},
+        {"correlation": None},
+    ],
+)
+def test_a_damaged_document_is_refused(fitted: FitResult, damage: dict) -> None:
+    record = fitted.network.record
+    broken = replace(fitted.network, record=record | {"uncertainty": record["uncertainty"] | damage})
+    with pytest.raises(ModelError):
+        uncertainty_of(broken)
+
+
+def test_a_network_without_the_record_has_no_band(fitted: FitResult) -> None:
+    assert uncertainty_of(replace(fitted.network, record={})) is None
