@@ -27,7 +27,6 @@ from models.data.timeseries import FloatArray
 from models.identification.refinement import Refined, refined_theta
 from models.identification.search.search import Fitted
 from models.identification.shared_poles import fit, moments, output_coefficients, penalties
-from models.network.folds import groups
 from models.network.partition import Partition
 from models.network.recursion import free_run
 from models.network.regression import CellContext, build_dataset, find_scaling
@@ -119,7 +118,7 @@ def one_case(kind: Kind, n_samples: int, rng: np.random.Generator) -> tuple[Floa
     y = free_run(truth, kind.order, partition.validity(clean.z), unknown)
     data = replace(clean, y=y + NOISE * _noise(kind.noise_s, n_samples, rng))
     a = output_coefficients((8.0,) * kind.order, 1.0)
-    sums = moments(partition, data, a, groups(data))
+    sums = moments(partition, data, a, data.groups())
     fitted = Fitted(structure, scaling, data, partition, a, sums, fit(sums, penalties(structure, partition, data, a)))
     refined = Refined(fitted.theta, {}) if kind.shared else refined_theta(fitted, lambda share, text: None)
     if refined.penalties is None and not kind.shared:

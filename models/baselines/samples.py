@@ -11,7 +11,7 @@ from models.data.resampling import GridRun, to_grid, typical_interval_s
 from models.data.start_soc import start_soc
 from models.data.timeseries import FloatArray, TimeSeries
 from models.network import folds as holdout
-from models.network.regression import CellContext, Dataset
+from models.network.regression import CellContext
 from models.network.signals import soc_by_counting
 
 _MIN_SAMPLES = 200
@@ -121,7 +121,7 @@ def _joined(grid: list[GridRun], soc: list[FloatArray], dt_s: float, cell: CellC
     temperature = [run.temperature_degC for run in grid]
     known = not any(np.isnan(column).any() for column in temperature)
     starts = np.array([f + s for f, run in zip(first, grid, strict=True) for s in run.segment_starts], dtype=np.int64)
-    fold, n_folds = _folds(lengths, voltage, starts)
+    fold, n_folds = _folds(lengths, voltage)
     return Samples(
         current_A=np.concatenate([run.current_A for run in grid]),
         soc=np.concatenate(soc),
@@ -138,11 +138,10 @@ def _joined(grid: list[GridRun], soc: list[FloatArray], dt_s: float, cell: CellC
     )
 
 
-def _folds(lengths: list[int], voltage: FloatArray, starts: np.ndarray) -> tuple[np.ndarray, int]:
+def _folds(lengths: list[int], voltage: FloatArray) -> tuple[np.ndarray, int]:
     """Fold of each sample after `models.network.folds`; -1 where no voltage was measured."""
     run_index = np.repeat(np.arange(len(lengths)), lengths)
-    nothing = np.empty((len(voltage), 0))
-    group = holdout.groups(Dataset(u=nothing, z=nothing, y=voltage, starts=starts, run_index=run_index))
+    group = holdout.group_numbers(run_index, None)
     fold_of_group = np.empty(int(group.max()) + 1, dtype=np.int64)
     held = holdout.folds(len(fold_of_group))
     for number, members in enumerate(held):

@@ -11,7 +11,7 @@ from models.data.timeseries import FloatArray
 from models.identification.output_error import refine
 from models.identification.search.search import Fitted, Progress, full_theta, span_V
 from models.identification.shared_poles import penalties, solve_without
-from models.network.folds import N_FOLDS, folds, groups
+from models.network.folds import N_FOLDS, folds
 from models.network.penalty import Penalty
 from models.network.recursion import free_run, initial_samples
 
@@ -57,7 +57,7 @@ def refined_theta(fitted: Fitted, progress: Progress) -> Refined:
         reason = "no past outputs: the shared-pole fit is the optimum"
         return Refined(fitted.theta, {"chosen": None, "reason": reason})
     data, partition = fitted.data, fitted.partition
-    fold, forms = groups(data) % N_FOLDS, penalties(fitted.structure, partition, data, fitted.a)
+    fold, forms = data.groups() % N_FOLDS, penalties(fitted.structure, partition, data, fitted.a)
     result = refine(
         fitted.theta,
         order,

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from models.data.resampling import GridRun
-
-if TYPE_CHECKING:
-    from models.network.regression import Dataset
 
 N_FOLDS = 5
 _GROUPS = 20
 
 
-def groups(data: Dataset) -> np.ndarray:
+def group_numbers(run_index: np.ndarray, run_group: np.ndarray | None) -> np.ndarray:
     """(N,) number of the group that each sample belongs to.
 
     Whole runs where there are at least as many as folds; else each run in blocks in time, long enough that a block
     spans operating points which the rest of its fold has not seen. The free run passes through held-out samples, so
     the error there is one of simulation, not of prediction from measured voltage.
+
+    Parameters
+    ----------
+    run_index : (N,) which run a sample belongs to
+    run_group : (runs,) in which group each run is held out; None: each in that of its own number
     """
-    return group_numbers(data.run_index, data.run_group)
-
-
-def group_numbers(run_index: np.ndarray, run_group: np.ndarray | None) -> np.ndarray:
-    """(N,) what `groups` says of samples of which only the run is given, and each run's own group."""
     n_runs = int(run_index.max()) + 1
     if n_runs >= N_FOLDS:
         own = np.arange(n_runs) if run_group is None else run_group

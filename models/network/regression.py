@@ -10,7 +10,7 @@ import numpy as np
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.network import signals
-from models.network.folds import balanced_groups
+from models.network.folds import balanced_groups, group_numbers
 from models.network.structure import Structure
 
 Scaling = dict[str, tuple[float, float]]
@@ -54,6 +54,10 @@ class Dataset:
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.y)
+
+    def groups(self) -> np.ndarray:
+        """(N,) number of the group that each sample is held out with."""
+        return group_numbers(self.run_index, self.run_group)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,6 @@ from models.identification.excitation import check_series
 from models.identification.output_error import normal_equations, on_inputs, stabilised
 from models.identification.shared_poles import penalties
 from models.identification.stored_sums import StoredSums
-from models.network.folds import groups
 from models.network.lineage import document_sha256, with_version
 from models.network.local_model_network import LocalModelNetwork
 from models.network.recursion import free_run, initial_samples
@@ -161,7 +160,7 @@ class _Problem:
 
     def held_out(self, weight: float, alike: float) -> float:
         """RMSE in normalised units on blocks of the new runs that the trial did not see."""
-        group = groups(self._data)
+        group = self._data.groups()
         total, count = 0.0, 0
         for parity in (0, 1):
             held = group % 2 == parity

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from models.data.timeseries import FloatArray
 from models.identification.search.search import Fitted, full_theta, span_V
 from models.identification.shared_poles import solve_without
-from models.network.folds import folds, groups
+from models.network.folds import folds
 from models.network.penalty import Penalty
 from models.network.recursion import free_run, initial_samples
 from models.uncertainty.bands import NORMAL_95, parameter_variance, sensitivities
@@ -102,7 +102,7 @@ def _local_mean(weight: FloatArray, values: FloatArray, independent: FloatArray)
 def _growth(fitted: Fitted, validity: FloatArray) -> FloatArray:
     """(N,) by how much the parameters' variance at a sample is larger for the fit that did not see it."""
     data, order, sums = fitted.data, fitted.structure.output_order, fitted.sums
-    group, n_models = groups(data), fitted.partition.n_models
+    group, n_models = data.groups(), fitted.partition.n_models
     whole = np.linalg.cholesky(_regular(sums.xx.sum(axis=0), fitted.fit.penalty))
     out, roots = np.ones(len(data)), {}
     for held in folds(len(sums.count)):
@@ -131,7 +131,7 @@ def held_out_error(fitted: Fitted, validity: FloatArray) -> FloatArray:
     NaN where no voltage was measured or an initial value stands. Poles and penalties are those of the whole fit.
     """
     data, order = fitted.data, fitted.structure.output_order
-    group = groups(data)
+    group = data.groups()
     error = np.full(len(data), np.nan)
     for held_groups in folds(len(fitted.sums.count)):
         b = solve_without(fitted.sums, fitted.fit.penalty, held_groups)

@@ -33,7 +33,6 @@ from models.identification.shared_poles import (
     output_coefficients,
     penalties,
 )
-from models.network.folds import groups
 from models.network.partition import Partition
 from models.network.regression import VOLTAGE, CellContext, Dataset, Scaling, SignalBank, build_dataset, find_scaling
 from models.network.structure import Structure, full_structure, minimal_structure
@@ -310,7 +309,7 @@ class Search:
         with threadpool_limits(1, user_api="blas"):
             inputs, target = filtered(data, a)
             *_, partition = grow_partitions(structure, inputs, target, data.z, candidate.n_models, keep_every)
-            sums = moments(partition, data, a, groups(data))
+            sums = moments(partition, data, a, data.groups())
             chosen = fit(sums, penalties(structure, partition, data, a), self._strengths.get(candidate))
         return Fitted(structure, scaling, data, partition, a, sums, chosen)
 

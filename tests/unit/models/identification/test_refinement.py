@@ -6,7 +6,6 @@ from models.identification.lolimot import construct
 from models.identification.refinement import refined_theta
 from models.identification.search.search import Fitted, span_V
 from models.identification.shared_poles import fit, moments, output_coefficients, penalties
-from models.network.folds import groups
 from models.network.regression import CellContext, build_dataset, find_scaling
 from models.network.structure import minimal_structure
 from tests.unit.models import synthetic
@@ -21,7 +20,7 @@ def fitted(poles_s: tuple[float, ...]) -> Fitted:
     data = build_dataset(structure, scaling, runs, [0.6, 0.6], cell)
     *_, local = construct(structure, data, 4)
     a = output_coefficients(poles_s, 1.0)
-    sums = moments(local.partition, data, a, groups(data))
+    sums = moments(local.partition, data, a, data.groups())
     return Fitted(
         structure, scaling, data, local.partition, a, sums, fit(sums, penalties(structure, local.partition, data, a))
     )

@@ -13,7 +13,7 @@ from models.identification.shared_poles import (
     penalties,
     solve_without,
 )
-from models.network.folds import folds, groups
+from models.network.folds import folds
 from models.network.recursion import free_run
 from models.network.regression import CellContext, build_dataset, find_scaling
 from models.network.structure import full_structure, minimal_structure
@@ -30,7 +30,7 @@ def problem(request: pytest.FixtureRequest):
     data = build_dataset(structure, scaling, runs, [0.6, 0.6], cell)
     *_, local = construct(structure, data, 8)
     a = output_coefficients(poles, 1.0)
-    return structure, data, local.partition, a, moments(local.partition, data, a, groups(data))
+    return structure, data, local.partition, a, moments(local.partition, data, a, data.groups())
 
 
 def squared_error(theta: np.ndarray, order: int, partition, data, chosen: np.ndarray) -> float:
@@ -41,7 +41,7 @@ def squared_error(theta: np.ndarray, order: int, partition, data, chosen: np.nda
 def test_moments_give_the_free_run_error(problem) -> None:
     structure, data, partition, a, sums = problem
     b = np.random.default_rng(1).normal(size=partition.n_models * data.u.shape[1]) * 0.1
-    group = groups(data)
+    group = data.groups()
     theta = full_theta(a, b, partition.n_models)
     since = np.concatenate([np.arange(1500), np.arange(1500)])
     for g in range(len(sums.count)):

@@ -8,7 +8,6 @@ from models.data.resampling import to_grid
 from models.identification.lolimot import construct
 from models.identification.search.search import full_theta
 from models.identification.shared_poles import fit, moments, output_coefficients, penalties
-from models.network.folds import groups
 from models.network.penalty import Penalty
 from models.network.recursion import blend, initial_samples, run_recursion, sensitivity_block
 from models.network.regression import CellContext, build_dataset, find_scaling
@@ -31,7 +30,7 @@ def problem(request: pytest.FixtureRequest):
     data.y[100:120] = np.nan
     *_, local = construct(structure, data, 4)
     a = output_coefficients(request.param, 1.0)
-    sums = moments(local.partition, data, a, groups(data))
+    sums = moments(local.partition, data, a, data.groups())
     fitted = fit(sums, penalties(structure, local.partition, data, a))
     return order, local.partition, data, full_theta(a, fitted.b, local.partition.n_models), fitted.penalty
 

@@ -4,7 +4,7 @@ import pytest
 from models.data.resampling import to_grid
 from models.identification.search.samples import SampleBank
 from models.identification.shared_poles import filtered, moments, output_coefficients
-from models.network.folds import N_FOLDS, groups
+from models.network.folds import N_FOLDS
 from models.network.partition import initial_partition
 from models.network.regression import CellContext, SignalBank, build_dataset, find_scaling
 from models.network.structure import Structure, full_structure
@@ -19,7 +19,7 @@ def bank_and_exact(structure: Structure, poles_s: tuple[float, ...]):
     data = build_dataset(structure, find_scaling(structure, runs, soc, CELL), runs, soc, CELL)
     a = output_coefficients(poles_s, 1.0)
     partition = initial_partition(structure.axes)
-    return SignalBank(runs, soc, CELL), data, partition, a, moments(partition, data, a, groups(data))
+    return SignalBank(runs, soc, CELL), data, partition, a, moments(partition, data, a, data.groups())
 
 
 @pytest.mark.parametrize("poles_s", [(), (20.0,), (3.0, 20.0)])
