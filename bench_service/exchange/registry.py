@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from functools import cache
-from pathlib import Path
 
 from bench_service.exchange.format import Format
 
@@ -14,8 +13,10 @@ from bench_service.exchange.format import Format
 def formats() -> dict[str, Format]:
     """Return every format by name; a module with a constant ``FORMAT`` is one."""
     found: dict[str, Format] = {}
-    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
-        candidate = getattr(importlib.import_module(f"{__package__}.{module.name}"), "FORMAT", None)
+    # By name: the package's front door imports this module.
+    package = importlib.import_module(__package__)
+    for module in pkgutil.iter_modules(package.__path__):
+        candidate = getattr(importlib.import_module(f"{package.__name__}.{module.name}"), "FORMAT", None)
         if isinstance(candidate, Format):
             if candidate.name in found:
                 raise RuntimeError(f"exchange format {candidate.name!r} is defined twice")

@@ -1,11 +1,16 @@
 """What every exchange format owes: a run that goes out and comes in again is the same to the bit."""
 
 import gzip
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bench_service import exchange
+from bench_service.api.formats import list_formats
+from bench_service.cli.main import main
 from bench_service.exchange import encode_run, export_formats, read_run_file
 from bench_service.exchange.registry import formats
 
@@ -62,3 +67,39 @@ def test_text_may_be_gzipped(name: str, tmp_path: Path, columns: dict[str, np.nd
 @pytest.mark.parametrize("name", sorted(export_formats()))
 def test_equal_runs_give_equal_bytes(name: str, columns: dict[str, np.ndarray]) -> None:
     assert encode_run(columns, name) == encode_run(columns, name)
+
+
+MADE_UP = """
+from bench_service.exchange.format import Format
+
+FORMAT = Format(
+    name="made_up",
+    title="A made-up format",
+    suffix=".made-up",
+    media_type="application/octet-stream",
+    encode=lambda run: len(run.columns["time_s"]).to_bytes(4, "big"),
+)
+"""
+
+
+@pytest.fixture
+def made_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """One new file beside the others; the package looks into a second folder as into its own."""
+    (tmp_path / "made_up.py").write_text(MADE_UP, encoding="utf-8")
+    monkeypatch.setattr(exchange, "__path__", [*exchange.__path__, str(tmp_path)])
+    formats.cache_clear()
+    yield
+    formats.cache_clear()
+    sys.modules.pop("bench_service.exchange.made_up", None)
+
+
+def test_one_new_file_is_a_format_everywhere(made_up: None, tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
+    assert encode_run(columns, "made_up") == (500).to_bytes(4, "big")
+    # REST, from which the page takes its links.
+    titles = {each["name"]: each["title"] for each in list_formats()["formats"]}
+    assert titles["made_up"] == "A made-up format"
+    run, out = tmp_path / "run.csv", tmp_path / "run.made-up"
+    run.write_bytes(encode_run(columns, "csv"))
+    words = ["export", str(run), "--format", "made_up", "--out", str(out), "--current-sign", "charge-positive"]
+    assert main(words) == 0
+    assert out.read_bytes() == (500).to_bytes(4, "big")

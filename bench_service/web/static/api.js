@@ -56,6 +56,7 @@ export const api = {
   model: (modelId) => get(`/models/${id(modelId)}`),
   importModel: (document, name) => post(`/models/import?${query({ name })}`, document, 60),
   chain: (modelId) => get(`/models/${id(modelId)}/chain`),
+  formats: async () => list(await get("/formats"), "formats"),
   effects: async () => list(await get("/effects", 60), "effects"),
   addEffect: (modelId, body) => post(`/models/${id(modelId)}/effects`, body, 60),
   // The first work of a worker loads the libraries; on a busy machine that alone takes seconds.
