@@ -14,7 +14,7 @@ def formats() -> dict[str, Format]:
     """Return every format by name; a module with a constant ``FORMAT`` is one."""
     found: dict[str, Format] = {}
     # By name: the package's front door imports this module.
-    package = importlib.import_module(__package__)
+    package = importlib.import_module(__name__.rpartition(".")[0])
     for module in pkgutil.iter_modules(package.__path__):
         candidate = getattr(importlib.import_module(f"{package.__name__}.{module.name}"), "FORMAT", None)
         if isinstance(candidate, Format):
