@@ -9,7 +9,7 @@ Nature Materials 9, 2010. The coulombic efficiency of all three is 1.
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from simulators.cell import Branch, CellParameters
+from simulators.cell_parameters import Branch, CellParameters
 from simulators.chemistry import OPEN_CIRCUIT_CURVES
 
 __all__ = ["CELLS", "CellLimits", "CellType", "cell_type"]

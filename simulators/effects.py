@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, cast
 
-from simulators.cell import CellParameters
+from simulators.cell_parameters import CellParameters
 from simulators.sensors import SensorParameters
 
 __all__ = ["EFFECTS", "Effect", "apply_effects"]

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from simulators.cell import CellParameters
+from simulators.cell_parameters import CellParameters
 from simulators.effects import EFFECTS
 
 __all__ = ["HIDDEN", "SIZES", "HiddenEffect", "Size", "draw", "own_value"]

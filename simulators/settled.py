@@ -7,7 +7,8 @@ has reached its end, and hysteresis lies fully on the side of the last direction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from simulators.cell import REFERENCE_K, SOC_SCALE, ZERO_DEGC_K, CellParameters
+from simulators.cell import REFERENCE_K, SOC_SCALE, ZERO_DEGC_K
+from simulators.cell_parameters import CellParameters
 
 __all__ = ["open_circuit_V", "settled_resistance_Ohm", "step_resistance_Ohm"]
 

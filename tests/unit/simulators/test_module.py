@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from simulators.bench import SimulatorSettings, build_device
 from simulators.catalogue import CELLS
 from simulators.cell import Cell, advance, initial_state, observe
-from simulators.module import Module, ModuleLayout, spread_cells
+from simulators.module import Module
+from simulators.module_layout import ModuleLayout, spread_cells
 
 NMC = CELLS["nmc"].parameters
 UNEQUAL = {"capacity_spread": 0.04, "resistance_spread": 0.15, "soc_spread": 0.03}
