@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from drivers.can_map import CanMap, Flag, Send
+from drivers.can_map import Ask, CanMap, Command, Flag, Send
 from drivers.can_map_checks import check_can_map
 from drivers.can_map_reader import read_can_map
 from drivers.device_map import (
@@ -29,10 +29,12 @@ from drivers.map_reader import read_device_map
 from drivers.read_plan import ReadPlan, plan_reads
 
 __all__ = [
+    "Ask",
     "BadMapError",
     "Block",
     "CanMap",
     "Coil",
+    "Command",
     "DeviceMap",
     "Expression",
     "ExpressionError",

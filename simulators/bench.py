@@ -1,211 +1,34 @@
-"""A simulated bench: cell, cycler and the protocol in front of them, served until cancelled or terminated."""
+"""A simulated bench: devices and the protocol in front of them, served until cancelled or terminated."""
 
 import asyncio
 import contextlib
-import math
 import signal
 import threading
-import time
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import AsyncIterator, Callable, Sequence
+from dataclasses import replace
 
 import can
-import numpy as np
 
-from drivers.register_map import CanMap, DeviceMap, load_can_map, load_map
-from simulators.can_bus import CanBusSettings
-from simulators.can_node import CanDevice, CanNode
-from simulators.catalogue import cell_type
-from simulators.cell import Cell, TruthCell
-from simulators.clocks import LockStepClock, SimulatedClock, WallClock
-from simulators.cycler import Cycler, CyclerSettings
+from simulators.bench_devices import build_can_device, build_device
+from simulators.bench_settings import PROTOCOLS, SimulatorSettings
+from simulators.can_device import CanDevice
+from simulators.can_node import CanNode
+from simulators.cell import TruthCell
 from simulators.device import MapDevice
-from simulators.ea_psb import EaPsb, EaPsbCan
-from simulators.effects import apply_effects
 from simulators.fault_hooks import CanFaults, ModbusFaults
-from simulators.faults import FaultEngine, FaultyCell, FaultySensors, parse_faults
-from simulators.modbus_server import ModbusServer, OnRequest
-from simulators.module import Module, ModuleLayout
+from simulators.faults import FaultEngine, parse_faults
+from simulators.modbus_actions import OnRequest
+from simulators.modbus_server import ModbusServer
 from simulators.rtu_server import RtuServer
-from simulators.sensors import MeasuringLayer, SensorParameters, Sensors
 from simulators.serial_line import SerialSettings
 
 __all__ = ["PROTOCOLS", "SimulatorError", "SimulatorSettings", "build_can_device", "build_device", "serve"]
 
-PROTOCOLS = ("modbus-tcp", "modbus-rtu", "can")
 HOUSEKEEPING_S = 0.05
-PERSONALITIES: Mapping[str, type[MapDevice]] = {"ea_psb": EaPsb}
-CAN_PERSONALITIES: Mapping[str, type[CanDevice]] = {"ea_psb_can": EaPsbCan}
-MOST_DEVICES = 64
-MAX_SPEED = 1e5  # the work of a wall second grows with it; above, signals would wait for its end
 
 
 class SimulatorError(Exception):
     """The simulator cannot start; the message says why and what to do."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatorSettings:
-    """What to simulate and where to serve it.
-
-    Attributes
-    ----------
-    protocol : str
-        One of `PROTOCOLS`.
-    map_name : str
-        Device map, by name or path.
-    host, port : str, int
-        Of Modbus TCP. Port 0 takes a free one.
-    serial : SerialSettings
-        Of Modbus RTU.
-    can : CanBusSettings
-        Of CAN.
-    cell : str
-        A name in `simulators.catalogue.CELLS`.
-    effects : Mapping[str, float]
-        Physical effects by their public name, see `simulators.effects`.
-    seed : int
-        Of all noise.
-    lock_step : bool
-        Time moves only with the client's lock-step register; otherwise with the wall clock times `speed`.
-    capacity_Ah : float or None
-        In place of the cell type's own.
-    initial_soc, ambient_degC : float
-        Where the cell starts, and the constant temperature around it.
-    module : ModuleLayout or None
-        A module of such cells in place of one; the cycler's rated voltage and current then count per cell.
-    faults : str
-        A script, see `simulators.faults`; for the first device.
-    devices : int
-        So many equal ones at one address: Modbus units, or CAN nodes, from the first one's number on. Each has a cell
-        and noise of its own.
-    sensors : SensorParameters
-        Noise, resolution and constant errors of the measurement.
-    cycler : CyclerSettings
-        Rating of the device; its ambient temperature follows `ambient_degC`.
-    """
-
-    protocol: str = "modbus-tcp"
-    map_name: str = "generic"
-    host: str = "127.0.0.1"
-    port: int = 0
-    serial: SerialSettings = SerialSettings()
-    can: CanBusSettings = CanBusSettings()
-    cell: str = "nmc"
-    effects: Mapping[str, float] = field(default_factory=dict)
-    seed: int = 0
-    lock_step: bool = False
-    speed: float = 1.0
-    capacity_Ah: float | None = None
-    initial_soc: float = 0.5
-    ambient_degC: float = 25.0
-    module: ModuleLayout | None = None
-    faults: str = ""
-    devices: int = 1
-    sensors: SensorParameters = SensorParameters()
-    cycler: CyclerSettings = CyclerSettings()
-
-    def __post_init__(self) -> None:
-        """Check what no part below checks.
-
-        Raises
-        ------
-        ValueError
-            If the protocol is unknown, or speed or port are impossible.
-        """
-        if self.protocol not in PROTOCOLS:
-            raise ValueError(f"unknown protocol {self.protocol!r}; choose one of {', '.join(PROTOCOLS)}")
-        if not 0.0 < self.speed <= MAX_SPEED:
-            raise ValueError(f"speed is {self.speed}; it must be above 0 and at most {MAX_SPEED:g}")
-        if not 1 <= self.devices <= MOST_DEVICES:
-            raise ValueError(f"{self.devices} devices; it must be 1..{MOST_DEVICES}")
-        if not 0 <= self.port <= 65535:
-            raise ValueError(f"port is {self.port}; it must lie in 0..65535 (0: a free one)")
-
-
-def build_device(
-    settings: SimulatorSettings,
-    *,
-    cell: TruthCell | None = None,
-    now: Callable[[], float] = time.monotonic,
-    engine: FaultEngine | None = None,
-) -> MapDevice:
-    """Put a bench for Modbus together without serving it.
-
-    Parameters
-    ----------
-    settings : SimulatorSettings
-    cell : TruthCell, optional
-        In place of the one that the settings name.
-    now : Callable, optional
-        Monotonic seconds.
-    engine : FaultEngine, optional
-        Plays faults inside device and cell; those of the link need the server's hook.
-
-    Raises
-    ------
-    ValueError
-        If a cell, an effect or a value in the settings is impossible.
-    drivers.register_map.BadMapError
-        If the device map cannot be used.
-    """
-    device_map = load_map(settings.map_name)
-    make = PERSONALITIES.get(device_map.name, MapDevice)
-    return make(device_map, *_behind(_rated(settings, device_map), cell, now, engine))
-
-
-def build_can_device(
-    settings: SimulatorSettings,
-    *,
-    cell: TruthCell | None = None,
-    now: Callable[[], float] = time.monotonic,
-    engine: FaultEngine | None = None,
-) -> CanDevice:
-    """Put a bench for CAN together without serving it; otherwise as `build_device`."""
-    can_map = load_can_map(settings.map_name)
-    make = CAN_PERSONALITIES.get(can_map.name, CanDevice)
-    return make(can_map, *_behind(_rated(settings, can_map), cell, now, engine))
-
-
-def _rated(settings: SimulatorSettings, device_map: DeviceMap | CanMap) -> SimulatorSettings:
-    """Give the device the rating that its map states as numbers, unless the settings have one of their own."""
-    if settings.cycler != CyclerSettings() or settings.module is not None:
-        return settings
-    watched = (
-        "watchdog" in device_map.capabilities if isinstance(device_map, CanMap) else device_map.by_role("watchdog")
-    )
-    rating = settings.cycler if watched else replace(settings.cycler, watchdog_s=math.inf)
-    current, voltage = (device_map.capabilities.get(name) for name in ("current", "voltage"))
-    if current and voltage and not current[1].names and not voltage[1].names:
-        rating = replace(rating, nominal_current_A=current[1].evaluate({}), nominal_voltage_V=voltage[1].evaluate({}))
-    return replace(settings, cycler=rating)
-
-
-def _behind(
-    settings: SimulatorSettings, cell: TruthCell | None, now: Callable[[], float], engine: FaultEngine | None
-) -> tuple[Cycler, SimulatedClock]:
-    """Build what stands behind the protocol: cell, cycler and clock."""
-    parameters = cell_type(settings.cell).parameters
-    if settings.capacity_Ah is not None:
-        parameters = replace(parameters, capacity_Ah=settings.capacity_Ah)
-    parameters, sensor_parameters = apply_effects(parameters, settings.sensors, settings.effects)
-    rating = replace(settings.cycler, ambient_degC=settings.ambient_degC)
-    if settings.module is not None:
-        rating = replace(
-            rating,
-            nominal_voltage_V=rating.nominal_voltage_V * settings.module.cells_in_series,
-            nominal_current_A=rating.nominal_current_A * settings.module.cells_in_parallel,
-        )
-        cell = cell or Module(parameters, settings.module, settings.initial_soc, settings.ambient_degC)
-    cell = cell or Cell(parameters, settings.initial_soc, settings.ambient_degC)
-    sensors: MeasuringLayer = Sensors(sensor_parameters, np.random.default_rng(settings.seed))
-    if engine is not None:
-        cell, sensors = FaultyCell(cell, engine), FaultySensors(sensors, engine)
-    cycler = Cycler(rating, cell, sensors, watchdog_enabled=not settings.lock_step)
-    if engine is not None:
-        engine.bind(cycler)
-    clock = LockStepClock(now) if settings.lock_step else WallClock(now, settings.speed)
-    return cycler, clock
 
 
 async def serve(
@@ -282,17 +105,24 @@ async def _start(settings: SimulatorSettings, cell: TruthCell | None, on_request
     others = [build_device(other) for other in _others(settings)]
     neighbours = {device.map.unit_id + index: other for index, other in enumerate(others, 1)}
     if settings.protocol == "modbus-rtu":
-        line = settings.serial
-        server = RtuServer(device, line, on_request, neighbours)
-        try:
-            name = await server.start()
-        except OSError as error:
-            raise SimulatorError(
-                f"cannot open {line.device or 'a pseudo-terminal'}: {error.strerror or error}; choose another --device"
-            ) from error
-        options = "" if (line.parity, line.stopbits) == ("N", 1) else f"&parity={line.parity}&stopbits={line.stopbits}"
-        return [device, *others], [server], f"modbus-rtu://{name}?baud={line.baud}{options}"
+        server = RtuServer(device, settings.serial, on_request, neighbours)
+        return [device, *others], [server], await _open_line(server, settings.serial)
     server = ModbusServer(device, on_request, neighbours)
+    return [device, *others], [server], await _listen(server, settings)
+
+
+async def _open_line(server: RtuServer, line: SerialSettings) -> str:
+    try:
+        name = await server.start()
+    except OSError as error:
+        raise SimulatorError(
+            f"cannot open {line.device or 'a pseudo-terminal'}: {error.strerror or error}; choose another --device"
+        ) from error
+    options = "" if (line.parity, line.stopbits) == ("N", 1) else f"&parity={line.parity}&stopbits={line.stopbits}"
+    return f"modbus-rtu://{name}?baud={line.baud}{options}"
+
+
+async def _listen(server: ModbusServer, settings: SimulatorSettings) -> str:
     try:
         port = await server.start(settings.host, settings.port)
     except OSError as error:
@@ -300,7 +130,7 @@ async def _start(settings: SimulatorSettings, cell: TruthCell | None, on_request
             f"cannot listen on {settings.host}:{settings.port}: {error.strerror or error}; "
             "choose another port, or 0 for a free one"
         ) from error
-    return [device, *others], [server], f"modbus-tcp://{settings.host}:{port}"
+    return f"modbus-tcp://{settings.host}:{port}"
 
 
 @contextlib.asynccontextmanager

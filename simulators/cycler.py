@@ -35,6 +35,15 @@ class CyclerSettings:
     serial: int = 1
     ambient_degC: float = 25.0
 
+    @property
+    def constants(self) -> dict[str, float]:
+        """The rating by the names that device maps have for it in their expressions."""
+        return {
+            "i_nom": self.nominal_current_A,
+            "v_nom": self.nominal_voltage_V,
+            "p_nom": self.nominal_current_A * self.nominal_voltage_V,
+        }
+
 
 class Cycler:
     """One channel with a cell on it.

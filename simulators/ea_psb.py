@@ -5,22 +5,14 @@ the answer looks as always, over CAN an error 3 comes. There is no watchdog on t
 vanishes leaves the output on.
 """
 
-from simulators.can_node import CanDevice
-from simulators.device import MapDevice
+from simulators.can_commands import CanRefusals
+from simulators.modbus_refusals import ModbusRefusals
 
-__all__ = ["EaPsb", "EaPsbCan"]
+__all__ = ["EA_PSB", "EA_PSB_CAN"]
 
 INVALID_ADDRESS, WRONG_VALUE, ACCESS_DENIED = 2, 3, 7
 
-
-class EaPsb(MapDevice):
-    """EA PSB 9000 or 10000 over Modbus."""
-
-    state_refused = ACCESS_DENIED
-    tells_refusals = False
-
-
-class EaPsbCan(CanDevice):
-    """EA PSB 9000 or 10000 with the module IF-AB-CAN (sections 8.3.4 and 8.3.6 of the guide)."""
-
-    no_such_item, wrong_state, out_of_range = INVALID_ADDRESS, ACCESS_DENIED, WRONG_VALUE
+# EA PSB 9000 or 10000 over Modbus.
+EA_PSB = ModbusRefusals(wrong_state=ACCESS_DENIED, tells_out_of_range=False)
+# EA PSB 9000 or 10000 with the module IF-AB-CAN (sections 8.3.4 and 8.3.6 of the guide).
+EA_PSB_CAN = CanRefusals(no_such_item=INVALID_ADDRESS, wrong_state=ACCESS_DENIED, out_of_range=WRONG_VALUE)

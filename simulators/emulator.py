@@ -24,7 +24,7 @@ from drivers.register_map import MAPS
 from simulators.can_bus import CanBusSettings, CanPort, free_udp_port
 from simulators.can_dbc import read_dbc
 from simulators.cell import CellOutput, TruthCell
-from simulators.device import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RefusedError
+from simulators.modbus_refusals import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RefusedError
 from simulators.modbus_server import ModbusServer
 from simulators.serial_line import WakeUp
 

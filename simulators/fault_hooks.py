@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from drivers.register_map import CanMap, DeviceMap
 from simulators.can_bus import CanAction
 from simulators.faults import Fault, FaultEngine
-from simulators.modbus_server import Action, Frame
+from simulators.modbus_actions import Action, Frame
 
 __all__ = ["CanFaults", "ModbusFaults"]
 

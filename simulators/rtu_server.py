@@ -6,10 +6,12 @@ length, a broken one by the silence after it.
 
 import asyncio
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 
 from simulators.device import MapDevice
-from simulators.modbus_server import Action, Frame, OnRequest, Units
+from simulators.modbus_actions import Action, Frame, OnRequest
+from simulators.modbus_requests import Units
 from simulators.serial_line import SerialLine, SerialSettings
 
 __all__ = ["RtuServer", "crc16"]
@@ -114,14 +116,8 @@ class RtuServer:
         if frame.unit_id not in self._units and not silent:
             return  # meant for another device on the line
         action = (self.on_request(frame) if self.on_request else None) or Action()
-        pdu = b""
-        if action.exception is not None:
-            pdu = bytes((frame.function | 0x80, action.exception))
-        elif action.echo:
-            pdu = frame.pdu
-        elif action.execute:
-            for unit in self._units if silent else (frame.unit_id,):
-                pdu = self._units.answer(unit, frame.pdu)
+        units = self._units if silent else (frame.unit_id,)
+        pdu = action.answered(frame, partial(self._executed, units, frame.pdu))
         if action.delay_s > 0.0:
             await asyncio.sleep(action.delay_s)
         if pdu and action.reply and not action.close and not silent:
@@ -130,6 +126,13 @@ class RtuServer:
             check = crc16(adu)
             frame_bytes = adu + (bytes((check[0] ^ 0xFF, check[1])) if action.corrupt else check)
             await line.send(frame_bytes, None if action.delay_s > 0.0 else line.arrived_s)
+
+    def _executed(self, units: Iterable[int], pdu: bytes) -> bytes:
+        """Execute a request on some units and return the last one's answer."""
+        answer = b""
+        for unit in units:
+            answer = self._units.answer(unit, pdu)
+        return answer
 
 
 def _frame_size(data: bytearray) -> int | None:

@@ -14,7 +14,7 @@ from drivers.cycler import (
 )
 from drivers.register_map import list_maps, map_transport
 from simulators.can_bus import CanAction
-from simulators.modbus_server import SILENCE
+from simulators.modbus_actions import SILENCE
 from tests.protocol.rigs import rig
 
 LIMITS = DeviceLimits((2.5, 4.2), (-4.0, 4.0), (0.0, 60.0), None)

@@ -108,7 +108,7 @@ async def test_cyclic_messages_have_an_age(tmp_path):
             await driver.sample()
         device, node = made.device, made.server
         for name in ("Electrical", "Condition", "State"):
-            node._port.send(device.layouts[name].id, device._message(name, {}), extended=False)
+            node._port.send(device.layouts[name].id, device.message(name), extended=False)
         await asyncio.sleep(0.1)
         assert (await driver.sample()).voltage_V > 3.0
         await asyncio.sleep(0.5)

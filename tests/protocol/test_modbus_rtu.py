@@ -17,7 +17,7 @@ from drivers.factory import open_cycler
 from drivers.modbus_link import ModbusLink, serial_client_factory
 from drivers.register_map import load_map
 from simulators.bench import SimulatorSettings, build_device
-from simulators.modbus_server import Action, delay
+from simulators.modbus_actions import Action, delay
 from simulators.rtu_server import RtuServer, crc16
 from simulators.serial_line import SerialSettings
 from tests.protocol.rigs import FAST_LINE, rig

@@ -13,7 +13,7 @@ from drivers.factory import open_cycler
 from drivers.register_map import list_maps, load_can_map, load_map, map_transport
 from simulators.can_bus import CanAction
 from simulators.cycler import CyclerSettings
-from simulators.modbus_server import Action
+from simulators.modbus_actions import Action
 from tests.protocol.rigs import TIMEOUT_S, rig
 
 LIMITS = DeviceLimits((2.5, 4.25), (-10.0, 10.0), (-10.0, 60.0), None)
@@ -108,7 +108,7 @@ async def test_a_client_that_vanishes_leaves_the_output_on_so_an_interlock_must_
 async def test_all_known_classes_are_accepted_and_no_other():
     for number, known in ((58, True), (66, True), (83, True), (33, False)):
         async with rig("modbus-tcp", **PSB) as made:
-            made.device._image["holding"][0:2] = struct.pack(">H", number)
+            made.device.image._spaces["holding"][0:2] = struct.pack(">H", number)
             if known:
                 await made.driver.connect()
             else:

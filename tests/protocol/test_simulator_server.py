@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from simulators.modbus_server import DROP, SILENCE, Action, Frame, delay
+from simulators.modbus_actions import DROP, SILENCE, Action, Frame, delay
 from tests.protocol.raw_modbus import COMMAND_OK, rig, switch_on, until
 
 

@@ -26,7 +26,7 @@ async def test_a_life(transport):
             await made.driver.apply(current_A)
             reading = await made.driver.sample()
             assert reading.setpoint_in_force_A == current_A
-        assert made.device._voltage_limit_V == 4.25
+        assert made.device.commands.voltage_limit_V == 4.25
         await made.driver.safe()
         assert made.at_rest and not (await made.driver.sample()).output_on
 

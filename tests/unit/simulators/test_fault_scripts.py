@@ -9,7 +9,7 @@ from simulators.cell import CellOutput
 from simulators.cycler import Cycler, CyclerSettings
 from simulators.fault_hooks import CanFaults, ModbusFaults
 from simulators.faults import KINDS, Fault, FaultEngine, FaultyCell, FaultySensors, parse_faults
-from simulators.modbus_server import Frame
+from simulators.modbus_actions import Frame
 from simulators.sensors import SensorParameters, Sensors
 
 GENERIC, GENERIC_CAN = load_map("generic"), load_can_map("generic_can")
