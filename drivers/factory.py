@@ -7,6 +7,7 @@ from pathlib import Path
 from drivers.address import CanAddress, SerialAddress, TcpAddress, parse_address
 from drivers.can_codec import CanCodec
 from drivers.can_cycler import CanCycler
+from drivers.can_identifiers import identifiers_of
 from drivers.can_link import CanLink
 from drivers.cycler import Cycler
 from drivers.errors import BadMapError, CyclerConnectionError
@@ -55,11 +56,15 @@ def _can_cycler(address: CanAddress, can_map: CanMap, timeout_s: float) -> CanCy
     receives = {signal.message for _, signal in can_map.signals()}
     receives |= {command.echo for command in can_map.commands.values() if command.echo}
     receives |= {reply for ask in can_map.asks.values() for reply in ask.replies}
+    identifiers = identifiers_of(
+        address,
+        codec.identifiers({send.message for send in sends}),
+        codec.identifiers({can_map.base(name) for name in receives}),
+        can_map.node_step,
+    )
     link = CanLink(
         address,
-        sends=codec.identifiers({send.message for send in sends}),
-        receives=codec.identifiers({can_map.base(name) for name in receives}),
-        node_step=can_map.node_step,
+        identifiers,
         fd=can_map.fd,
         min_gap_s=can_map.min_gap_s,
         timeout_s=timeout_s,

@@ -48,7 +48,7 @@ async def test_one_frame_of_an_answer_lost(made):
 async def test_a_late_answer_is_known_by_its_token(made):
     await made.running()
     link = made.driver._link
-    codec, plan = CanCodec(MAP.dbc), made.driver._plan
+    codec, plan = CanCodec(MAP.dbc), made.driver._dialogue.plan
     first = plan.frame(MAP.asks["sample"].send, {"token": 200.0})
     made.server.on_frame = on("Request", CanAction(delay_s=0.1))
     await link.exchange("Request", first, (), "a question whose answer nobody waits for")

@@ -9,9 +9,11 @@ import can
 import pytest
 
 from drivers.address import parse_address
+from drivers.can_bus import CanReceiver, bus_arguments
 from drivers.can_codec import CanCodec
 from drivers.can_cycler import CanCycler
-from drivers.can_link import CanLink, _bus_arguments
+from drivers.can_identifiers import identifiers_of
+from drivers.can_link import CanLink
 from drivers.cycler import (
     BadMapError,
     CyclerConnectionError,
@@ -32,7 +34,7 @@ SETPOINT = "Command"
 def joined(made):
     """Another node on the same bus."""
     address = parse_address(made.address)
-    return can.Bus(**_bus_arguments(address, False))
+    return can.Bus(**bus_arguments(address, False))
 
 
 @pytest.mark.parametrize("transport", ["can-virtual", "can-udp"])
@@ -111,8 +113,8 @@ async def test_garbage_in_the_group_is_passed_over(udp):
 
 def test_nothing_leaves_the_machine():
     address = parse_address("can://udp_multicast/239.74.163.2:43113")
-    assert _bus_arguments(address, False)["hop_limit"] == 0
-    with can.Bus(**_bus_arguments(address, False)) as bus:
+    assert bus_arguments(address, False)["hop_limit"] == 0
+    with can.Bus(**bus_arguments(address, False)) as bus:
         sender = bus._multicast._socket
         assert sender.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 0
 
@@ -200,12 +202,10 @@ class LostBus(StuckBus):
 
 
 async def test_an_adapter_that_is_pulled_out(made):
-    from drivers.can_link import _Receiver
-
     await made.running()
     link = made.driver._link
     told = []
-    receiver = _Receiver(LostBus(link._bus), told.append, link._failed, lenient=False)
+    receiver = CanReceiver(LostBus(link._bus), told.append, link._inbox.failed, lenient=False)
     async with asyncio.timeout(2):
         while link.is_open:
             await asyncio.sleep(0.01)
@@ -217,11 +217,10 @@ async def test_an_adapter_that_is_pulled_out(made):
 
 async def test_a_link_can_be_built_by_hand():
     codec = CanCodec(MAP.dbc)
+    address = parse_address("can://virtual/alone")
     link = CanLink(
-        parse_address("can://virtual/alone"),
-        sends=codec.identifiers({"Request"}),
-        receives=codec.identifiers({"Info"}),
-        node_step=16,
+        address,
+        identifiers_of(address, codec.identifiers({"Request"}), codec.identifiers({"Info"}), 16),
         fd=False,
         min_gap_s=0.01,
         timeout_s=0.05,
