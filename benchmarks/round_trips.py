@@ -25,7 +25,8 @@ from collections.abc import Callable
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient, ModbusSerialClient, ModbusTcpClient
 
 from drivers.address import SerialAddress, TcpAddress, parse_address
-from drivers.modbus_link import ModbusLink, serial_client_factory, tcp_client_factory
+from drivers.modbus_clients import serial_client_factory, tcp_client_factory
+from drivers.modbus_link import ModbusLink
 
 READ, WRITE, FIRST, TARGET = 10, [0, 0], 200, 100
 FUNCTIONS = frozenset((3, 6, 16, 23))

@@ -12,7 +12,8 @@ from drivers.can_link import CanLink
 from drivers.cycler import Cycler
 from drivers.errors import BadMapError, CyclerConnectionError
 from drivers.modbus import ModbusCycler
-from drivers.modbus_link import ModbusLink, serial_client_factory, tcp_client_factory
+from drivers.modbus_clients import serial_client_factory, tcp_client_factory
+from drivers.modbus_link import ModbusLink
 from drivers.register_map import CanMap, DeviceMap, load_can_map, load_map, map_transport
 
 SILENT_CHARACTERS = 3.5  # between two messages on a serial line (Modbus over Serial Line V1.02, 2.5.1.1)

@@ -14,7 +14,8 @@ from drivers.cycler import (
     CyclerTimeoutError,
 )
 from drivers.factory import open_cycler
-from drivers.modbus_link import ModbusLink, serial_client_factory
+from drivers.modbus_clients import serial_client_factory
+from drivers.modbus_link import ModbusLink
 from drivers.register_map import load_map
 from simulators.bench import SimulatorSettings, build_device
 from simulators.modbus_actions import Action, delay
