@@ -1,0 +1,75 @@
+"""What goes out with a tick, and what a sample is made of, for maps of both kinds."""
+
+import math
+
+import pytest
+
+from drivers.codec import bind_all
+from drivers.errors import SetPointRefusedError
+from drivers.modbus_commands import CommandPlan, DirectionPlan, contiguous
+from drivers.modbus_plan import DevicePlan
+from drivers.modbus_sample import SamplePlan
+from drivers.register_map import load_map
+
+GENERIC, PSB = load_map("generic"), load_map("ea_psb")
+CONSTANTS = {"i_nom": 30.0, "v_nom": 6.0, "p_nom": 180.0}
+VOLTAGES = (2.5, 4.2)
+
+
+def test_registers_that_lie_together_go_out_together():
+    registers = [GENERIC.registers[name] for name in ("set_current", "heartbeat", "lock_step", "watchdog")]
+    grouped = contiguous(registers, single=False)
+    assert [label for _, label in grouped] == ["'set_current', 'heartbeat', 'lock_step'", "'watchdog'"]
+    assert len(contiguous(registers, single=True)) == 4
+    assert contiguous([], single=False) == []
+
+
+def test_set_point_heartbeat_and_tick_are_one_message():
+    plan = CommandPlan(GENERIC, bind_all(GENERIC, CONSTANTS))
+    (timed,) = plan.writes(1.0, 7, 65537, VOLTAGES)
+    assert (timed.first, timed.values) == (100, (0x3F80, 0x0000, 7, 1, 1))
+    (untimed,) = plan.writes(1.0, 7, None, VOLTAGES)
+    assert untimed.values == (0x3F80, 0x0000, 7), "on the wall clock there is no tick"
+    assert plan.heartbeat_modulus == 65536 and plan.range_A == (-30.0, 30.0)
+
+
+@pytest.mark.parametrize("current_A", [math.nan, math.inf, 30.1, -30.1])
+def test_a_set_point_that_cannot_be_is_not_sent(current_A):
+    for device_map, plan in ((GENERIC, CommandPlan), (PSB, DirectionPlan)):
+        with pytest.raises(SetPointRefusedError, match="not sent"):
+            plan(device_map, bind_all(device_map, CONSTANTS)).writes(current_A, 0, None, VOLTAGES)
+
+
+@pytest.mark.parametrize("current_A", [3.0, -3.0])
+def test_the_direction_that_is_not_wanted_goes_to_zero_first(current_A):
+    plan = DirectionPlan(PSB, bind_all(PSB, CONSTANTS))
+    order = [write.label.strip("'") for write in plan.writes(current_A, 0, None, VOLTAGES)]
+    roles = [PSB.registers[name].role for name in order]
+    wanted = ["set_discharge", "set_charge"] if current_A > 0 else ["set_charge", "set_discharge"]
+    assert [role for role in roles if role != "set_voltage"] == wanted
+    assert plan.rounded(current_A) == pytest.approx(current_A, abs=0.001)
+
+
+def test_all_set_points_that_can_be_read_are_read_back_when_control_is_taken():
+    plan = CommandPlan(GENERIC, bind_all(GENERIC, CONSTANTS))
+    assert [write.first for write in plan.read_back(0.0, every=True)] == [100]
+    assert plan.read_back(0.0, every=False) == [], "another register shows what is in force"
+
+
+def test_a_role_that_the_map_lacks_is_missing_in_the_sample():
+    riden = load_map("riden_rd6006")
+    plan = SamplePlan(riden, bind_all(riden, {}))
+    blocks = [[0] * read.count for read in plan.reads]
+    reading = plan.reading(1.0, 41, blocks)
+    assert not plan.has_sequence and reading.sequence == 41
+    assert math.isnan(reading.setpoint_in_force_A) and math.isnan(reading.ambient_degC)
+
+
+def test_bits_without_a_name_are_never_dropped():
+    plan = DevicePlan(GENERIC, CONSTANTS)
+    (read,) = plan.sample.reads
+    words = [0] * read.count
+    alarms = GENERIC.by_role("alarms")
+    assert alarms is not None
+    words[alarms.address - read.first] = 1 << 15
+    assert plan.sample.reading(0.0, 0, [words]).alarms == {"bit_15"}
