@@ -68,6 +68,13 @@ def test_channels_that_do_not_agree_name_no_leak(voltage_A: float, heat_A: float
     assert leak_in(leaking(voltage_A, heat_A)) == ()
 
 
+def test_a_temperature_that_moves_for_another_reason_too_names_no_leak() -> None:
+    """The leak is there, and reversible heat beside it: the leak explains too little of what is new."""
+    run = leaking()
+    both = warm_run(added_W=LEAK_A * 3.75 + 6e-4 * run.current_A * 295.0)
+    assert leak_in(replace(run, temperature_degC=both.temperature_degC)) == ()
+
+
 def test_without_the_effect_or_an_ambient_temperature_there_is_no_leak() -> None:
     run = leaking()
     assert leak_in(run, "series_resistance", "voltage_offset") == ()

@@ -55,6 +55,20 @@ def test_a_second_one_that_is_tiny_beside_the_first_is_left_unsaid() -> None:
     assert [each.effect_name for each in found] == ["series_resistance"]
 
 
+def test_a_second_one_has_to_be_worth_three_times_the_price_of_a_parameter() -> None:
+    """In a short record with long blocks a slow loop beside a drop is hardly more than one of them."""
+    current = steps_A(3000, largest_A=4.0, length=60)
+    loop_V = 0.01 * hysteresis_state(current, 30.0, 1.0, CAPACITY_AH)
+    run = true_run(current, added_V=loop_V + 0.008 * current, noise_V=NOISE_V, seed=3)
+    comparison = compared(run, NAMES, own_mse=NOISE_V**2, noise_mse=NOISE_V**2)
+    ranking = rank(comparison, [try_effect(comparison, each) for each in comparison.effects])
+    forms, price = ranking.forms, ranking.price
+    pair = forms.best_pair(price)
+    assert pair is not None
+    assert forms.cost(forms.best(ranking.candidates[0].effect, price)) - forms.cost(*pair) < 3.0 * price
+    assert len(named_effects(comparison, ranking)) == 1
+
+
 def test_an_effect_in_the_model_takes_its_own_part_in() -> None:
     comparison = against(LOOP_V + 0.004 * CURRENT_A)
     ranking = rank(comparison, [try_effect(comparison, effect("series_resistance"))])
