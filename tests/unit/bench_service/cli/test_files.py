@@ -27,8 +27,8 @@ def test_a_model_is_read_as_it_was_written(tmp_path: Path) -> None:
         (None, "no such file"),
         ("{", "not valid JSON"),
         ('{"a": NaN}', "every number must be finite"),
-        ("[]", ""),
-        ("{}", ""),
+        ("[]", "MODEL.json: "),
+        ("{}", "MODEL.json: "),
     ],
 )
 def test_what_is_no_model_is_named_with_its_file(tmp_path: Path, text: str | None, reason: str) -> None:
