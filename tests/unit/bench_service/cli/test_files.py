@@ -1,7 +1,9 @@
 """Files that commands read and write: one clear line where one is none."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,19 +29,26 @@ def test_a_model_is_read_as_it_was_written(tmp_path: Path) -> None:
         (None, "no such file"),
         ("{", "not valid JSON"),
         ('{"a": NaN}', "every number must be finite"),
-        ("[]", "MODEL.json: "),
         ("{}", "MODEL.json: "),
     ],
 )
-def test_what_is_no_model_is_named_with_its_file(tmp_path: Path, text: str | None, reason: str) -> None:
+@pytest.mark.parametrize("read", [read_model, read_module])
+def test_what_is_no_model_is_named_with_its_file(
+    tmp_path: Path, read: Callable[[Path], Any], text: str | None, reason: str
+) -> None:
     path = tmp_path / "MODEL.json"
     if text is not None:
         path.write_text(text)
-    for read in (read_model, read_module):
-        with pytest.raises(UsageError, match=reason) as refused:
-            read(path)
-        assert str(refused.value).startswith(f"{path}: ")
-        assert "\n" not in str(refused.value)
+    with pytest.raises(UsageError, match=reason) as refused:
+        read(path)
+    assert str(refused.value).startswith(f"{path}: ")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_list_is_no_model(tmp_path: Path) -> None:
+    (tmp_path / "MODEL.json").write_text("[]")
+    with pytest.raises(UsageError, match="MODEL.json: "):
+        read_model(tmp_path / "MODEL.json")
 
 
 def test_a_structure_is_a_name_a_document_or_that_of_a_model(tmp_path: Path) -> None:
