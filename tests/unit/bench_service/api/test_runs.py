@@ -1,0 +1,88 @@
+"""Runs over REST."""
+
+from typing import Any
+
+import pytest
+
+from bench_service.api import runs
+from bench_service.campaign.runs import RunOrder
+from bench_service.errors import BenchOfflineError, NotFoundError
+from tests.unit.bench_service.api.route_rig import AsyncPart, Part, client_of, error_of, run_record
+
+BODY = {"bench": "sim", "profile_id": "p1", "dt_s": 0.1, "initial_soc": 0.5}
+BENCHES = object()
+
+
+def started(changes: dict[str, Any]) -> tuple[Any, AsyncPart]:
+    part = AsyncPart(start=run_record(state="running"))
+    return client_of(runs.router, runs=part, benches=BENCHES).post("/runs", json=BODY | changes), part
+
+
+def test_an_order_goes_on_as_it_was_given() -> None:
+    limits = {"voltage_V": [3.0, 4.2], "ramp_A_per_s": 5}
+    answer, part = started({"limits": limits, "model_id": "m1", "observer_initial_soc": 0.6, "seed": 3})
+    assert (answer.status_code, answer.json()["state"]) == (201, "running")
+    ((_, (benches, order), _),) = part.calls
+    assert benches is BENCHES
+    assert (order.bench, order.profile_id, order.dt_s, order.initial_soc) == ("sim", "p1", 0.1, 0.5)
+    assert (order.model_id, order.observer_initial_soc, order.seed) == ("m1", 0.6, 3)
+    given = {name: value for name, value in order.limits.items() if value is not None}
+    assert given == {"voltage_V": (3.0, 4.2), "ramp_A_per_s": 5.0}
+
+
+def test_limits_that_are_left_out_are_the_benchs_own() -> None:
+    assert started({})[1].calls[0][1][1] == RunOrder(bench="sim", profile_id="p1", dt_s=0.1, initial_soc=0.5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "where"),
+    [
+        ({"dt_s": 9e-4}, ["dt_s"]),
+        ({"dt_s": 3601}, ["dt_s"]),
+        ({"initial_soc": 1.01}, ["initial_soc"]),
+        ({"initial_soc": None}, ["initial_soc"]),
+        ({"observer_initial_soc": -0.1}, ["observer_initial_soc"]),
+        ({"limits": {"voltage_V": [3.0]}}, ["limits", "voltage_V", 1]),
+        ({"limits": {"voltage_v": [3.0, 4.2]}}, ["limits", "voltage_v"]),
+        ({"limits": {"ramp_A_per_s": 0}}, ["limits", "ramp_A_per_s"]),
+        ({"campaign_id": "c1"}, ["campaign_id"]),  # only a campaign says that of its own runs
+        ({"name": " x"}, ["name"]),
+    ],
+)
+def test_an_order_that_is_none_is_refused_at_its_place(changes: dict[str, Any], where: list[Any]) -> None:
+    answer, part = started(changes)
+    assert (answer.status_code, error_of(answer)["where"]) == (422, where)
+    assert part.calls == []
+
+
+def test_a_bench_that_is_away_is_no_fault_of_the_client() -> None:
+    part = AsyncPart(start=BenchOfflineError("bench sim is offline"))
+    answer = client_of(runs.router, runs=part, benches=BENCHES).post("/runs", json=BODY)
+    assert (answer.status_code, error_of(answer)["code"]) == (503, "bench_offline")
+
+
+def test_a_list_is_narrowed_by_bench_state_and_campaign() -> None:
+    store = Part(runs=[run_record()])
+    client = client_of(runs.router, store=store)
+    assert client.get("/runs").json()["runs"][0]["id"] == "r1"
+    client.get("/runs?bench=sim&state=fault&campaign_id=c1&limit=2&offset=1")
+    assert [arguments for _, arguments, _ in store.calls] == [
+        (None, None, None, 100, 0),
+        ("sim", "fault", "c1", 2, 1),
+    ]
+    assert client.get("/runs?state=broken").status_code == 422
+
+
+def test_stopping_a_run_answers_with_it() -> None:
+    record = run_record(state="running")
+    part, store = Part(stop=None), Part(run=record)
+    answer = client_of(runs.router, runs=part, store=store, benches=BENCHES).post("/runs/r1/stop")
+    assert answer.json()["id"] == "r1"
+    assert part.calls == [("stop", (BENCHES, record, "stopped by a client"), {})]
+
+
+def test_a_run_that_is_not_there_is_neither_given_nor_stopped() -> None:
+    part, store = Part(stop=None), Part(run=NotFoundError.of("run", "r9"))
+    client = client_of(runs.router, runs=part, store=store, benches=BENCHES)
+    assert client.get("/runs/r9").status_code == client.post("/runs/r9/stop").status_code == 404
+    assert part.calls == []

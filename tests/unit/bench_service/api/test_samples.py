@@ -1,0 +1,127 @@
+"""Samples over REST: as columns, thinned, or as a file."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench_service.api import samples
+from bench_service.errors import NotFoundError
+from bench_service.exchange.write import export_formats
+from bench_service.store.reading import StreamData
+from bench_service.streams import OBSERVER, SAMPLES, STREAMS
+from tests.unit.bench_service.api.route_rig import Part, client_of, error_of, run_record
+
+
+def stream(n: int, name: str = SAMPLES, **columns: Any) -> StreamData:
+    """Rows from sequence number 5 on, a second apart."""
+    layout = STREAMS[name]
+    values = {column.name: np.zeros(n, column.numpy) for column in layout}
+    values["time_s"] = np.arange(n, dtype=np.float64)
+    return StreamData(layout, values | columns, np.arange(5, 5 + n), ())
+
+
+def rig(data: StreamData, **run: Any) -> tuple[Any, Part]:
+    reader = Part(read=data)
+    return client_of(samples.router, store=Part(run=run_record(**run)), samples=reader), reader
+
+
+def test_all_columns_with_their_sequence_numbers() -> None:
+    client, reader = rig(stream(3, voltage_V=np.array([3.5, 3.6, 3.7])))
+    answer = client.get("/runs/r1/samples?from_s=0.5&to_s=2")
+    document = answer.json()
+    assert answer.headers["content-type"] == "application/json"
+    assert list(document["columns"]) == ["seq", *(column.name for column in STREAMS[SAMPLES])]
+    assert document["columns"]["seq"] == [5, 6, 7] and document["columns"]["voltage_V"] == [3.5, 3.6, 3.7]
+    assert (document["n"], document["decimated"]) == (3, False)
+    assert reader.calls == [("read", ("r1", SAMPLES, 0.5, 2.0), {})]
+
+
+def test_a_missing_value_is_null_and_never_nan() -> None:
+    client, _ = rig(stream(3, voltage_V=np.array([3.5, np.nan, np.inf])))
+    text = client.get("/runs/r1/samples").text
+    assert "NaN" not in text and "Infinity" not in text
+    assert json.loads(text)["columns"]["voltage_V"] == [3.5, None, None]
+
+
+def test_a_run_without_samples_has_no_columns() -> None:
+    client, _ = rig(StreamData.empty())
+    assert client.get("/runs/r1/samples").json() == {"columns": {}, "n": 0, "decimated": False}
+
+
+def test_thinned_samples_keep_their_extremes_and_their_rows_whole() -> None:
+    voltage_V = np.full(1000, 3.6)
+    voltage_V[[123, 777]] = 3.9, 3.1
+    client, _ = rig(stream(1000, voltage_V=voltage_V))
+    document = client.get("/runs/r1/samples?max_points=50").json()
+    assert document["decimated"] and document["n"] == len(document["columns"]["seq"]) <= 50
+    kept = dict(zip(document["columns"]["seq"], document["columns"]["voltage_V"], strict=True))
+    assert (kept[5 + 123], kept[5 + 777]) == (3.9, 3.1)
+    assert {5, 5 + 999} <= set(kept)
+
+
+def test_a_long_run_is_one_json_document_however_many_parts_it_comes_in() -> None:
+    n = 45_000
+    client, _ = rig(stream(n))
+    document = client.get("/runs/r1/samples").json()
+    assert document["n"] == n and document["columns"]["time_s"] == list(map(float, range(n)))
+
+
+def test_the_observer_has_a_stream_of_its_own_shaped_by_soc_and_innovation() -> None:
+    soc = np.full(500, 0.5)
+    soc[321] = 0.9
+    client, reader = rig(stream(500, OBSERVER, soc=soc))
+    document = client.get("/runs/r1/observer?max_points=20").json()
+    assert 0.9 in document["columns"]["soc"]
+    assert reader.calls[0][1][1] == OBSERVER
+
+
+@pytest.mark.parametrize("query", ["max_points=1", "max_points=1000001", "from_s=nan", "to_s=inf", "from_s=x"])
+def test_a_query_that_is_none_is_refused(query: str) -> None:
+    client, reader = rig(stream(3))
+    assert client.get(f"/runs/r1/samples?{query}").status_code == 422
+    assert reader.calls == []
+
+
+def test_an_interval_that_ends_before_it_begins_is_refused() -> None:
+    client, reader = rig(stream(3))
+    answer = client.get("/runs/r1/samples?from_s=2&to_s=1")
+    assert (answer.status_code, error_of(answer)["where"]) == (422, ["from_s"])
+    assert reader.calls == []
+    assert client.get("/runs/r1/samples?from_s=1&to_s=1").status_code == 200
+
+
+def test_a_run_that_is_not_there_is_404_and_not_empty() -> None:
+    client = client_of(samples.router, store=Part(run=NotFoundError.of("run", "r9")), samples=Part())
+    for address in ("samples", "observer", "export"):
+        assert client.get(f"/runs/r9/{address}").status_code == 404
+
+
+def test_every_format_that_can_be_written_is_a_download_of_its_type() -> None:
+    client, _ = rig(stream(3))
+    for name, each in export_formats().items():
+        answer = client.get(f"/runs/r1/export?format={name}")
+        assert answer.status_code == 200 and answer.content
+        assert answer.headers["content-type"].split(";")[0] == each.media_type.split(";")[0]
+        assert answer.headers["content-disposition"] == f'attachment; filename="run-r1{each.suffix}"'
+
+
+def test_bdf_is_the_format_where_none_is_named() -> None:
+    client, _ = rig(stream(3))
+    assert client.get("/runs/r1/export").content == client.get("/runs/r1/export?format=bdf").content
+    assert b"Test Time / s" in client.get("/runs/r1/export").content
+
+
+def test_a_run_that_never_started_has_no_clock_time() -> None:
+    client, _ = rig(stream(3), started_utc=None)
+    assert client.get("/runs/r1/export").status_code == 200
+    assert b"Unix Time" not in client.get("/runs/r1/export").content
+
+
+def test_an_unknown_format_and_an_empty_run_are_refused() -> None:
+    client, _ = rig(stream(3))
+    answer = client.get("/runs/r1/export?format=xls")
+    assert (answer.status_code, error_of(answer)["code"]) == (422, "bad_file")
+    empty, _ = rig(StreamData.empty())
+    assert empty.get("/runs/r1/export").status_code == 409
