@@ -171,7 +171,7 @@ def judge(structure: str, runs: list[TimeSeries], pulses: list[Pulse], dt_s: flo
         "train_rmse_mV": fitted.train["rmse_mV"],
         "n_models": fitted.network.n_models,
         "fit_seconds": seconds,
-        "choices": fitted.network.record["choices"],
+        "choices": fitted.network.record.choices,
         "signals": list(fitted.network.structure.signals),
         "n_pulses": len(each),
         "within_bar": int((np.abs(error) <= BAR).sum()),

@@ -9,7 +9,8 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.identification.output_error import refine
-from models.identification.search.search import Fitted, Progress, full_theta, span_V
+from models.identification.progress import Progress
+from models.identification.search.fitted import Fitted, full_theta, span_V
 from models.identification.shared_poles import penalties, solve_without
 from models.network.folds import N_FOLDS, folds, groups
 from models.network.penalty import Penalty

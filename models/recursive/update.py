@@ -231,9 +231,8 @@ class RecursiveUpdate:
 
     def updated(self, state: UpdateState) -> LocalModelNetwork:
         """Return the network with the parameters that a state holds, and a record of how it came by them."""
-        record = self.network.record | {
-            "update": {"settings": asdict(self.settings), "n_samples": state.n_samples},
-        }
+        update = {"settings": asdict(self.settings), "n_samples": state.n_samples}
+        record = replace(self.network.record, update=update)
         return replace(self.network, theta=state.theta.copy(), record=record)
 
 
@@ -268,7 +267,7 @@ def _rule(network: LocalModelNetwork, settings: UpdateSettings) -> FlatUpdate:
 
 def _noise_V(network: LocalModelNetwork, settings: UpdateSettings) -> float:
     """Standard deviation of what one sample says, where errors of neighbouring samples are alike."""
-    rmse_mV = float((network.record.get("train") or {}).get("rmse_mV", 10.0))
+    rmse_mV = network.record.train_rmse_mV(10.0)
     voltage_V = settings.voltage_std_V or 1e-3 * max(rmse_mV, 1.0)
     return voltage_V * float(np.sqrt(1.0 + 2.0 * settings.error_memory_s / network.structure.dt_s))
 

@@ -93,7 +93,7 @@ def fitted():
 def test_held_out_error_comes_near_the_noise(fitted) -> None:
     assert fitted.validation is not None
     assert fitted.validation["rmse_mV"] < 1.5
-    assert fitted.network.record["noise_floor_mV"] == pytest.approx(1.0, rel=0.15)
+    assert fitted.network.record.noise_floor_mV == pytest.approx(1.0, rel=0.15)
     assert len(fitted.candidates) > 5
 
 
