@@ -13,7 +13,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.readouts.ocv import OcvTable, ocv_table
 from models.readouts.resistance import ResistanceTable, resistance_table
 from models.readouts.steady_state import soc_axis, temperature_axis
-from models.readouts.step_response import StepResponse, step_response
+from models.readouts.step_response import CurrentStep, StepResponse, step_response
 from models.uncertainty.model_uncertainty import uncertainty_of
 
 _STEP_S = 1800.0
@@ -123,10 +123,8 @@ def _steps(network: LocalModelNetwork, covariance: FloatArray | None) -> list[St
                 try:
                     step = step_response(
                         network,
-                        soc=float(np.quantile(soc, share)),
-                        to_A=to_A,
+                        CurrentStep(soc=float(np.quantile(soc, share)), to_A=to_A, temperature_degC=float(degC)),
                         duration_s=_STEP_S,
-                        temperature_degC=float(degC),
                         covariance=covariance,
                     )
                 except ModelError:

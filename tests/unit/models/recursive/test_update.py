@@ -14,7 +14,9 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import ModelRecord
 from models.network.partition import Partition
 from models.network.regression import CellContext, build_dataset
-from models.recursive.update import RecursiveUpdate, UpdateSettings, UpdateState
+from models.recursive.settings import UpdateSettings
+from models.recursive.state import UpdateState
+from models.recursive.update import RecursiveUpdate
 from tests.unit.models import synthetic
 from tests.unit.models.hand_network import everything, grid_run
 
