@@ -22,7 +22,8 @@ from threadpoolctl import threadpool_limits
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.answer.findings import Diagnosis
-from models.identification.search.search import GivenCandidate, Search
+from models.identification.search.given import GivenCandidate
+from models.identification.search.search import Search
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import CellContext
 from models.network.structure import Structure

@@ -46,7 +46,7 @@ from models.diagnosis import diagnose
 from models.diagnosis.structure.sensitivities import sensitivities_V
 from models.effects import effect
 from models.effects.input_correction import corrected
-from models.identification.search.search import GivenCandidate
+from models.identification.search.given import GivenCandidate
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.structure import InputChannel, PartitionAxis, Structure

@@ -38,7 +38,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import CellContext
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.pipeline.fit import STRUCTURES, fit_network
-from models.readouts.step_response import step_response
+from models.readouts.step_response import CurrentStep, step_response
 
 CAPACITY_AH = 30.6
 TEMPERATURES_DEGC = (10, 25, 40)
@@ -171,7 +171,7 @@ def judge(structure: str, runs: list[TimeSeries], pulses: list[Pulse], dt_s: flo
         "train_rmse_mV": fitted.train["rmse_mV"],
         "n_models": fitted.network.n_models,
         "fit_seconds": seconds,
-        "choices": fitted.network.record["choices"],
+        "choices": fitted.network.record.choices,
         "signals": list(fitted.network.structure.signals),
         "n_pulses": len(each),
         "within_bar": int((np.abs(error) <= BAR).sum()),
@@ -184,12 +184,14 @@ def judge(structure: str, runs: list[TimeSeries], pulses: list[Pulse], dt_s: flo
 def _beside(network: LocalModelNetwork, pulse: Pulse) -> dict[str, Any]:
     response = step_response(
         network,
-        soc=pulse.soc,
-        to_A=pulse.current_A,
+        CurrentStep(
+            soc=pulse.soc,
+            to_A=pulse.current_A,
+            temperature_degC=pulse.temperature_degC,
+            direction_before=pulse.direction_before,
+            soc_moves=True,
+        ),
         duration_s=np.ceil(pulse.length_s / network.structure.dt_s) * network.structure.dt_s,
-        temperature_degC=pulse.temperature_degC,
-        direction_before=pulse.direction_before,
-        soc_moves=True,
     )
     modelled = response.at(pulse.length_s)
     return {

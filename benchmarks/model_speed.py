@@ -32,7 +32,8 @@ from models.data.timeseries import FloatArray
 from models.identification.lolimot import LocalFit, construct
 from models.identification.refinement import refined_theta
 from models.identification.search.auto import AutoCandidate
-from models.identification.search.search import Candidate, Search
+from models.identification.search.candidate import Candidate
+from models.identification.search.search import Search
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import CellContext, Dataset, build_dataset, find_scaling

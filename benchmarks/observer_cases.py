@@ -69,7 +69,7 @@ def models(cell: str, folder: Path | None) -> tuple[LocalModelNetwork, Equivalen
     held_out = [random_case(cell, _HELD_OUT + number).series for number in range(_N_HELD_OUT)]
     starts = [[start_soc(run) for run in part] for part in (runs, held_out)]
     settings = tune(network, runs, starts[0], held_out=(held_out, starts[1]))
-    network = replace(network, record=network.record | {"observer": settings.to_json()})
+    network = replace(network, record=replace(network.record, observer=settings.to_json()))
     circuit = fit_equivalent_circuit(runs, capacity_Ah=capacity_Ah, n_branches=2, dt_s=DT_S)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)

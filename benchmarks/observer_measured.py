@@ -72,7 +72,7 @@ def models(folder: Path, kept: Path | None) -> tuple[LocalModelNetwork, Equivale
     runs = _runs(folder, IDENTIFIED)
     network = fit_network(runs, capacity_Ah=CAPACITY_AH, structure="auto", dt_s=1.0).network
     settings = tune(network, runs, [start_soc(run) for run in runs])
-    network = replace(network, record=network.record | {"observer": settings.to_json()})
+    network = replace(network, record=replace(network.record, observer=settings.to_json()))
     circuit = fit_equivalent_circuit(runs, capacity_Ah=CAPACITY_AH, n_branches=2, dt_s=1.0)
     if kept is not None:
         kept.mkdir(parents=True, exist_ok=True)

@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.identification.refinement import Refined, refined_theta
-from models.identification.search.search import Fitted
+from models.identification.search.fitted import Fitted
 from models.identification.shared_poles import fit, moments, output_coefficients, penalties
 from models.network.partition import Partition
 from models.network.recursion import free_run

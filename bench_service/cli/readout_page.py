@@ -41,7 +41,7 @@ def readout_parts(network: LocalModelNetwork) -> list[str]:
     """HTML of the drawings, and of what a person should know before trusting them."""
     ocv, resistance = tables_of(network)
     parts = ["<h2>What the model says of the cell</h2>"]
-    notes = (network.record.get("tables") or {}).get("reservations", [])
+    notes = (network.record.tables or {}).get("reservations", [])
     parts += ["<ul>" + "".join(f"<li>{escape(note)}</li>" for note in notes) + "</ul>"] if notes else []
     return [*parts, *_ocv_parts(ocv), *_resistance_parts(resistance)]
 

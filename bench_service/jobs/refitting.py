@@ -30,22 +30,21 @@ def refitted(
     old_weight : float or None
         How much an old sample counts beside a new one; None: chosen on parts of the new runs.
     """
-    from models.identification.stored_sums import StoredSums
+    from models.identification.stored_sums import sums_of
     from models.observer.tuning.tuning import with_tuned_observer
     from models.pipeline.refitting import refit
     from models.readouts.tables import read_out
 
-    sums = parent.record.get("sums")
     made = refit(
         parent,
         runs,
         initial_soc=initial_soc,
-        old=None if sums is None else StoredSums.from_json(sums),
+        old=sums_of(parent),
         old_weight=old_weight,
         code_version=version("bench-service"),
     )
     network = with_tuned_observer(made.network, runs, initial_soc)
-    return replace(network, record=network.record | {"tables": read_out(network)})
+    return replace(network, record=replace(network.record, tables=read_out(network)))
 
 
 def refit_to(

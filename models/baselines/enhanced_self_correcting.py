@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 
 from models.baselines.circuit_problem import Layout
+from models.baselines.circuit_record import CircuitRecord, circuit_record
 from models.baselines.documents import array, check_kind, read_cell, read_step_s, reading
-from models.baselines.equivalent_circuit import Branches, fit_record, known_temperature_degC, soc_knots
+from models.baselines.equivalent_circuit import Branches, known_temperature_degC, soc_knots
 from models.baselines.recursions import direction, hysteresis_drive, state
 from models.baselines.samples import check_both_directions, gather
 from models.baselines.tables import Table, check_knots, locate
@@ -112,7 +113,7 @@ class EnhancedSelfCorrecting:
     hysteresis : M, M0 and gamma
     cell : capacity, efficiency, rest current
     dt_s : step of the grid that it was made on; it runs on any
-    record : what it was made from and how well it did; plain types
+    record : what it was made from and how well it did
     """
 
     ocv_V: Table
@@ -121,7 +122,7 @@ class EnhancedSelfCorrecting:
     hysteresis: Hysteresis
     cell: CellContext
     dt_s: float
-    record: dict[str, Any] = field(default_factory=dict)
+    record: CircuitRecord = field(default_factory=CircuitRecord)
 
     @property
     def name(self) -> str:
@@ -146,7 +147,7 @@ class EnhancedSelfCorrecting:
             "r0_Ohm": self.r0_Ohm.to_json(),
             "branches": self.branches.to_json(),
             "hysteresis": self.hysteresis.to_json(),
-            "record": self.record,
+            "record": self.record.to_json(),
         }
 
     @classmethod
@@ -167,7 +168,7 @@ class EnhancedSelfCorrecting:
                 hysteresis=Hysteresis.from_json(document["hysteresis"]),
                 cell=read_cell(document),
                 dt_s=read_step_s(document),
-                record=dict(document.get("record", {})),
+                record=CircuitRecord.from_json(document.get("record", {})),
             )
 
 
@@ -232,5 +233,5 @@ def fit_enhanced_self_correcting(
         hysteresis=Hysteresis(found.hysteresis_V, found.jump_V, temperature, found.gamma),
         cell=samples.cell,
         dt_s=samples.dt_s,
-        record=fit_record(samples, found),
+        record=circuit_record(samples, found),
     )

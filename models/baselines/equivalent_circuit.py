@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from models.baselines.circuit_problem import Layout
+from models.baselines.circuit_record import CircuitRecord, circuit_record
 from models.baselines.documents import array, check_kind, read_cell, read_step_s, reading
 from models.baselines.recursions import branch_drive, state
 from models.baselines.samples import Samples, gather
 from models.baselines.tables import Table, check_knots, locate
-from models.baselines.variable_projection import Fitted, fit
+from models.baselines.variable_projection import fit
 from models.data.errors import ModelError, StructureError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray, TimeSeries
@@ -102,7 +103,7 @@ class EquivalentCircuit:
     branches : resistors beside capacitors
     cell : capacity, efficiency, rest current
     dt_s : step of the grid that it was made on; it runs on any
-    record : what it was made from and how well it did; plain types
+    record : what it was made from and how well it did
     """
 
     ocv_V: Table
@@ -110,7 +111,7 @@ class EquivalentCircuit:
     branches: Branches
     cell: CellContext
     dt_s: float
-    record: dict[str, Any] = field(default_factory=dict)
+    record: CircuitRecord = field(default_factory=CircuitRecord)
 
     @property
     def name(self) -> str:
@@ -132,7 +133,7 @@ class EquivalentCircuit:
             "ocv_V": self.ocv_V.to_json(),
             "r0_Ohm": self.r0_Ohm.to_json(),
             "branches": self.branches.to_json(),
-            "record": self.record,
+            "record": self.record.to_json(),
         }
 
     @classmethod
@@ -152,7 +153,7 @@ class EquivalentCircuit:
                 branches=Branches.from_json(document["branches"]),
                 cell=read_cell(document),
                 dt_s=read_step_s(document),
-                record=dict(document.get("record", {})),
+                record=CircuitRecord.from_json(document.get("record", {})),
             )
 
 
@@ -207,25 +208,13 @@ def fit_equivalent_circuit(
     found = fit(samples, layout)
     branches = Branches(found.resistances_Ohm, temperature, found.time_constants_s)
     return EquivalentCircuit(
-        found.ocv_V, found.r0_Ohm, branches, samples.cell, samples.dt_s, fit_record(samples, found)
+        found.ocv_V, found.r0_Ohm, branches, samples.cell, samples.dt_s, circuit_record(samples, found)
     )
 
 
 def soc_knots(samples: Samples, n: int) -> FloatArray:
     """Knots over 0..1, and beyond where the counted charge goes beyond."""
     return np.linspace(min(0.0, float(samples.soc.min())), max(1.0, float(samples.soc.max())), n)
-
-
-def fit_record(samples: Samples, found: Fitted) -> dict[str, Any]:
-    """What a model was made from and how well it did."""
-    return {
-        "domain": samples.domain(),
-        "train_runs": samples.names,
-        "n_samples": int((samples.fold >= 0).sum()),
-        "train_rmse_mV": 1e3 * found.train_rmse_V,
-        "held_out_rmse_mV": 1e3 * found.held_out_rmse_V,
-        "log_strengths": list(found.log_strengths),
-    }
 
 
 def known_temperature_degC(run: GridRun, needed: bool) -> FloatArray:

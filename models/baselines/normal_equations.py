@@ -7,6 +7,7 @@ a fold out costs one subtraction.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -61,6 +62,16 @@ class Sums:
         return Sums(self.xx[:, columns[:, None], columns], self.xy[:, columns], self.yy, self.count)
 
 
+class _Columns(NamedTuple):
+    """Terms as the compiled loop reads them."""
+
+    signal: np.ndarray  # (N, n) of each term
+    cells: np.ndarray  # (N, n, 2) knot below each sample, in state of charge and temperature
+    fractions: np.ndarray  # (N, n, 2) way to the next knot
+    widths: np.ndarray  # (n,) knots in temperature
+    first: np.ndarray  # (n + 1,) first column of each term
+
+
 def offsets(terms: list[Term]) -> np.ndarray:
     """(n + 1,) first column of each term and the number of all columns."""
     return np.concatenate([[0], np.cumsum([term.size for term in terms])]).astype(np.int64)
@@ -82,7 +93,7 @@ def accumulate(terms: list[Term], y: FloatArray, fold: np.ndarray, n_folds: int)
     cells = np.stack([np.stack([t.soc.cell, t.temperature.cell], axis=1) for t in terms], axis=1)
     fractions = np.stack([np.stack([t.soc.fraction, t.temperature.fraction], axis=1) for t in terms], axis=1)
     widths = np.array([term.temperature.size for term in terms])
-    _accumulate(signal, cells, fractions, widths, first, y, fold, sums.xx, sums.xy, sums.yy, sums.count)
+    _accumulate(_Columns(signal, cells, fractions, widths, first), y, fold, (sums.xx, sums.xy, sums.yy, sums.count))
     lower = np.tril(np.ones((size, size)), -1).astype(bool)
     for xx in sums.xx:
         xx.T[lower] = xx[lower]
@@ -132,19 +143,10 @@ def _regular(information: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def _accumulate(
-    signal: np.ndarray,
-    cells: np.ndarray,
-    fractions: np.ndarray,
-    widths: np.ndarray,
-    first: np.ndarray,
-    y: np.ndarray,
-    fold: np.ndarray,
-    xx: np.ndarray,
-    xy: np.ndarray,
-    yy: np.ndarray,
-    count: np.ndarray,
-) -> None:
+def _accumulate(columns: _Columns, y: np.ndarray, fold: np.ndarray, sums: tuple[np.ndarray, ...]) -> None:
+    # Taken out of the tuples once: each access counts a reference.
+    signal, cells, fractions, widths, first = columns
+    xx, xy, yy, count = sums
     n_terms = signal.shape[1]
     column, value = np.empty(4 * n_terms, dtype=np.int64), np.empty(4 * n_terms)
     for k in range(signal.shape[0]):

@@ -11,6 +11,7 @@ from models.data.resampling import GridRun, to_grid, typical_interval_s
 from models.data.start_soc import start_soc
 from models.data.timeseries import FloatArray, TimeSeries
 from models.network import folds as holdout
+from models.network.model_record import Domain
 from models.network.regression import CellContext
 from models.network.signals import soc_by_counting
 
@@ -52,11 +53,11 @@ class Samples:
     cell: CellContext
     names: list[str]
 
-    def domain(self) -> dict[str, list[float]]:
+    def domain(self) -> Domain:
         """Ranges of state of charge, current and temperature; no temperature where none was measured."""
         values = {"soc": self.soc, "current_A": self.current_A, "temperature_degC": self.temperature_degC}
         return {
-            name: [float(column.min()), float(column.max())]
+            name: (float(column.min()), float(column.max()))
             for name, column in values.items()
             if not np.isnan(column).any()
         }

@@ -16,10 +16,9 @@ from models.uncertainty.model_uncertainty import uncertainty_of
 
 def inside_by(network: CellModel, run: GridRun, soc: FloatArray) -> dict[str, np.ndarray]:
     """Whether each sample lies in the trained range, for each dimension of the domain; a missing value does."""
-    domain = network.record.get("domain", {})
     values = {"soc": soc, "current_A": run.current_A, "temperature_degC": run.temperature_degC}
     inside = {}
-    for name, (low, high) in domain.items():
+    for name, (low, high) in network.record.domain.items():
         # Half a percent of the range: sensor noise at the edge is not a new operating point.
         slack, value = 0.005 * (high - low), values[name]
         inside[name] = np.isnan(value) | ((value >= low - slack) & (value <= high + slack))

@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
+from typing import TypedDict
+
 import numpy as np
 
 from models.data.timeseries import FloatArray
 
-Metrics = dict[str, float | int]
+
+class Metrics(TypedDict):
+    """Figures of a free run: errors in mV, `nrmse` over the range of the measured voltage, and how many samples."""
+
+    rmse_mV: float
+    mae_mV: float
+    p95_mV: float
+    max_mV: float
+    bias_mV: float
+    nrmse: float
+    n_samples: int
+
+
+class RunMetrics(Metrics):
+    """The same of one run, with its name."""
+
+    run: str
 
 
 def metrics(measured_V: FloatArray, simulated_V: FloatArray) -> Metrics:

@@ -194,10 +194,10 @@ def _discriminating(
         first,
         demands,
         n_samples,
+        criterion=objective,
         n_starts=_RIVAL_STARTS,
         seed=request.seed,
         progress=lambda share, text: report(0.5 + 0.5 * share, text),
-        objective=objective,
     )
     found = judged(first, "D", feasible, optimum.current_A, optima=(optimum,), seconds=time.perf_counter() - began)
     separation = [float(np.sqrt(part)) for part in objective.separation(optimum.current_A)]

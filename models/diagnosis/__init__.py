@@ -1,6 +1,6 @@
 """Which physical effect is missing in a model, or new in its cell, with evidence."""
 
 from models.diagnosis.answer.findings import Diagnosis, Finding
-from models.diagnosis.diagnosis import MEMORY, diagnose, memory_of
+from models.diagnosis.diagnosis import diagnose, memory_of
 
-__all__ = ["MEMORY", "Diagnosis", "Finding", "diagnose", "memory_of"]
+__all__ = ["Diagnosis", "Finding", "diagnose", "memory_of"]

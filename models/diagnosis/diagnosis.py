@@ -13,7 +13,7 @@ from models.diagnosis.answer.findings import Diagnosis, Mode
 from models.diagnosis.answer.refits import try_refits
 from models.diagnosis.answer.structure_answer import structure_answer, unexplained
 from models.diagnosis.change.change import analyse_change
-from models.diagnosis.evidence.memory import Memory, remember
+from models.diagnosis.evidence.memory import Memory, memory_in, remember
 from models.diagnosis.reference.layout import Shape
 from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.reference.reference import fit_reference
@@ -24,8 +24,6 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.signals import parse_signal
 from models.network.structure import Structure
 
-# Key of a model's record under which the memory of its training runs is kept.
-MEMORY = "diagnosis"
 # How much better than one more run like the diagnosed ones a network is taken to know its parameters.
 _TRUST = 100.0
 
@@ -76,16 +74,15 @@ def diagnose(
         raise ModelError(f"mode {mode!r} is unknown; use change or structure")
     known = memory if memory is not None else _memory(network, record, grid, train_soc or [])
     analysis = analyse_change(known, record.runs, record.soc, catalogue)
-    return change_answer(analysis, record, started, bool(grid) or memory is not None or MEMORY in network.record)
+    has_train = bool(grid) or memory is not None or network.record.diagnosis is not None
+    return change_answer(analysis, record, started, has_train)
 
 
 def _memory(network: LocalModelNetwork, record: Record, train: list[GridRun], train_soc: list[float]) -> Memory:
     """Of the training runs; else as the model's document has it; else of the network's own voltage."""
-    if not train and MEMORY in network.record:
-        return Memory.from_json(network.record[MEMORY])
     if train:
         return memory_of(train, train_soc, network.cell.capacity_Ah)
-    return network_memory(network, record)
+    return memory_in(network) or network_memory(network, record)
 
 
 def network_memory(network: LocalModelNetwork, record: Record) -> Memory:
@@ -96,7 +93,7 @@ def network_memory(network: LocalModelNetwork, record: Record) -> Memory:
     simulated, soc = as_simulated(record)
     memory = memory_of(simulated, soc, network.cell.capacity_Ah)
     floor_mV = record.noise_floor_mV or 0.0
-    trained_mV = float(network.record.get("train", {}).get("rmse_mV", 0.0))
+    trained_mV = network.record.train_rmse_mV(0.0)
     own_mse = max(memory.own_mse, (1e-3 * floor_mV) ** 2, (1e-3 * trained_mV) ** 2)
     noise_mse = min((1e-3 * floor_mV) ** 2, own_mse)
     scaled = {"information": _TRUST * memory.information, "right": _TRUST * memory.right}
@@ -104,13 +101,13 @@ def network_memory(network: LocalModelNetwork, record: Record) -> Memory:
 
 
 def memory_of(runs: list[GridRun], soc: list[float], capacity_Ah: float) -> Memory:
-    """What a diagnosis needs to know of training runs; `to_json` of it goes into a model's record as `MEMORY`."""
+    """What a diagnosis needs to know of training runs; `to_json` of it goes into a model's record as `diagnosis`."""
     return remember(fit_reference(runs, soc, capacity_Ah), runs, soc, list(effects().values()))
 
 
 def _has(network: LocalModelNetwork, effect: Effect) -> bool:
     """Whether an effect was added already, or would leave the structure as it is."""
-    if any(entry["effect"] == effect.name for entry in network.record.get("effects", [])):
+    if any(entry["effect"] == effect.name for entry in network.record.effects):
         return True
     structure = network.structure
     return effect.extend is not None and effect.extend(structure, {}, network.cell.capacity_Ah) == structure

@@ -1,6 +1,6 @@
 """Corrections of a run's inputs: effects that sit in a sensor or in an assumption, not in the network's structure.
 
-A model that was made with such an effect holds it in `record["effects"]`. Whoever gives it a run, gives the run as the
+A model that was made with such an effect holds it in `record.effects`. Whoever gives it a run, gives the run as the
 model reads it: a whole run by `as_read`, one sample after the other by `LiveCorrection`.
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
+from models.network.cell_model import CellRecord
 
 Values = dict[str, float]
 
@@ -114,7 +115,7 @@ def _on_time(run: TimeSeries, delay_s: float) -> TimeSeries:
     return replace(run, voltage_V=np.where(known, earlier, np.nan))
 
 
-def corrections_of(record: dict[str, Any]) -> tuple[Correction, ...]:
+def corrections_of(record: CellRecord) -> tuple[Correction, ...]:
     """Corrections that a model's record says its runs need, in the order in which they were found.
 
     Raises
@@ -123,7 +124,7 @@ def corrections_of(record: dict[str, Any]) -> tuple[Correction, ...]:
         The record is damaged, or names a correction that is not known.
     """
     try:
-        found = [each for each in record.get("effects", []) if each.get("correction")]
+        found = [each for each in record.effects if each.get("correction")]
         corrections = tuple(
             Correction(
                 each["effect"], {name: float(each["parameters"][name]["value"]) for name in _NEEDED[each["effect"]]}
@@ -138,7 +139,7 @@ def corrections_of(record: dict[str, Any]) -> tuple[Correction, ...]:
     return corrections
 
 
-def as_read(record: dict[str, Any], run: TimeSeries) -> TimeSeries:
+def as_read(record: CellRecord, run: TimeSeries) -> TimeSeries:
     """Return a run as a model with this record reads it: with the corrections that it was made with."""
     for each in corrections_of(record):
         run = corrected(run, each.effect, each.values)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numba import njit
 
 from models.data.errors import NotIdentifiableError
+from models.data.metrics import Metrics
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray, TimeSeries
 from models.network.regression import CellContext
@@ -111,7 +111,7 @@ def check_excitation(grid: list[GridRun], soc: list[float], cell: CellContext) -
     return reservations + _weak_directions(grid, counted)
 
 
-def fit_reservations(train: dict[str, Any], n_missing: int, n_samples: int) -> list[str]:
+def fit_reservations(train: Metrics, n_missing: int, n_samples: int) -> list[str]:
     """Say where a finished fit explains its own training runs badly.
 
     Parameters

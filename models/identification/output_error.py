@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -52,14 +52,28 @@ class Refinement:
     converged: bool
 
 
+@dataclass(frozen=True)
+class HeldOutChoice:
+    """Penalties whose strengths held-out samples choose.
+
+    Attributes
+    ----------
+    forms : (M q, M q) quadratic penalties on the input parameters; one that holds the poles at their start is added
+    fold : (N,) which fold holds a sample out
+    log_strengths : powers of ten with which the search for those of `forms` begins
+    """
+
+    forms: list[FloatArray]
+    fold: np.ndarray
+    log_strengths: tuple[float, ...]
+
+
 def refine(
     theta: FloatArray,
     order: int,
     partition: Partition,
     data: Dataset,
-    forms: list[FloatArray],
-    fold: np.ndarray,
-    log_strengths: tuple[float, ...],
+    chosen_by: HeldOutChoice,
     max_iterations: int = 20,
     on_iteration: Callable[[int, float], None] | None = None,
 ) -> Refinement:
@@ -74,9 +88,7 @@ def refine(
     order : output order n
     partition : validity functions' boxes
     data : training samples; missing voltages do not count
-    forms : (M q, M q) quadratic penalties on the input parameters; one that holds the poles at their start is added
-    fold : (N,) which fold holds a sample out
-    log_strengths : powers of ten with which the search for those of `forms` begins
+    chosen_by : the penalties, and the folds that choose their strengths
     max_iterations : budget of steps
     on_iteration : called with the number of accepted steps and the RMSE
 
@@ -88,8 +100,8 @@ def refine(
     with threadpool_limits(1, user_api="blas"):
         problem = _Problem(order, partition, data)
         start = stabilised(theta, order)
-        held = [*(on_inputs(form, theta.shape, order) for form in forms), _of_poles(start, order)]
-        return _iterate(problem, start, held, fold, log_strengths, max_iterations, on_iteration)
+        held = [*(on_inputs(form, theta.shape, order) for form in chosen_by.forms), _of_poles(start, order)]
+        return _iterate(problem, start, replace(chosen_by, forms=held), max_iterations, on_iteration)
 
 
 def _of_poles(theta: FloatArray, order: int) -> FloatArray:
@@ -112,16 +124,14 @@ def on_inputs(penalty: FloatArray, shape: tuple[int, int], order: int) -> FloatA
 def _iterate(
     problem: _Problem,
     start: FloatArray,
-    forms: list[FloatArray],
-    fold: np.ndarray,
-    log_strengths: tuple[float, ...],
+    chosen_by: HeldOutChoice,
     max_iterations: int,
     on_iteration: Callable[[int, float], None] | None,
 ) -> Refinement:
-    shape, x0 = start.shape, start.ravel()
+    shape, x0, forms, fold = start.shape, start.ravel(), chosen_by.forms, chosen_by.fold
     centres = [*(np.zeros(len(x0)) for _ in forms[1:]), x0]
     weak = np.full(len(forms), _WEAK)
-    tried = [weak, *(np.array([*log_strengths, pull]) for pull in _FIRST_PULLS)]
+    tried = [weak, *(np.array([*chosen_by.log_strengths, pull]) for pull in _FIRST_PULLS)]
     x, accepted, converged, strengths = x0, 0, False, weak
     while True:
         sums = problem.sums(x.reshape(shape), fold)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.identification.output_error import refine
-from models.identification.search.search import Fitted, Progress, full_theta, span_V
+from models.identification.output_error import HeldOutChoice, refine
+from models.identification.progress import Progress
+from models.identification.search.fitted import Fitted, full_theta, span_V
 from models.identification.shared_poles import penalties, solve_without
 from models.network.folds import N_FOLDS, folds
 from models.network.penalty import Penalty
@@ -63,9 +64,7 @@ def refined_theta(fitted: Fitted, progress: Progress) -> Refined:
         order,
         partition,
         data,
-        forms,
-        fold,
-        fitted.fit.log_strengths,
+        HeldOutChoice(forms, fold, fitted.fit.log_strengths),
         max_iterations=_MOST_ITERATIONS,
         on_iteration=lambda step, rmse: progress(0.9 * step / _MOST_ITERATIONS, f"freeing the poles, step {step}"),
     )

@@ -10,6 +10,7 @@ import numpy as np
 
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
+from models.network.local_model_network import LocalModelNetwork
 
 SCHEMA_VERSION = 1
 
@@ -63,3 +64,9 @@ class StoredSums:
         if not (np.isfinite(upper).all() and np.isfinite(counted).all()):
             raise ModelError("stored sums are damaged: they hold values that are not finite")
         return cls(information + np.triu(information, 1).T, *counted)
+
+
+def sums_of(network: LocalModelNetwork) -> StoredSums | None:
+    """Read what a network's record keeps of its training runs; None where it keeps nothing."""
+    document = network.record.sums
+    return None if document is None else StoredSums.from_json(document)

@@ -4,7 +4,28 @@ from __future__ import annotations
 
 from typing import Any, Protocol, Self
 
+from models.network.model_record import AddedEffect, Domain
 from models.network.regression import CellContext
+
+
+class CellRecord(Protocol):
+    """What a comparison asks of the record of a model, whatever kind of model it is.
+
+    Attributes
+    ----------
+    domain : ranges of the training data
+    effects : that were added to the model; some are put right in a run's columns before the model sees them
+    """
+
+    @property
+    def domain(self) -> Domain:
+        """Ranges of the training data."""
+        ...
+
+    @property
+    def effects(self) -> tuple[AddedEffect, ...]:
+        """Effects that were added to the model."""
+        ...
 
 
 class CellModel(Protocol):
@@ -15,7 +36,7 @@ class CellModel(Protocol):
     name : what a person calls it
     dt_s : step in s of the grid that it was made on and is compared on
     cell : capacity and efficiency that turn current into state of charge
-    record : what the model was made from; `record["domain"]` holds the ranges of the training data
+    record : what the model was made from
     """
 
     @property
@@ -34,8 +55,8 @@ class CellModel(Protocol):
         ...
 
     @property
-    def record(self) -> dict[str, Any]:
-        """What the model was made from; plain types."""
+    def record(self) -> CellRecord:
+        """What the model was made from."""
         ...
 
     def to_json(self) -> dict[str, Any]:

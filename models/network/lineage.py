@@ -1,6 +1,6 @@
 """Where a model comes from: its parent, the data with their hashes, settings, errors and code, as one chain.
 
-Every model document holds its own link in `record["version"]`; the parent's whole document, version included, enters
+Every model document holds its own link in `record.version`; the parent's whole document, version included, enters
 the child's hash, so that a chain that has been tampered with does not verify.
 """
 
@@ -132,7 +132,7 @@ def network_sha256(network: LocalModelNetwork) -> str:
 
 def version_of(network: LocalModelNetwork) -> Version | None:
     """Return a network's version; None where it has none."""
-    document = network.record.get("version")
+    document = network.record.version
     return None if document is None else Version.from_json(document)
 
 
@@ -168,7 +168,7 @@ def with_version(
         code_version=code_version,
         sums_sha256=sums_sha256,
     )
-    return replace(network, record=network.record | {"version": version.to_json()})
+    return replace(network, record=replace(network.record, version=version.to_json()))
 
 
 def chain(newest: LocalModelNetwork, known: Iterable[LocalModelNetwork]) -> list[LocalModelNetwork]:

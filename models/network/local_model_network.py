@@ -10,6 +10,7 @@ import numpy as np
 from models.data.errors import StructureError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
+from models.network.model_record import ModelRecord
 from models.network.partition import Partition
 from models.network.regression import VOLTAGE, CellContext, Dataset, Scaling, build_dataset
 from models.network.structure import Structure
@@ -30,7 +31,7 @@ class LocalModelNetwork:
     theta : (M, p) parameters of each local model in normalised units: n past outputs, input taps, offset
     scaling : ranges that map each signal and the voltage to 0..1
     cell : capacity, efficiency, rest current
-    record : what the model was made from and how well it did; plain types
+    record : what the model was made from and how well it did
     """
 
     structure: Structure
@@ -38,7 +39,7 @@ class LocalModelNetwork:
     theta: FloatArray
     scaling: Scaling
     cell: CellContext
-    record: dict[str, Any] = field(default_factory=dict)
+    record: ModelRecord = field(default_factory=ModelRecord)
 
     def __post_init__(self) -> None:
         """Check that partition and parameters fit the structure."""
@@ -86,7 +87,7 @@ class LocalModelNetwork:
             "theta": self.theta.tolist(),
             "scaling": {name: list(bounds) for name, bounds in self.scaling.items()},
             "cell": {"capacity_Ah": self.cell.capacity_Ah, "efficiency": self.cell.efficiency},
-            "record": self.record,
+            "record": self.record.to_json(),
         }
 
     @classmethod
@@ -116,7 +117,7 @@ class LocalModelNetwork:
             capacity_Ah, efficiency = _numbers(
                 [document["cell"]["capacity_Ah"], document["cell"]["efficiency"]], "cell", 1, _LARGEST
             )
-            record = dict(document.get("record", {}))
+            record = ModelRecord.from_json(document.get("record", {}))
         except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
             if isinstance(error, StructureError):
                 raise

@@ -75,7 +75,8 @@ class CircuitObserver:
         self.circuit, self.kind = circuit, kind
         self.settings = settings or CircuitSettings()
         self.dt_s = circuit.dt_s
-        held_out_V = 1e-3 * float(circuit.record.get("held_out_rmse_mV", 5.0))
+        held_out_mV = circuit.record.held_out_rmse_mV
+        held_out_V = 1e-3 * (5.0 if held_out_mV is None else held_out_mV)
         self._voltage_std_V = self.settings.voltage_std_V or 2.0 * max(held_out_V, 1e-3)
         self._soc_per_A = self.dt_s / (3600.0 * circuit.cell.capacity_Ah)
         self._tables = [circuit.ocv_V, circuit.r0_Ohm, *circuit.branches.resistances_Ohm]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
@@ -19,9 +18,11 @@ from models.diagnosis.structure.extension import ExtensionSearch
 from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect, effect
 from models.effects.input_correction import as_read, corrected, corrects_inputs
-from models.identification.search.search import Progress
+from models.identification.progress import Progress, silent
+from models.identification.search.search import Search
 from models.network.lineage import version_of, with_version
 from models.network.local_model_network import LocalModelNetwork
+from models.network.model_record import AddedEffect
 from models.pipeline.fit import fit_network
 
 # Numbers of local models with which the ways to put an effect in are compared.
@@ -81,7 +82,7 @@ def add_effect(
     if chosen.extend is not None:
         values = _missing(network, chosen, own)
         plain = {key: each.value for key, each in values.items()}
-        search = ExtensionSearch(own.runs, own.soc, network.cell, lambda _share, _text: None, sizes=_SIZES)
+        search = ExtensionSearch(Search(own.runs, own.soc, network.cell, silent), _SIZES)
         extension = search.extended(search.own(network), chosen, plain)
         if extension is None:
             raise ModelError(f"the model's structure has {name} already; nothing to add")
@@ -168,14 +169,14 @@ def _addition(
     remark: str,
     train: list[TimeSeries],
 ) -> Addition:
-    entry: dict[str, Any] = {
+    entry: AddedEffect = {
         "effect": name,
         "parameters": {key: {"value": v.value, "std": v.std, "unit": v.unit} for key, v in values.items()},
         "correction": corrects_inputs(name),
         "error_before_mV": before.rms_mV,
         "error_after_mV": after.rms_mV,
     }
-    record = {**network.record, "effects": [*parent.record.get("effects", []), entry]}
+    record = replace(network.record, effects=(*parent.record.effects, entry))
     made_by = version_of(network)
     versioned = with_version(
         replace(network, record=record),

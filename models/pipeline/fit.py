@@ -3,33 +3,45 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Unpack
 
 import numpy as np
 
 from models.comparison.residuals import residual_statistics
 from models.comparison.simulated_runs import RunComparison, simulate_runs
 from models.data.errors import ModelError
-from models.data.metrics import Metrics, metrics, noise_floor_V
-from models.data.resampling import GridRun, to_grid, typical_interval_s
+from models.data.metrics import Metrics, RunMetrics, metrics
 from models.data.start_soc import start_soc
 from models.data.timeseries import FloatArray, TimeSeries
-from models.identification.excitation import check_excitation, check_series, fit_reservations
+from models.diagnosis import memory_of
+from models.identification.excitation import fit_reservations
 from models.identification.output_error import normal_equations
-from models.identification.refinement import refined_theta
-from models.identification.search.search import Choice, Fitted, Progress, Search
+from models.identification.progress import Progress, part_of, silent
+from models.identification.refinement import Refined, refined_theta
+from models.identification.search.candidate import Choice
+from models.identification.search.fitted import Fitted
+from models.identification.search.search import Search
 from models.identification.stored_sums import StoredSums
 from models.network.lineage import document_sha256, with_version
 from models.network.local_model_network import LocalModelNetwork
-from models.network.regression import CellContext
-from models.network.signals import soc_by_counting
+from models.network.model_record import Json, ModelRecord
 from models.network.structure import Structure
+from models.pipeline.fit_request import FitOptions, FitRequest
+from models.pipeline.training import Training, training
 from models.readouts.tables import read_out
 from models.thermal.cell_temperature import thermal_record
 from models.uncertainty.held_out import fit_uncertainty
 
 STRUCTURES = ("full", "minimal", "auto")
+# Parts that a fitted model's document names even where they say nothing.
+_STATED = frozenset({"reservations", "thermal", "validation", "noise_floor_mV"})
+
+
+class RunFigures(RunMetrics):
+    """Free-run figures of one run; `outside_training`: share of its samples outside the trained domain."""
+
+    outside_training: float
 
 
 @dataclass(frozen=True)
@@ -41,7 +53,7 @@ class FitResult:
     network : the model
     train, validation : free-run figures; `validation` is None where no run was held out
     train_runs, validation_runs : the same for each run
-    candidates : every set of choices that was tried, with its held-out error
+    candidates : documents of every set of choices that was tried, with its held-out error
     n_samples : training samples on the model's grid
     seconds : time the fit took
     """
@@ -49,37 +61,32 @@ class FitResult:
     network: LocalModelNetwork
     train: Metrics
     validation: Metrics | None
-    train_runs: list[dict[str, Any]]
-    validation_runs: list[dict[str, Any]]
-    candidates: list[dict[str, Any]]
+    train_runs: list[RunFigures]
+    validation_runs: list[RunFigures]
+    candidates: list[Json]
     n_samples: int
     seconds: float
 
 
-def fit_network(
-    train: list[TimeSeries],
-    *,
-    capacity_Ah: float,
-    structure: str | Structure = "full",
-    validate: list[TimeSeries] | None = None,
-    initial_soc: list[float] | None = None,
-    validate_soc: list[float] | None = None,
-    dt_s: float | None = None,
-    progress: Progress | None = None,
-    code_version: str = "unknown",
-) -> FitResult:
+@dataclass(frozen=True)
+class _Judged:
+    """Free-run figures, overall and by run; of the training runs also the statistics of their error."""
+
+    train: Metrics
+    validation: Metrics | None
+    train_runs: list[RunFigures]
+    validation_runs: list[RunFigures]
+    residuals: list[Json]
+
+
+def fit_network(train: list[TimeSeries], *, capacity_Ah: float, **options: Unpack[FitOptions]) -> FitResult:
     """Identify a local model network.
 
     Parameters
     ----------
     train : runs that the model is made from
     capacity_Ah : cell capacity
-    structure : "full", "minimal", "auto", or a structure of one's own, which is kept
-    validate : runs that only judge the result
-    initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
-    dt_s : sampling time; by default the typical interval of the training runs
-    progress : called with a share 0..1 and a short text
-    code_version : of the program, for the record
+    **options : further fields of `FitRequest`, such as `structure` ("full") and `validate`
 
     Returns
     -------
@@ -92,86 +99,97 @@ def fit_network(
     ModelError
         Bad capacity, no run, or no initial SoC.
     """
+    return fit(FitRequest(train=train, capacity_Ah=capacity_Ah, **options))
+
+
+def fit(request: FitRequest) -> FitResult:
+    """Identify the network that a request asks for; see `fit_network`."""
     started = time.perf_counter()
-    report = progress or (lambda share, text: None)
-    if not train:
-        raise ModelError("no training run was given")
-    if not (np.isfinite(capacity_Ah) and capacity_Ah > 0.0):
-        raise ModelError(f"capacity is {capacity_Ah:g} Ah; it must be positive")
-    step_s = dt_s if dt_s is not None else typical_interval_s(train)
-    soc = initial_soc or [start_soc(run) for run in train]
-    cell = CellContext(capacity_Ah)
-    reservations = check_series(train, step_s, capacity_Ah)
-    grid = [to_grid(run, step_s) for run in train]
-    reservations += check_excitation(grid, soc, cell)
-    search = Search(grid, soc, cell, lambda share, text: report(0.7 * share, text))
-    chosen = _chosen(search, structure)
-    report(0.7, f"building {chosen.n_models} local models")
-    fitted = search.fitted(chosen)
-    record: dict[str, Any] = {
-        "domain": _domain(grid, soc, cell),
-        "train_runs": [run.name for run in train],
-        "choices": chosen.to_json() | {"log_strengths": list(fitted.fit.log_strengths)},
-        "candidates": search.table,
-        "reservations": reservations,
-    }
-    refined = refined_theta(fitted, lambda share, text: report(0.7 + 0.2 * share, text))
-    record["refinement"] = refined.record
-    network = LocalModelNetwork(fitted.structure, fitted.partition, refined.theta, fitted.scaling, cell, record)
-    report(0.9, "estimating what the model does not know")
-    uncertainty = fit_uncertainty(fitted, refined.theta, refined.penalties, refined.held_out)
-    record["uncertainty"] = uncertainty.to_json()
-    report(0.95, "reading out tables")
-    record["tables"] = read_out(network)
-    record["thermal"] = thermal_record(network, grid, soc)
-    compared = simulate_runs(network, train, soc)
-    record["residuals"] = [{"run": c.run.name, **residual_statistics(-c.residual_V, step_s)} for c in compared]
-    train_all, train_each = _figures(compared)
-    validation_all, validation_each = None, []
-    if validate:
-        validation_soc = validate_soc or [start_soc(run) for run in validate]
-        validation_all, validation_each = _figures(simulate_runs(network, validate, validation_soc))
-    record["train"] = train_all
-    n_samples = sum(len(run) for run in grid)
-    reservations += fit_reservations(train_all, sum(run.n_missing for run in grid), n_samples)
-    record["validation"] = validation_all
-    floors = [noise_floor_V(run.voltage_V, run.current_A) for run in grid]
-    known = [floor for floor in floors if np.isfinite(floor)]
-    record["noise_floor_mV"] = 1e3 * float(np.median(known)) if known else None
-    record["sums"] = _sums(fitted, refined.theta).to_json()
+    report = request.progress or silent
+    data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s)
+    search = Search(data.grid, data.soc, data.cell, part_of(report, 0.0, 0.7))
+    choice = _chosen(search, request.structure)
+    report(0.7, f"building {choice.n_models} local models")
+    fitted = search.fitted(choice)
+    refined = refined_theta(fitted, part_of(report, 0.7, 0.2))
+    network = _bare(data, choice, search.table, fitted, refined)
+    network = _read_out(network, data, fitted, refined, report)
+    judged = _judged(network, data, request)
+    network = _with_figures(network, data, fitted, judged)
     report(0.97, "noting what a diagnosis will need")
-    record |= _memory(grid, soc, capacity_Ah)
-    network = with_version(
-        network,
-        "fit",
-        train,
-        settings={"structure": fitted.structure.name, "capacity_Ah": capacity_Ah, "dt_s": step_s},
-        errors={"train": train_all, "validation": validation_all},
-        code_version=code_version,
-        sums_sha256=document_sha256(record["sums"]),
-    )
+    network = _versioned(_with_memory(network, data), data, judged, request.code_version)
     report(1.0, "done")
     return FitResult(
         network=network,
-        train=train_all,
-        validation=validation_all,
-        train_runs=train_each,
-        validation_runs=validation_each,
+        train=judged.train,
+        validation=judged.validation,
+        train_runs=judged.train_runs,
+        validation_runs=judged.validation_runs,
         candidates=search.table,
-        n_samples=n_samples,
+        n_samples=data.n_samples,
         seconds=time.perf_counter() - started,
     )
 
 
-def _memory(grid: list[GridRun], soc: list[float], capacity_Ah: float) -> dict[str, Any]:
-    """What a diagnosis needs to know of the training runs; empty where they cannot carry its reference model."""
-    # Here and not above: a diagnosis fits networks again, so its modules need this one first.
-    from models.diagnosis import MEMORY, memory_of
+def _chosen(search: Search, structure: str | Structure) -> Choice:
+    if isinstance(structure, Structure):
+        return search.best_within(structure)
+    if structure not in STRUCTURES:
+        raise ModelError(f"structure {structure!r} is unknown; use one of {', '.join(STRUCTURES)}")
+    return search.best(structure)
 
-    try:
-        return {MEMORY: memory_of(grid, soc, capacity_Ah).to_json()}
-    except (ModelError, np.linalg.LinAlgError):
-        return {}
+
+def _bare(
+    data: Training, choice: Choice, candidates: list[Json], fitted: Fitted, refined: Refined
+) -> LocalModelNetwork:
+    """The network with a record of its data and choices."""
+    record = ModelRecord(
+        domain=data.domain,
+        train_runs=tuple(run.name for run in data.runs),
+        choices=choice.to_json() | {"log_strengths": list(fitted.fit.log_strengths)},
+        candidates=tuple(candidates),
+        reservations=tuple(data.reservations),
+        refinement=refined.record,
+        noise_floor_mV=data.noise_floor_mV,
+        stated=_STATED,
+    )
+    return LocalModelNetwork(fitted.structure, fitted.partition, refined.theta, fitted.scaling, data.cell, record)
+
+
+def _read_out(
+    network: LocalModelNetwork, data: Training, fitted: Fitted, refined: Refined, report: Progress
+) -> LocalModelNetwork:
+    """What the network does not know, then its tables with their bands, then the heat balance that needs them."""
+    report(0.9, "estimating what the model does not know")
+    uncertainty = fit_uncertainty(fitted, refined.theta, refined.penalties, refined.held_out)
+    network = _noting(network, uncertainty=uncertainty.to_json())
+    report(0.95, "reading out tables")
+    network = _noting(network, tables=read_out(network))
+    return _noting(network, thermal=thermal_record(network, data.grid, data.soc))
+
+
+def _judged(network: LocalModelNetwork, data: Training, request: FitRequest) -> _Judged:
+    """Free run of the training runs, and of those that only judge."""
+    compared = simulate_runs(network, data.runs, data.soc)
+    residuals = [{"run": c.run.name, **residual_statistics(-c.residual_V, data.dt_s)} for c in compared]
+    train, train_runs = _figures(compared)
+    validation, validation_runs = None, []
+    if request.validate:
+        soc = request.validate_soc or [start_soc(run) for run in request.validate]
+        validation, validation_runs = _figures(simulate_runs(network, request.validate, soc))
+    return _Judged(train, validation, train_runs, validation_runs, residuals)
+
+
+def _with_figures(network: LocalModelNetwork, data: Training, fitted: Fitted, judged: _Judged) -> LocalModelNetwork:
+    found = fit_reservations(judged.train, data.n_missing, data.n_samples)
+    return _noting(
+        network,
+        residuals=tuple(judged.residuals),
+        train=judged.train,
+        validation=judged.validation,
+        reservations=(*network.record.reservations, *found),
+        sums=_sums(fitted, network.theta).to_json(),
+    )
 
 
 def _sums(fitted: Fitted, theta: FloatArray) -> StoredSums:
@@ -184,16 +202,34 @@ def _sums(fitted: Fitted, theta: FloatArray) -> StoredSums:
     return StoredSums(equations.information, equations.weight, equations.squared_error)
 
 
-def _chosen(search: Search, structure: str | Structure) -> Choice:
-    if isinstance(structure, Structure):
-        return search.best_within(structure)
-    if structure not in STRUCTURES:
-        raise ModelError(f"structure {structure!r} is unknown; use one of {', '.join(STRUCTURES)}")
-    return search.best(structure)
+def _with_memory(network: LocalModelNetwork, data: Training) -> LocalModelNetwork:
+    """With what a diagnosis needs to know of the training runs, where they can carry its reference model."""
+    try:
+        memory = memory_of(data.grid, data.soc, data.cell.capacity_Ah)
+    except (ModelError, np.linalg.LinAlgError):
+        return network
+    return _noting(network, diagnosis=memory.to_json())
 
 
-def _figures(compared: list[RunComparison]) -> tuple[Metrics, list[dict[str, Any]]]:
-    each = [
+def _versioned(network: LocalModelNetwork, data: Training, judged: _Judged, code_version: str) -> LocalModelNetwork:
+    sums = network.record.sums
+    return with_version(
+        network,
+        "fit",
+        data.runs,
+        settings={"structure": network.structure.name, "capacity_Ah": data.cell.capacity_Ah, "dt_s": data.dt_s},
+        errors={"train": judged.train, "validation": judged.validation},
+        code_version=code_version,
+        sums_sha256=None if sums is None else document_sha256(sums),
+    )
+
+
+def _noting(network: LocalModelNetwork, **parts: Any) -> LocalModelNetwork:
+    return replace(network, record=replace(network.record, **parts))
+
+
+def _figures(compared: list[RunComparison]) -> tuple[Metrics, list[RunFigures]]:
+    each: list[RunFigures] = [
         {
             "run": c.run.name,
             **metrics(c.run.voltage_V, c.simulated_V),
@@ -205,19 +241,3 @@ def _figures(compared: list[RunComparison]) -> tuple[Metrics, list[dict[str, Any
         np.concatenate([c.run.voltage_V for c in compared]), np.concatenate([c.simulated_V for c in compared])
     )
     return overall, each
-
-
-def _domain(grid: list[GridRun], soc: list[float], cell: CellContext) -> dict[str, list[float]]:
-    """Ranges of SoC, current and temperature in the training runs."""
-    counted = [soc_by_counting(run.charge_Ah, s, cell.capacity_Ah) for run, s in zip(grid, soc, strict=True)]
-    domain = {
-        "soc": _range(counted),
-        "current_A": _range([run.current_A for run in grid]),
-    }
-    if not any(np.isnan(run.temperature_degC).any() for run in grid):
-        domain["temperature_degC"] = _range([run.temperature_degC for run in grid])
-    return domain
-
-
-def _range(parts: list[Any]) -> list[float]:
-    return [float(min(p.min() for p in parts)), float(max(p.max() for p in parts))]

@@ -55,7 +55,7 @@ def soc_from_rest(run: TimeSeries, network: LocalModelNetwork) -> tuple[float, f
     time_s = run.time_s[:n][last][known]
     slope_V_per_s = float(np.polyfit(time_s - time_s[-1], voltage[known], 1)[0])
     drift_V = _STILL_TO_COME * abs(slope_V_per_s) * (time_s[-1] - time_s[0])
-    model_V = 1e-3 * float((network.record.get("train") or {}).get("rmse_mV", 10.0))
+    model_V = 1e-3 * network.record.train_rmse_mV(10.0)
     temperature = run.temperature_degC[:n][last]
     measured = temperature[~np.isnan(temperature)]
     return soc_from_rest_voltage(

@@ -150,7 +150,7 @@ def outside_domain(network: LocalModelNetwork, values: dict[str, FloatArray]) ->
     values : (n,) arrays by the names that the record's domain uses: soc, current_A, temperature_degC
     """
     outside = np.zeros(len(next(iter(values.values()))), dtype=bool)
-    for name, (low, high) in network.record.get("domain", {}).items():
+    for name, (low, high) in network.record.domain.items():
         if name in values:
             outside |= _beyond(values[name], low, high)
     return outside
@@ -159,7 +159,7 @@ def outside_domain(network: LocalModelNetwork, values: dict[str, FloatArray]) ->
 def outside_reservations(network: LocalModelNetwork, axes: dict[str, FloatArray]) -> list[str]:
     """Name the axes of a read-out that reach beyond the ranges of the training runs."""
     found = []
-    for name, (low, high) in network.record.get("domain", {}).items():
+    for name, (low, high) in network.record.domain.items():
         axis = axes.get(name)
         if axis is None or (name == "temperature_degC" and not depends_on_temperature(network.structure)):
             continue
@@ -218,5 +218,5 @@ def _settles(a: FloatArray) -> np.ndarray:
 
 def _trained(network: LocalModelNetwork, name: str, signal: str, fallback: tuple[float, float]) -> tuple[float, float]:
     """Range of a quantity in the training runs: as recorded, else as the signal was normalised."""
-    low, high = network.record.get("domain", {}).get(name) or network.scaling.get(signal) or fallback
+    low, high = network.record.domain.get(name) or network.scaling.get(signal) or fallback
     return float(low), float(high)

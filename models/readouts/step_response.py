@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -73,31 +73,49 @@ class StepResponse:
         }
 
 
+@dataclass(frozen=True, kw_only=True)
+class CurrentStep:
+    """A step of the current, from a settled state.
+
+    Attributes
+    ----------
+    soc : fraction, held
+    to_A, from_A : currents after and before the step, positive charges
+    temperature_degC : held
+    direction_before : +1 or -1; by default that of `from_A`, or of `to_A` where the step begins at rest, which leaves
+        hysteresis out of the resistance. A pulse against the last direction shows hysteresis as resistance: give that
+        direction for it
+    soc_moves : let the SoC follow the current, as it does in a real pulse
+    """
+
+    soc: float
+    to_A: float
+    temperature_degC: float = 25.0
+    from_A: float = 0.0
+    direction_before: float | None = None
+    soc_moves: bool = False
+
+    @property
+    def before(self) -> float:
+        """Direction of the current that the cell had settled from."""
+        return float(np.sign(self.from_A or self.to_A)) if self.direction_before is None else self.direction_before
+
+    @property
+    def change_A(self) -> float:
+        """Height of the step."""
+        return self.to_A - self.from_A
+
+
 def step_response(
-    network: LocalModelNetwork,
-    *,
-    soc: float,
-    to_A: float,
-    duration_s: float,
-    temperature_degC: float = 25.0,
-    from_A: float = 0.0,
-    direction_before: float | None = None,
-    soc_moves: bool = False,
-    covariance: FloatArray | None = None,
+    network: LocalModelNetwork, step: CurrentStep, duration_s: float, covariance: FloatArray | None = None
 ) -> StepResponse:
     """Run the network's recursion through a step of the current, from a settled state.
 
     Parameters
     ----------
     network : any structure
-    soc : fraction, held
-    to_A, from_A : currents after and before the step, positive charges
+    step : where, from which current to which
     duration_s : how long to run; rounded up to samples
-    temperature_degC : held
-    direction_before : +1 or -1; by default that of `from_A`, or of `to_A` where the step begins at rest, which leaves
-        hysteresis out of the resistance. A pulse against the last direction shows hysteresis as resistance: give that
-        direction for it
-    soc_moves : let the SoC follow the current, as it does in a real pulse
     covariance : (M p, M p) of the network's parameters in normalised units, for the band
 
     Returns
@@ -109,43 +127,64 @@ def step_response(
     ModelError
         The step is none, the time is not positive, or the network does not settle where the step begins.
     """
-    if to_A == from_A or not duration_s > 0.0:
-        raise ModelError(f"step response: from {from_A:g} A to {to_A:g} A for {duration_s:g} s is no step")
-    before = float(np.sign(from_A or to_A)) if direction_before is None else direction_before
+    if step.to_A == step.from_A or not duration_s > 0.0:
+        raise ModelError(f"step response: from {step.from_A:g} A to {step.to_A:g} A for {duration_s:g} s is no step")
     order, dt_s = network.structure.output_order, network.structure.dt_s
     n = int(np.ceil(duration_s / dt_s - 1e-9))
-    start = settled_voltage(network, OperatingPoints.grid(soc, from_A, before, temperature_degC))
+    start = settled_voltage(network, OperatingPoints.grid(step.soc, step.from_A, step.before, step.temperature_degC))
     if np.isnan(start.voltage_V[0]):
-        raise ModelError(f"step response: the network does not settle at {from_A:g} A, SoC {soc:g}")
+        raise ModelError(f"step response: the network does not settle at {step.from_A:g} A, SoC {step.soc:g}")
     # As many settled samples before the step as the recursion needs past outputs; sample `lead` is the first after it.
     lead = max(order, 1)
     since = np.maximum(np.arange(lead + n) - lead + 1, 0)
-    u, z = _regressors(network, since, soc, from_A, to_A, before, temperature_degC, soc_moves)
-    validity = network.partition.validity(z)
-    blended = validity @ network.theta
-    a, f = np.ascontiguousarray(blended[:, :order]), np.einsum("kp,kp->k", blended[:, order:], u)
+    u, z = _regressors(
+        network, since, step.soc, step.from_A, step.to_A, step.before, step.temperature_degC, step.soc_moves
+    )
     y0 = float(normalise(start.voltage_V, network.scaling[VOLTAGE])[0])
-    y = run_recursion(a, f, np.full(lead + n, y0), np.array([0]))
-    change_V = network.voltage_span_V * (y[lead:] - y0)
-    std = None
-    if covariance is not None:
-        settled = start.gradient_V[0] / network.voltage_span_V
-        carry, rows = np.tile(settled, (lead, 1)), np.empty((n, len(settled)))
-        sensitivity_block(lead, validity, u, y, a, np.zeros(lead + n, np.uint8), carry, rows)
-        scale = network.voltage_span_V / (to_A - from_A)
-        std = standard_deviation(scale * (rows - settled), covariance)
-    resistance = change_V / (to_A - from_A)
+    run = _run(network, u, network.partition.validity(z), y0)
+    resistance = network.voltage_span_V * (run.y[lead:] - y0) / step.change_A
+    std = None if covariance is None else _std(network, run, start.gradient_V[0], lead, step.change_A, covariance)
     return StepResponse(
-        soc,
-        temperature_degC,
-        from_A,
-        to_A,
-        before,
+        step.soc,
+        step.temperature_degC,
+        step.from_A,
+        step.to_A,
+        step.before,
         dt_s * np.arange(1, n + 1),
         resistance,
         std,
         tuple(_reservations(resistance)),
     )
+
+
+class _Run(NamedTuple):
+    """The recursion through the step: regressors, validity, blended output coefficients, outputs; normalised."""
+
+    u: FloatArray
+    validity: FloatArray
+    a: FloatArray
+    y: FloatArray
+
+
+def _run(network: LocalModelNetwork, u: FloatArray, validity: FloatArray, y0: float) -> _Run:
+    order, blended = network.structure.output_order, validity @ network.theta
+    a, f = np.ascontiguousarray(blended[:, :order]), np.einsum("kp,kp->k", blended[:, order:], u)
+    return _Run(u, validity, a, run_recursion(a, f, np.full(len(u), y0), np.array([0])))
+
+
+def _std(
+    network: LocalModelNetwork,
+    run: _Run,
+    gradient_V: FloatArray,
+    lead: int,
+    change_A: float,
+    covariance: FloatArray,
+) -> FloatArray:
+    """(n,) standard deviation of the resistance; `gradient_V` is that of the settled voltage before the step."""
+    settled, n = gradient_V / network.voltage_span_V, len(run.y) - lead
+    carry, rows = np.tile(settled, (lead, 1)), np.empty((n, len(settled)))
+    sensitivity_block(lead, run.validity, run.u, run.y, run.a, np.zeros(len(run.y), np.uint8), carry, rows)
+    return standard_deviation(network.voltage_span_V / change_A * (rows - settled), covariance)
 
 
 def _regressors(

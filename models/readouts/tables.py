@@ -13,7 +13,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.readouts.ocv import OcvTable, ocv_table
 from models.readouts.resistance import ResistanceTable, resistance_table
 from models.readouts.steady_state import soc_axis, temperature_axis
-from models.readouts.step_response import StepResponse, step_response
+from models.readouts.step_response import CurrentStep, StepResponse, step_response
 from models.uncertainty.model_uncertainty import uncertainty_of
 
 _STEP_S = 1800.0
@@ -56,7 +56,7 @@ def read_out(network: LocalModelNetwork) -> dict[str, Any]:
 
 def tables_of(network: LocalModelNetwork) -> tuple[OcvTable, ResistanceTable]:
     """Open-circuit and resistance table: as the record carries them, else read out now."""
-    tables = network.record.get("tables")
+    tables = network.record.tables
     if tables is None:
         return ocv_table(network), resistance_table(network)
     if not isinstance(tables, dict) or not {"ocv", "resistance"} <= set(tables):
@@ -76,7 +76,7 @@ def summary(network: LocalModelNetwork) -> dict[str, Any]:
         `thin_local_models`; `reservations` of tables and thermal model.
     """
     ocv, resistance = tables_of(network)
-    uncertainty, heat = uncertainty_of(network), network.record.get("thermal") or {}
+    uncertainty, heat = uncertainty_of(network), network.record.thermal or {}
     thermal = heat.get("model")
     rows = [_middle(resistance, sign) for sign in (-1.0, 1.0) if (np.sign(resistance.current_A) == sign).any()]
     return {
@@ -87,7 +87,7 @@ def summary(network: LocalModelNetwork) -> dict[str, Any]:
         "thermal": thermal and {key: thermal[key] for key in ("heat_capacity_J_per_K", "heat_transfer_W_per_K", "std")},
         "thin_local_models": None if uncertainty is None else int(uncertainty.thin.sum()),
         "reservations": [
-            *(network.record.get("tables") or {}).get("reservations", []),
+            *(network.record.tables or {}).get("reservations", []),
             *heat.get("reservations", []),
         ],
     }
@@ -113,7 +113,7 @@ def _known(value: Any) -> float | None:
 def _steps(network: LocalModelNetwork, covariance: FloatArray | None) -> list[StepResponse]:
     """Step responses from rest in both directions, at a few states of charge and temperatures."""
     soc = soc_axis(network, 101)
-    low, high = network.record.get("domain", {}).get("current_A", (0.0, 0.0))
+    low, high = network.record.domain.get("current_A", (0.0, 0.0))
     found = []
     for degC in temperature_axis(network, _STEP_TEMPERATURES):
         for share in _STEP_SHARES:
@@ -123,10 +123,8 @@ def _steps(network: LocalModelNetwork, covariance: FloatArray | None) -> list[St
                 try:
                     step = step_response(
                         network,
-                        soc=float(np.quantile(soc, share)),
-                        to_A=to_A,
+                        CurrentStep(soc=float(np.quantile(soc, share)), to_A=to_A, temperature_degC=float(degC)),
                         duration_s=_STEP_S,
-                        temperature_degC=float(degC),
                         covariance=covariance,
                     )
                 except ModelError:

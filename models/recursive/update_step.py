@@ -35,6 +35,7 @@ class FlatUpdate(NamedTuple):
     forgetting: float  # share of what is known that a sample in the middle of a local model forgets
 
 
+# Arguments one by one: from Python a named tuple of seven arrays costs 0.5 to 0.8 us more at each live sample.
 @njit(cache=True)
 def step(
     net: FlatNetwork,
@@ -216,6 +217,7 @@ def _keep_stable(row: np.ndarray, order: int) -> None:
         row[0], row[1] = slow + fast, -slow * fast
 
 
+# Arguments as `step` has them.
 @njit(cache=True)
 def replay(
     net: FlatNetwork,

@@ -55,7 +55,7 @@ def thermal_record(network: LocalModelNetwork, runs: list[GridRun], initial_soc:
 
 def thermal_of(network: LocalModelNetwork) -> tuple[ThermalModel, OcvTable] | None:
     """Thermal model and the table of its losses, as the network's record carries them; None where it has none."""
-    record = network.record.get("thermal")
+    record = network.record.thermal
     document = record.get("model") if isinstance(record, dict) else None
     return None if document is None else (ThermalModel.from_json(document), tables_of(network)[0])
 

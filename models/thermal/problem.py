@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -117,7 +118,7 @@ class ThermalProblem:
         entropic = run.current_A * model.entropic_V_per_K(self.soc[i])
         heat = self._heat_W[i] + model.polarisation_Ohm * self._late[i] + entropic * absolute
         da, db = np.ascontiguousarray(moved[:, :n, :n]), np.ascontiguousarray(moved[:, :n, n:])
-        return _run_sensitivities(a, b, da, db, slope, entropic, nodes, heat, run.ambient_degC)
+        return _run_sensitivities(_Transition(a, b, da, db), slope, entropic, nodes, heat, run.ambient_degC)
 
 
 def _log_derivative(model: ThermalModel, name: str) -> FloatArray:
@@ -140,12 +141,18 @@ def _log_derivative(model: ThermalModel, name: str) -> FloatArray:
     return out
 
 
+class _Transition(NamedTuple):
+    """Step of the nodes' temperatures over one sample, and its derivatives to the parameters."""
+
+    a: np.ndarray  # (n, n) of the nodes
+    b: np.ndarray  # (n, 2) of heat and ambient temperature
+    da: np.ndarray  # (P, n, n)
+    db: np.ndarray  # (P, n, 2)
+
+
 @njit(cache=True)
 def _run_sensitivities(
-    a: np.ndarray,
-    b: np.ndarray,
-    da: np.ndarray,
-    db: np.ndarray,
+    transition: _Transition,
     heat_slope: np.ndarray,
     entropic_W_per_K: np.ndarray,
     nodes: np.ndarray,
@@ -153,6 +160,7 @@ def _run_sensitivities(
     ambient_degC: np.ndarray,
 ) -> np.ndarray:
     """(N, P + 1) derivatives of the outermost node; `heat_slope` (P, N) is the heat's own derivative."""
+    a, b, da, db = transition
     n_samples, n = nodes.shape
     n_params = da.shape[0]
     out = np.zeros((n_samples, n_params + 1))

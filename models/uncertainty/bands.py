@@ -86,7 +86,7 @@ def _distance(network: LocalModelNetwork, run: GridRun, soc: FloatArray) -> Floa
     """(n,) distance from the trained domain in units of its ranges, the largest of all dimensions."""
     values = {"soc": soc, "current_A": run.current_A, "temperature_degC": run.temperature_degC}
     beyond = np.zeros(len(run))
-    for name, (low, high) in network.record.get("domain", {}).items():
+    for name, (low, high) in network.record.domain.items():
         away = np.nan_to_num(np.maximum(low - values[name], values[name] - high))
         beyond = np.maximum(beyond, away / max(high - low, 1e-9))
     return beyond

@@ -10,7 +10,7 @@ from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
 from models.data.timeseries import FloatArray
-from models.identification.search.search import Fitted, full_theta, span_V
+from models.identification.search.fitted import Fitted, full_theta, span_V
 from models.identification.shared_poles import solve_without
 from models.network.folds import folds
 from models.network.penalty import Penalty

@@ -119,7 +119,7 @@ class Uncertainty:
 
 def uncertainty_of(network: LocalModelNetwork) -> Uncertainty | None:
     """Read what a network's record says of it; None where it says nothing."""
-    document = network.record.get("uncertainty")
+    document = network.record.uncertainty
     if document is None:
         return None
     return Uncertainty.from_json(document, network.n_models, network.structure.output_order)

@@ -41,7 +41,7 @@ def _run(options: Namespace, output: Output) -> int:
             network, options.effect, train, soc[: len(train)], validate, soc[len(train) :], progress=report
         )
         network = with_tuned_observer(added.network, train, soc[: len(train)])
-    record = {**network.record, "parent": str(options.model)}
+    record = replace(network.record, parent=str(options.model))
     write_document(options.out, replace(network, record=record).to_json())
     answer = {
         "effect": added.effect,

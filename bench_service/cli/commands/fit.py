@@ -60,7 +60,7 @@ def _run(options: Namespace, output: Output) -> int:
     with threadpool_limits(1):
         network = with_tuned_observer(fitted.network, train, soc[: len(train)], held_out)
     write_document(options.out, network.to_json())
-    low, high = fitted.network.record["domain"]["soc"]
+    low, high = fitted.network.record.domain["soc"]
     if high - low < _NARROW_SOC:
         output.warn(
             f"the training runs cover the state of charge from {low:.3f} to {high:.3f} only: elsewhere the model "
@@ -76,7 +76,7 @@ def _run(options: Namespace, output: Output) -> int:
         "validation": fitted.validation,
         "runs": {"train": fitted.train_runs, "validation": fitted.validation_runs},
         "readouts": summary(fitted.network),
-        "reservations": fitted.network.record["reservations"],
+        "reservations": list(fitted.network.record.reservations),
     }
     output.result(answer, lambda console: _show(console, answer))
     return 0

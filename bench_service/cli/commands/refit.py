@@ -36,6 +36,7 @@ def _run(options: Namespace, output: Output) -> int:
     from bench_service.exchange.atomic import check_writable
     from bench_service.jobs.refitting import refitted
     from models.comparison.simulated_runs import free_run_metrics
+    from models.network.lineage import version_of
 
     check_writable(options.out)
     parent = read_model(options.model)
@@ -43,25 +44,26 @@ def _run(options: Namespace, output: Output) -> int:
     validate = read_runs(options.validate, options.current_sign, output)
     soc = initial_soc([*train, *validate], options.initial_soc, parent, output)
     learned, judged = soc[: len(train)], soc[len(train) :]
-    if "sums" not in parent.record:
+    if parent.record.sums is None:
         output.warn(f"{options.model} holds no sums of its runs: what they said is not weighed against the new ones")
     with output.progress("Refitting"), threadpool_limits(1):
         network = refitted(parent, train, learned, options.old_weight)
-    record = network.record | {"parent": str(options.model)}
+    record = replace(network.record, parent=str(options.model))
     write_document(options.out, replace(network, record=record).to_json())
-    made = network.record["version"]
+    made = version_of(network)
+    assert made is not None  # every refit says how it was made
     answer = {
         "model": str(options.out),
         "parent": str(options.model),
-        "old_weight": made["settings"]["old_weight"] if "sums" in parent.record else None,
-        "train": {"before": made["errors"]["parent"], "after": made["errors"]["train"]},
+        "old_weight": None if parent.record.sums is None else made.settings["old_weight"],
+        "train": {"before": made.errors["parent"], "after": made.errors["train"]},
         "validation": {
             "before": free_run_metrics(parent, validate, judged),
             "after": free_run_metrics(network, validate, judged),
         }
         if validate
         else None,
-        "reservations": network.record["reservations"],
+        "reservations": list(network.record.reservations),
     }
     output.result(answer, lambda console: _show(console, answer))
     return 0

@@ -109,6 +109,7 @@ def _turned(net: FlatNetwork, current_A: float, direction: float) -> float:
     return -1.0 if current_A < -net.rest_A else direction
 
 
+# Arguments one by one, as its caller has them: each access to an array in a tuple counts a reference.
 @njit(cache=True)
 def _try(
     net: FlatNetwork,

@@ -133,8 +133,8 @@ class LearntBand:
 
 def recorded_band(network: LocalModelNetwork) -> Band:
     """Band from what a network's record says of its errors."""
-    held_out = network.record.get("validation")
-    figures = held_out or network.record.get("train") or {}
+    held_out = network.record.validation
+    figures = held_out or network.record.train or {}
     largest_mV, rms_mV = float(figures.get("max_mV", 0.0)), float(figures.get("rmse_mV", 0.0))
     uncertainty = uncertainty_of(network)
     if uncertainty is None:

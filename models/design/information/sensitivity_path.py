@@ -128,6 +128,7 @@ def _bounded_validity(net: FlatNetwork, signals: np.ndarray, k: int, out: np.nda
         out[i] /= total
 
 
+# Arguments one by one: with fast mathematics another form of the call may round otherwise.
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz", "arcp"})
 def signal_gradient(
     net: FlatNetwork,
@@ -175,6 +176,7 @@ def signal_gradient(
         _by_axes(net, sharpness, signals, k, validity[k], by_validity, by_signal)
 
 
+# Arguments one by one: with fast mathematics another form of the call may round otherwise.
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz", "arcp"})
 def _by_regressor(
     net: FlatNetwork,

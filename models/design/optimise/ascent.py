@@ -87,12 +87,11 @@ def optimise(
     demands: Demands,
     n_samples: int,
     *,
-    criterion: str = "D",
+    criterion: str | Objective = "D",
     n_starts: int = 40,
     max_iterations: int = 25,
     seed: int = 0,
     progress: Progress | None = None,
-    objective: Objective | None = None,
 ) -> Optimum:
     """Find the most informative current.
 
@@ -101,12 +100,11 @@ def optimise(
     experiment : what is to be learnt, and from where
     demands : what the current has to keep
     n_samples : its length in sampling times of the network
-    criterion : "A", "D" or "E"
+    criterion : "A", "D" or "E", or what is made as large as possible instead
     n_starts : ascents from different random currents; local optima are real
     max_iterations : gradients of each ascent
     seed : of the starts; the same gives the same result, to the bit
     progress : called with a share 0..1 and a short text
-    objective : what is made as large as possible instead of the criterion
 
     Returns
     -------
@@ -122,18 +120,10 @@ def optimise(
     report = progress or (lambda share, text: None)
     with threadpool_limits(1, user_api="blas"):
         feasible = Feasible(experiment, demands, n_samples)
-        evaluator = objective or Evaluator(experiment, n_samples, criterion)
+        evaluator = Evaluator(experiment, n_samples, criterion) if isinstance(criterion, str) else criterion
         search = _Search(evaluator, feasible, demands.limits.current_A, experiment.network.theta.size)
-        climbs = []
-        for number in range(n_starts):
-            first = search.start(n_samples, np.random.default_rng([seed, number]))
-            climbs.append(search.climb(first, min(_TRIAL_STEPS, max_iterations)))
-            report(0.7 * (number + 1) / n_starts, f"start {number + 1} of {n_starts}")
-        ranking = np.argsort([-climb.value for climb in climbs], kind="stable")
-        finalists = ranking[: max(1, round(_FINALISTS * n_starts))]
-        for place, number in enumerate(finalists):
-            climbs[number] = search.climb(climbs[number], max_iterations - _TRIAL_STEPS)
-            report(0.7 + 0.3 * (place + 1) / len(finalists), f"climbing the best, {place + 1} of {len(finalists)}")
+        climbs = _first_climbs(search, n_samples, n_starts, min(_TRIAL_STEPS, max_iterations), seed, report)
+        finalists = _finish_best(search, climbs, max_iterations - _TRIAL_STEPS, report)
         best = feasible.finish(max(climbs, key=lambda climb: climb.value).current_A)
         value = evaluator.value(best)
         return Optimum(
@@ -144,6 +134,28 @@ def optimise(
             finished=np.isin(np.arange(n_starts), finalists),
             iterations=search.iterations,
         )
+
+
+def _first_climbs(
+    search: _Search, n_samples: int, n_starts: int, n_steps: int, seed: int, report: Progress
+) -> list[_Climb]:
+    """Every start, a few steps up."""
+    climbs = []
+    for number in range(n_starts):
+        first = search.start(n_samples, np.random.default_rng([seed, number]))
+        climbs.append(search.climb(first, n_steps))
+        report(0.7 * (number + 1) / n_starts, f"start {number + 1} of {n_starts}")
+    return climbs
+
+
+def _finish_best(search: _Search, climbs: list[_Climb], n_steps: int, report: Progress) -> np.ndarray:
+    """Let the best climbs go on to the end, in their places; which ones those are."""
+    ranking = np.argsort([-climb.value for climb in climbs], kind="stable")
+    finalists = ranking[: max(1, round(_FINALISTS * len(climbs)))]
+    for place, number in enumerate(finalists):
+        climbs[number] = search.climb(climbs[number], n_steps)
+        report(0.7 + 0.3 * (place + 1) / len(finalists), f"climbing the best, {place + 1} of {len(finalists)}")
+    return finalists
 
 
 class _Search:

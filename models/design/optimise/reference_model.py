@@ -55,11 +55,11 @@ def experiment_with(
     temperature_degC : of the cell; by default the middle of the trained range
     noise_V : by default the noise floor of the training runs, at least 1 mV
     """
-    domain = network.record.get("domain", {}).get("temperature_degC")
+    domain = network.record.domain.get("temperature_degC")
     degC = temperature_degC
     if degC is None:
         degC = DEFAULT_TEMPERATURE_DEGC if domain is None else 0.5 * (domain[0] + domain[1])
-    floor_mV = network.record.get("noise_floor_mV")
+    floor_mV = network.record.noise_floor_mV
     noise = noise_V if noise_V is not None else max(_LEAST_NOISE_V, 1e-3 * float(floor_mV or 0.0))
     prior = known_information(network) if use_prior else None
     return Experiment(network, initial_soc, noise, float(degC), sensitivity, prior)

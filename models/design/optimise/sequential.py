@@ -99,31 +99,20 @@ def sequential_design(
     InfeasibleError
         Not even the first reference model keeps the limits.
     """
-    if not request.soc_levels:
-        raise ModelError("a sequential design visits soc_levels; at least one is needed")
-    if not (np.isfinite(target_std) and target_std > 0.0):
-        raise ModelError(f"accuracy: the asked standard deviation is {target_std:g}; it must be positive")
+    _check(request, target_std)
     report = progress or (lambda share, text: None)
     plan = replace(plan_of(experiment, request), repeat=False)
     planned_s, builder = estimated_duration_s(plan), begin(plan)
     series, starts, rounds = list[TimeSeries](), list[float](), list[Round]()
-    played, soc = 0, plan.initial_soc
-    proven = experiment
+    played, soc, proven = 0, plan.initial_soc, experiment
     for number in range(len(plan.visits())):
-        try:
-            builder = _visited(builder, plan, number, experiment, request, rounds)
-            proven = experiment
-        except InfeasibleError:
-            # A network that has seen one level only knows too little of the voltage at the next to go there.
-            builder = _visited(builder, plan, number, proven, request, rounds)
+        builder, proven = _next_visit(builder, plan, number, (experiment, proven), request, rounds)
         piece = builder.current_A()[played:]
         report(number / len(plan.visits()), f"visit {number + 1} of {len(plan.visits())}")
         series.append(play(piece, soc))
         starts.append(soc)
         experiment = _with(experiment, refit(series, starts))
-        trial = [*rounds, Round(soc, piece, np.nan, np.nan)]
-        std = parameter_std(_known(experiment, trial))
-        rounds.append(replace(trial[-1], largest_std=float(std.max()), mean_std=float(np.exp(np.log(std).mean()))))
+        rounds.append(_played(experiment, rounds, soc, piece))
         played, soc = played + len(piece), builder.soc
         # Not before every level has been visited: a network knows nothing of where it has not been.
         if number + 1 >= len(plan.soc_levels) and rounds[-1].largest_std <= target_std:
@@ -131,6 +120,37 @@ def sequential_design(
     report(1.0, "done")
     reached = rounds[-1].largest_std <= target_std
     return SequentialResult(experiment.network, tuple(rounds), reached, played * plan.dt_s, planned_s)
+
+
+def _check(request: DesignRequest, target_std: float) -> None:
+    if not request.soc_levels:
+        raise ModelError("a sequential design visits soc_levels; at least one is needed")
+    if not (np.isfinite(target_std) and target_std > 0.0):
+        raise ModelError(f"accuracy: the asked standard deviation is {target_std:g}; it must be positive")
+
+
+def _next_visit(
+    builder: SequenceBuilder,
+    plan: SequencePlan,
+    number: int,
+    experiments: tuple[Experiment, Experiment],
+    request: DesignRequest,
+    rounds: list[Round],
+) -> tuple[SequenceBuilder, Experiment]:
+    """One more visit, and the experiment that it was designed with: the present one, else the last that could."""
+    present, proven = experiments
+    try:
+        return _visited(builder, plan, number, present, request, rounds), present
+    except InfeasibleError:
+        # A network that has seen one level only knows too little of the voltage at the next to go there.
+        return _visited(builder, plan, number, proven, request, rounds), proven
+
+
+def _played(experiment: Experiment, rounds: list[Round], soc: float, current_A: FloatArray) -> Round:
+    """One more round, with how well the parameters are known after it."""
+    trial = Round(soc, current_A, np.nan, np.nan)
+    std = parameter_std(_known(experiment, [*rounds, trial]))
+    return replace(trial, largest_std=float(std.max()), mean_std=float(np.exp(np.log(std).mean())))
 
 
 def _visited(

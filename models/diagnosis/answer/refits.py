@@ -22,6 +22,8 @@ from models.diagnosis.reference.record import Record
 from models.diagnosis.structure.extension import Extension, ExtensionSearch
 from models.diagnosis.structure.structure import StructureAnalysis
 from models.effects import Effect, effect
+from models.identification.progress import silent
+from models.identification.search.search import Search
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 
@@ -79,13 +81,14 @@ def try_refits(
         None where no effect clearly lowers the error of held-out training runs and that of the diagnosed runs, or none
         by more than it does to first order.
     """
-    search = ExtensionSearch(train, train_soc, network.cell, lambda _share, _text: None)
-    own, comparison = search.own(network), analysis.comparison
+    search = Search(train, train_soc, network.cell, silent)
+    extensions = ExtensionSearch(search)
+    own, comparison = extensions.own(network), analysis.comparison
     tried: list[tuple[Candidate, Extension]] = []
     for each in analysis.ranking.candidates:
         if each.effect.extend is not None:
             values = {name: value.value for name, value in parameters(comparison, each).items()}
-            extension = search.extended(own, each.effect, values)
+            extension = extensions.extended(own, each.effect, values)
             tried += [] if extension is None else [(each, extension)]
     least_V = min((extension.error_V for _, extension in tried), default=np.inf)
     # The best, and what comes near to it, as far as they lower the error clearly.
@@ -107,7 +110,7 @@ def try_refits(
     return Refits(found, 1e3 * own.error_V) if confirmed else None
 
 
-def _error_mV(search: ExtensionSearch, extension: Extension, record: Record) -> float:
+def _error_mV(search: Search, extension: Extension, record: Record) -> float:
     fitted = search.fitted(extension.choice)
     network = LocalModelNetwork(fitted.structure, fitted.partition, fitted.theta, fitted.scaling, search.cell)
     runs = zip(record.runs, record.soc, strict=True)

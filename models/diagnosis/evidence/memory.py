@@ -16,6 +16,7 @@ from models.diagnosis.reference.reference import Reference
 from models.diagnosis.reference.samples import Samples, choose_samples, visible
 from models.diagnosis.thermal.heat_balance import HeatBalance, fit_heat_balance
 from models.effects import Effect
+from models.network.local_model_network import LocalModelNetwork
 
 SCHEMA_VERSION = 1
 SAMPLES = 6_000
@@ -128,6 +129,12 @@ class Memory:
         if len(coefficients) != layout.size or len(right) != total or len(names) != len(sizes):
             raise ModelError("diagnosis memory is damaged: its sizes do not fit; fit the model again")
         return cls(reference, names, sizes, information, right, *figures, balance)
+
+
+def memory_in(network: LocalModelNetwork) -> Memory | None:
+    """Read what a network's record remembers of its training runs; None where it remembers nothing."""
+    document = network.record.diagnosis
+    return None if document is None else Memory.from_json(document)
 
 
 def remember(reference: Reference, train: list[GridRun], train_soc: list[float], effects: list[Effect]) -> Memory:

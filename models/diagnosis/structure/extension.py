@@ -32,7 +32,6 @@ _SURFACE_K = 2500.0
 _ACTIVATIONS_K = ((0.0,), (2500.0,), (5000.0,), (0.0, 5000.0))
 # A richer way than the plain one must lower the held-out error by this share.
 _WORTH = 0.02
-_FASTEST_SAMPLES = 2.0
 
 
 @dataclass(frozen=True)
@@ -50,20 +49,22 @@ class Extension:
 
 
 @dataclass
-class ExtensionSearch(Search):
+class ExtensionSearch:
     """Refits of a network's structure and of what it can be extended to, on the network's training runs.
 
     Attributes
     ----------
+    search : on the training runs; its judge compares the refits
     sizes : numbers of local models that every structure is tried with
     """
 
+    search: Search
     sizes: tuple[int, ...] = (24,)
 
     def own(self, network: LocalModelNetwork) -> Extension:
         """The network's structure as it is, with the best of the poles that are offered."""
         first = GivenCandidate(network.structure, ())
-        poles = pole_alternatives(first, _FASTEST_SAMPLES * self.dt_s) if network.structure.output_order else [first]
+        poles = pole_alternatives(first, self.search.fastest_s) if network.structure.output_order else [first]
         return self._least(poles)
 
     def extended(self, own: Extension, added: Effect, values: Values) -> Extension | None:
@@ -76,7 +77,7 @@ class ExtensionSearch(Search):
         values : of its parameters, for the plain way
         """
         structure = own.choice.given
-        plain = structure if added.extend is None else added.extend(structure, values, self.cell.capacity_Ah)
+        plain = structure if added.extend is None else added.extend(structure, values, self.search.cell.capacity_Ah)
         if plain == structure:
             return None
         found = self._best([plain], own)
@@ -85,7 +86,7 @@ class ExtensionSearch(Search):
 
     def _charge_transfer(self, own: Extension) -> Extension:
         """At once and slowed: its exchange current, then its activation."""
-        structure, capacity_Ah = own.choice.given, self.cell.capacity_Ah
+        structure, capacity_Ah = own.choice.given, self.search.cell.capacity_Ah
 
         def at(rate: float, activation_K: float = 0.0) -> Extension:
             name = f"charge_transfer:{rate * capacity_Ah:.4g}/{activation_K:g}"
@@ -97,7 +98,7 @@ class ExtensionSearch(Search):
 
     def _relaxation(self, own: Extension) -> Extension:
         """Several time constants; then at the particles' surface, too."""
-        structure, fastest_s, slowest_s = own.choice.given, 1.5 * self.dt_s, self._offer.longest_s
+        structure, fastest_s, slowest_s = own.choice.given, 1.5 * self.search.judge.dt_s, self._offer.longest_s
         constants_s = [tau_s for tau_s in _TIME_CONSTANTS_S if fastest_s <= tau_s <= slowest_s] or [slowest_s]
         activations = self._activations(structure)
         spread = self._best([_spread(structure, constants_s, each) for each in activations], own)
@@ -107,7 +108,7 @@ class ExtensionSearch(Search):
 
     @cached_property
     def _offer(self) -> Offer:
-        return find_offer(self.bank)
+        return find_offer(self.search.judge.bank)
 
     def _activations(self, structure: Structure) -> list[tuple[float, ...]]:
         """Those that the temperatures of the runs tell apart; none beside a structure that knows no temperature.
@@ -126,7 +127,7 @@ class ExtensionSearch(Search):
         with threadpool_limits(1, user_api="blas"):
             sized = [replace(each, n_models=size) for each in choices for size in self.sizes]
             # Penalties that serve a neighbour may lie in a side valley of another structure: none is started from.
-            return min((Extension(each, self._held_out_error(each, each)) for each in sized), key=_error)
+            return min((Extension(each, self.search.judge.error_V(each, each)) for each in sized), key=_error)
 
 
 def _error(extension: Extension) -> float:

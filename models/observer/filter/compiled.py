@@ -59,6 +59,7 @@ _UNKNOWN_CURRENT = 200.0
 _TOLD_SIGMA = 2.0
 
 
+# Arguments one by one: from Python a named tuple of seven arrays costs 0.5 to 0.8 us more at each live sample.
 @njit(**COMPILED)
 def step(
     net: FlatNetwork,

@@ -29,6 +29,7 @@ from models.observer.filter.places import (
 _START_UP_RATIO = 1.5
 
 
+# Arguments one by one, as its caller has them: each access to an array in a tuple counts a reference.
 @njit(**COMPILED)
 def correct(
     n: int,

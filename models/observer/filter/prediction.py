@@ -37,6 +37,7 @@ from models.observer.filter.places import (
 )
 
 
+# Arguments one by one, as its caller has them: each access to an array in a tuple counts a reference.
 @njit(**COMPILED)
 def predict(
     net: FlatNetwork,

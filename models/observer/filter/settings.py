@@ -113,12 +113,12 @@ def default_settings(network: LocalModelNetwork) -> ObserverSettings:
     ModelError
         The stored settings are damaged.
     """
-    stored = network.record.get("observer")
+    stored = network.record.observer
     if stored:
         return ObserverSettings.from_json(stored)
     uncertainty = uncertainty_of(network)
     if uncertainty is None:
-        rmse_V = 1e-3 * max(float((network.record.get("train") or {}).get("rmse_mV", 10.0)), 1.0)
+        rmse_V = 1e-3 * max(network.record.train_rmse_mV(10.0), 1.0)
         return ObserverSettings(voltage_std_V=rmse_V, quick_error_std_V=0.5 * rmse_V, slow_error_std_V=rmse_V)
     rms_V = float(np.sqrt(np.average(uncertainty.level_V**2, weights=np.maximum(uncertainty.samples, 1.0))))
     correlation = uncertainty.correlation
@@ -128,7 +128,7 @@ def default_settings(network: LocalModelNetwork) -> ObserverSettings:
     quick &= ~noise
     least_V = 0.1 * rms_V
     white = max(correlation.white, 0.0) + correlation.shares[noise].sum()
-    floor_V = 1e-3 * float(network.record.get("noise_floor_mV") or 0.0)
+    floor_V = 1e-3 * float(network.record.noise_floor_mV or 0.0)
     return ObserverSettings(
         voltage_std_V=max(rms_V * float(np.sqrt(white)), min(floor_V, rms_V), least_V),
         quick_error_std_V=max(rms_V * float(np.sqrt(correlation.shares[quick].sum())), least_V),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -25,8 +25,7 @@ _STEP_SOC = 0.002
 _LONGEST = 100_000
 
 
-@dataclass(frozen=True)
-class TuningData:
+class TuningData(NamedTuple):
     """Free-run errors of all runs, one after the other.
 
     Attributes
@@ -93,38 +92,16 @@ def _overpotential_V(network: LocalModelNetwork, blended: FloatArray, data: Data
 
 def log_likelihood(data: TuningData, values: FloatArray) -> float:
     """Log-likelihood of the innovations for the tuned values, in the order of the settings that are tuned."""
-    return float(
-        _log_likelihood(
-            data.error_V,
-            data.slope_V,
-            data.level,
-            data.moved,
-            data.overpotential_V,
-            data.starts,
-            data.dt_s,
-            *values.tolist(),
-        )
-    )
+    return float(_log_likelihood(data, values))
 
 
 @njit(cache=True)
-def _log_likelihood(
-    error_V: np.ndarray,
-    slope_V: np.ndarray,
-    level: np.ndarray,
-    moved: np.ndarray,
-    overpotential_V: np.ndarray,
-    starts: np.ndarray,
-    dt_s: float,
-    voltage_std_V: float,
-    quick_std_V: float,
-    quick_s: float,
-    slow_std_V: float,
-    slow_s: float,
-    slow_soc: float,
-    soc_std: float,
-    resistance_std: float,
-) -> float:
+def _log_likelihood(data: TuningData, values: np.ndarray) -> float:
+    # Taken out of the tuple once: each access counts a reference.
+    error_V, slope_V, level, moved = data.error_V, data.slope_V, data.level, data.moved
+    overpotential_V, starts, dt_s = data.overpotential_V, data.starts, data.dt_s
+    voltage_std_V, quick_std_V, quick_s, slow_std_V = values[0], values[1], values[2], values[3]
+    slow_s, slow_soc, soc_std, resistance_std = values[4], values[5], values[6], values[7]
     x, p, h, seen = np.zeros(4), np.zeros((4, 4)), np.zeros(4), np.zeros(4)
     keep = np.ones(4)
     keep[1] = np.exp(-dt_s / quick_s)

@@ -9,7 +9,6 @@ error, and its innovations are made as likely as possible.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -109,10 +108,11 @@ def with_tuned_observer(
     A network that no observer can use is returned with a reservation that says why.
     """
     try:
-        found: dict[str, Any] = {"observer": tune(network, runs, initial_soc, held_out=held_out).to_json()}
+        settings = tune(network, runs, initial_soc, held_out=held_out)
     except ModelError as error:
-        found = {"reservations": [*network.record.get("reservations", []), f"observer not tuned: {error}"]}
-    return replace(network, record=network.record | found)
+        why = (*network.record.reservations, f"observer not tuned: {error}")
+        return replace(network, record=replace(network.record, reservations=why))
+    return replace(network, record=replace(network.record, observer=settings.to_json()))
 
 
 def tune_on_grid(

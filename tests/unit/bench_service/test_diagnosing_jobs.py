@@ -108,5 +108,5 @@ def test_a_refit_keeps_the_structure_and_carries_what_a_model_carries(document: 
     network = LocalModelNetwork.from_json(found["document"])
     assert network.structure == LocalModelNetwork.from_json(document).structure
     assert found["metrics"]["effect"] is None and found["metrics"]["error_after_mV"] > 0
-    assert {"tables", "sums", "observer", "version"} <= set(network.record)
-    assert network.record["sums"]["n_samples"] > document["record"]["sums"]["n_samples"]
+    assert {"tables", "sums", "observer", "version"} <= set(network.to_json()["record"])
+    assert network.record.sums["n_samples"] > document["record"]["sums"]["n_samples"]

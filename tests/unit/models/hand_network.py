@@ -6,6 +6,7 @@ import numpy as np
 
 from models.data.resampling import GridRun
 from models.network.local_model_network import LocalModelNetwork
+from models.network.model_record import ModelRecord
 from models.network.partition import Partition, initial_partition
 from models.network.regression import VOLTAGE, CellContext
 from models.network.structure import InputChannel, PartitionAxis, Structure
@@ -51,7 +52,7 @@ def network(
         theta[i, -1] = offset / (high - low)
     domain = {"soc": [0.07, 0.93], "current_A": [-7.0, 5.0], "temperature_degC": [4.0, 41.0]}
     boxes = partition or initial_partition(structure.axes, structure.kernel)
-    return LocalModelNetwork(structure, boxes, theta, bounds, CELL, {"domain": domain})
+    return LocalModelNetwork(structure, boxes, theta, bounds, CELL, ModelRecord.from_json({"domain": domain}))
 
 
 def everything(order: int, kernel: str = "gaussian") -> LocalModelNetwork:

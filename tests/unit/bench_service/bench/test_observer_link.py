@@ -17,7 +17,7 @@ N = 40
 
 def link(*effects: dict[str, Any]) -> ObserverLink:
     network = hand_network.everything(1)
-    network = replace(network, record=network.record | {"effects": list(effects)})
+    network = replace(network, record=replace(network.record, effects=effects))
     request: Any = SimpleNamespace(observer={"model": network.to_json()}, dt_s=hand_network.DT_S, initial_soc=0.5)
     built = build_observer(request)
     assert built is not None

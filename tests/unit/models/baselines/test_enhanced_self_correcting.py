@@ -32,7 +32,7 @@ def test_recovers_the_known_model(model: EnhancedSelfCorrecting) -> None:
     np.testing.assert_allclose(resistances, [circuits.R1_OHM, circuits.R2_OHM], rtol=0.06)
     expected = [[circuits.TAU1_S], [circuits.TAU2_S]]
     np.testing.assert_allclose(model.branches.time_constants_s, expected, rtol=0.1)
-    low, high = model.record["domain"]["soc"]
+    low, high = model.record.domain["soc"]
     soc = np.linspace(low + 0.05, high - 0.05, 20)
     np.testing.assert_allclose(model.ocv_V.at(soc, 25.0), circuits.ocv_V(soc), atol=3e-3)
 

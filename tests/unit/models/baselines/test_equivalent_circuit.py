@@ -31,7 +31,7 @@ def circuit() -> EquivalentCircuit:
 
 
 def test_recovers_the_known_circuit_at_two_temperatures(circuit: EquivalentCircuit) -> None:
-    low, high = circuit.record["domain"]["soc"]
+    low, high = circuit.record.domain["soc"]
     soc = np.linspace(low + 0.05, high - 0.05, 20)
     for degC, factor in ((25.0, 1.0), (5.0, COLD_FACTOR)):
         np.testing.assert_allclose(circuit.ocv_V.at(soc, degC), circuits.ocv_V(soc), atol=1.5e-3)
@@ -49,7 +49,7 @@ def test_simulates_unseen_runs_to_the_noise(circuit: EquivalentCircuit) -> None:
         run = to_grid(series, 1.0)
         error = free_run_V(circuit, run, 0.6) - run.voltage_V
         assert np.sqrt(np.mean(error**2)) < 1.3 * NOISE_V
-    assert circuit.record["held_out_rmse_mV"] == pytest.approx(1e3 * NOISE_V, rel=0.3)
+    assert circuit.record.held_out_rmse_mV == pytest.approx(1e3 * NOISE_V, rel=0.3)
     assert circuit.name == "2RC"
 
 

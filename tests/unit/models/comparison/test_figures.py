@@ -8,6 +8,7 @@ from models.comparison.simulated_runs import simulate_runs
 from models.data.errors import ModelError
 from models.data.metrics import metrics, noise_floor_V
 from models.data.timeseries import TimeSeries
+from models.network.model_record import ModelRecord
 from models.pipeline.fit import fit_network
 from tests.unit.models import synthetic
 
@@ -112,4 +113,4 @@ def test_the_band_is_judged(network) -> None:
     assert 0.9 <= band["coverage_95"] <= 1.0
     wrong = TimeSeries(run.time_s, run.current_A, run.voltage_V + 0.1, run.temperature_degC, None, run.soc_ref)
     assert compare(network, [wrong], [0.6])["band"]["coverage_95"] < 0.05
-    assert compare(replace(network, record={}), [run], [0.6])["band"] is None
+    assert compare(replace(network, record=ModelRecord()), [run], [0.6])["band"] is None

@@ -11,6 +11,7 @@ from models.comparison.figures import compare
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
 from models.effects.input_correction import Correction, LiveCorrection, Reading, as_read, corrections_of
+from models.network.model_record import ModelRecord
 from models.network.signals import soc_by_counting
 from models.observer import FuzzyObserver
 from models.pipeline.addition import add_effect
@@ -54,21 +55,21 @@ def test_each_sensor_reads_what_is_true_afterwards() -> None:
         voltage_V=true.voltage_V + 0.005,
         temperature_degC=AMBIENT_DEGC + rise_K + 0.7,
     )
-    read = as_read({"effects": ALL}, wrong)
+    read = as_read(ModelRecord(effects=tuple(ALL)), wrong)
     for name in ("current_A", "voltage_V", "temperature_degC"):
         np.testing.assert_allclose(getattr(read, name), getattr(true, name), rtol=1e-12)
 
 
 def test_an_effect_in_the_structure_corrects_nothing() -> None:
     run = run_of()
-    record = {"effects": [{"effect": "hysteresis", "correction": False, "parameters": {}}]}
+    record = ModelRecord(effects=({"effect": "hysteresis", "correction": False, "parameters": {}},))
     assert as_read(record, run) is run
-    assert as_read({}, run) is run
+    assert as_read(ModelRecord(), run) is run
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.5, 0.8, 1.7, -0.3, -1.0])
 def test_live_gives_the_same_samples_as_a_whole_run(delay_s: float) -> None:
-    run, record = run_of(), {"effects": [*ALL, entry("dead_time", delay_s=delay_s)]}
+    run, record = run_of(), ModelRecord(effects=(*ALL, entry("dead_time", delay_s=delay_s)))
     # Over a gap a whole run interpolates further than a live one can.
     run = replace(run, voltage_V=np.where(np.isnan(run.voltage_V), 3.7, run.voltage_V))
     whole, live = as_read(record, run), LiveCorrection(corrections_of(record), 0.5)
@@ -103,12 +104,12 @@ def test_a_missing_voltage_stays_missing() -> None:
 )
 def test_a_damaged_record_is_refused(effects: list) -> None:
     with pytest.raises(ModelError, match="correction"):
-        as_read({"effects": effects}, run_of())
+        as_read(ModelRecord(effects=tuple(effects)), run_of())
 
 
 def test_a_gain_against_ambient_needs_ambient() -> None:
     with pytest.raises(ModelError, match="ambient"):
-        as_read({"effects": ALL}, replace(run_of(), ambient_degC=None))
+        as_read(ModelRecord(effects=tuple(ALL)), replace(run_of(), ambient_degC=None))
 
 
 def test_a_model_with_a_sensors_offset_compares_and_observes_with_the_true_current() -> None:

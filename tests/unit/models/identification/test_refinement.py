@@ -4,7 +4,7 @@ import pytest
 from models.data.resampling import to_grid
 from models.identification.lolimot import construct
 from models.identification.refinement import refined_theta
-from models.identification.search.search import Fitted, span_V
+from models.identification.search.fitted import Fitted, span_V
 from models.identification.shared_poles import fit, moments, output_coefficients, penalties
 from models.network.regression import CellContext, build_dataset, find_scaling
 from models.network.structure import minimal_structure

@@ -3,7 +3,7 @@ import pytest
 
 from models.data.resampling import to_grid
 from models.identification.lolimot import construct
-from models.identification.search.search import full_theta
+from models.identification.search.fitted import full_theta
 from models.identification.shared_poles import (
     Moments,
     filtered,

@@ -7,7 +7,7 @@ from models.data.errors import ModelError, NotIdentifiableError, StructureError
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
 from models.identification.lolimot import construct
-from models.identification.output_error import normal_equations, refine, stabilised
+from models.identification.output_error import HeldOutChoice, normal_equations, refine, stabilised
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.recursion import free_run
@@ -71,7 +71,7 @@ def test_refinement_never_worsens_the_training_error_and_reaches_the_noise() -> 
     before = np.sqrt(np.mean((data.y - free_run(stabilised(local.theta, 1), 1, validity, data)) ** 2)) * span_mV
     size = local.partition.n_models * (structure.n_regressors - 1)
     fold = np.arange(len(data)) * 5 // len(data)
-    refined = refine(local.theta, 1, local.partition, data, [np.zeros((size, size))], fold, (-8.0,))
+    refined = refine(local.theta, 1, local.partition, data, HeldOutChoice([np.zeros((size, size))], fold, (-8.0,)))
     assert refined.rmse * span_mV <= before
     assert refined.rmse * span_mV < 1.3
 
@@ -93,7 +93,7 @@ def fitted():
 def test_held_out_error_comes_near_the_noise(fitted) -> None:
     assert fitted.validation is not None
     assert fitted.validation["rmse_mV"] < 1.5
-    assert fitted.network.record["noise_floor_mV"] == pytest.approx(1.0, rel=0.15)
+    assert fitted.network.record.noise_floor_mV == pytest.approx(1.0, rel=0.15)
     assert len(fitted.candidates) > 5
 
 

@@ -60,10 +60,10 @@ def test_every_structure_refuses_what_determines_nothing(run: TimeSeries, says: 
 def test_one_level_of_charge_gives_a_model_with_its_reservation(structure: str) -> None:
     fitted = fit_network([one_level()], capacity_Ah=CAPACITY_AH, structure=structure)
     assert np.isfinite(fitted.network.theta).all()
-    said = " ".join(fitted.network.record["reservations"])
+    said = " ".join(fitted.network.record.reservations)
     assert "known at this level only" in said
     assert "temperature stays within" in said
-    low, high = fitted.network.record["domain"]["soc"]
+    low, high = fitted.network.record.domain["soc"]
     assert high - low < 0.05
 
 
@@ -77,8 +77,8 @@ def test_a_capacity_far_too_small_is_refused(factor: float) -> None:
 def test_a_capacity_that_disagrees_with_the_reference_is_said_with_the_one_that_agrees() -> None:
     run = synthetic.run(2000, seed=1, drift_A=-0.5)
     fitted = fit_network([run], capacity_Ah=1.3 * CAPACITY_AH, structure="minimal")
-    assert "reference SoC moves 1.30 times" in " ".join(fitted.network.record["reservations"])
-    assert "capacity would be 2 Ah" in " ".join(fitted.network.record["reservations"])
+    assert "reference SoC moves 1.30 times" in " ".join(fitted.network.record.reservations)
+    assert "capacity would be 2 Ah" in " ".join(fitted.network.record.reservations)
     assert "reference SoC" not in " ".join(check_excitation([to_grid(run, 1.0)], [0.6], CELL))
 
 
@@ -132,7 +132,7 @@ def test_missing_values_are_counted_or_refused() -> None:
         return replace(run, **{name: np.where(lost, np.nan, getattr(run, name))})
 
     fitted = fit_network([without("voltage_V", few)], capacity_Ah=CAPACITY_AH, structure="minimal")
-    assert "voltage is missing at" in " ".join(fitted.network.record["reservations"])
+    assert "voltage is missing at" in " ".join(fitted.network.record.reservations)
     assert fitted.train["rmse_mV"] < 2.0
     assert f"current is missing at {few.sum()} samples" in reservations(without("current_A", few))
     with pytest.raises(NotIdentifiableError, match="charge that flowed is not known"):

@@ -6,11 +6,15 @@ import pytest
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
-from models.identification.search.search import AutoCandidate, Candidate, Search
+from models.identification.progress import silent
+from models.identification.search.auto import AutoCandidate
+from models.identification.search.candidate import Candidate
+from models.identification.search.search import Search
 from models.identification.stored_sums import StoredSums
 from models.network.free_run import free_run_V
 from models.network.lineage import chain, document_sha256, run_sha256, version_of
 from models.network.local_model_network import LocalModelNetwork
+from models.network.model_record import ModelRecord
 from models.network.regression import CellContext
 from models.pipeline.refitting import refit, stored_sums
 from tests.unit.models import synthetic
@@ -25,8 +29,9 @@ CANDIDATES = {
 
 def fitted(candidate: Candidate | AutoCandidate) -> LocalModelNetwork:
     runs = [to_grid(run, 1.0) for run in OLD]
-    found = Search(runs, [0.6] * len(runs), CELL, lambda share, text: None).fitted(candidate)
-    record = {"train": {"rmse_mV": 1.0}, "domain": {"soc": [0.55, 0.8], "current_A": [-3.0, 3.0]}, "tables": {}}
+    found = Search(runs, [0.6] * len(runs), CELL, silent).fitted(candidate)
+    domain = {"soc": (0.55, 0.8), "current_A": (-3.0, 3.0)}
+    record = ModelRecord(train={"rmse_mV": 1.0}, domain=domain, tables={})
     return LocalModelNetwork(found.structure, found.partition, found.theta, found.scaling, CELL, record)
 
 
@@ -89,8 +94,8 @@ def test_the_record_names_parent_data_settings_and_errors() -> None:
     assert version.runs[0].sha256 == run_sha256(new)
     assert version.sums_sha256 == document_sha256(found.sums.to_json())
     assert version.settings["old_samples"] == pytest.approx(3 * 4000 - 3)
-    assert "tables" not in found.network.record
-    low, high = found.network.record["domain"]["current_A"]
+    assert "tables" not in found.network.to_json()["record"]
+    low, high = found.network.record.domain["current_A"]
     assert low < -3.0 and high > 3.0
     json.dumps(found.network.to_json(), allow_nan=False)
 

@@ -6,6 +6,7 @@ import pytest
 
 from models.data.errors import ModelError
 from models.network.local_model_network import LocalModelNetwork
+from models.network.model_record import ModelRecord
 from models.network.partition import initial_partition
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.pipeline.fit import fit_network
@@ -30,7 +31,7 @@ def test_the_record_carries_tables_with_bands(fitted: LocalModelNetwork) -> None
     np.testing.assert_array_equal(ocv.voltage_V, ocv_table(fitted).voltage_V)
     np.testing.assert_array_equal(resistance.resistance_Ohm, resistance_table(fitted).resistance_Ohm)
     assert ocv.std_V is not None and resistance.std_Ohm is not None
-    for step in again.record["tables"]["step_response"]:
+    for step in again.record.tables["step_response"]:
         assert len(step["time_s"]) == len(step["resistance_Ohm"]) == len(step["std_Ohm"]) <= 30
         assert step["time_s"][0] == 1.0 and step["time_s"][-1] == 1800.0
 
@@ -72,7 +73,7 @@ def test_points_that_do_not_settle_are_null_and_come_back_missing() -> None:
     ocv = OcvTable.from_json(document["ocv"])
     assert np.isnan(ocv.voltage_V[..., -1]).all() and np.isfinite(ocv.voltage_V[..., 0]).all()
     assert any("does not settle" in text for text in document["reservations"])
-    summary(replace(network, record=network.record | {"tables": document}))
+    summary(replace(network, record=replace(network.record, tables=document)))
 
 
 def test_tables_without_a_record_are_read_out_now() -> None:
@@ -80,4 +81,4 @@ def test_tables_without_a_record_are_read_out_now() -> None:
     ocv, _ = tables_of(network)
     np.testing.assert_array_equal(ocv.voltage_V, ocv_table(network).voltage_V)
     with pytest.raises(ModelError, match="damaged"):
-        tables_of(replace(network, record={"tables": {"ocv": {}}}))
+        tables_of(replace(network, record=ModelRecord(tables={"ocv": {}})))

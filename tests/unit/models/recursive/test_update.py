@@ -7,12 +7,16 @@ from models.data.errors import ModelError
 from models.data.resampling import GridRun, to_grid
 from models.data.timeseries import TimeSeries
 from models.identification.search.auto import AutoCandidate
-from models.identification.search.search import Candidate, Search
+from models.identification.search.candidate import Candidate
+from models.identification.search.search import Search
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
+from models.network.model_record import ModelRecord
 from models.network.partition import Partition
 from models.network.regression import CellContext, build_dataset
-from models.recursive.update import RecursiveUpdate, UpdateSettings, UpdateState
+from models.recursive.settings import UpdateSettings
+from models.recursive.state import UpdateState
+from models.recursive.update import RecursiveUpdate
 from tests.unit.models import synthetic
 from tests.unit.models.hand_network import everything, grid_run
 
@@ -113,7 +117,7 @@ def fitted(candidate: Candidate | AutoCandidate, seeds: tuple[int, ...] = (1, 2,
     runs = [to_grid(synthetic.run(4000, seed=s, noise_V=1e-3), 1.0) for s in seeds]
     cell = CellContext(synthetic.CAPACITY_AH)
     found = Search(runs, [0.6] * len(runs), cell, lambda share, text: None).fitted(candidate)
-    record = {"train": {"rmse_mV": 2.0}}
+    record = ModelRecord(train={"rmse_mV": 2.0})
     return LocalModelNetwork(found.structure, found.partition, found.theta, found.scaling, cell, record)
 
 

@@ -8,6 +8,7 @@ from models.comparison.figures import compare
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
 from models.network.local_model_network import LocalModelNetwork
+from models.network.model_record import ModelRecord
 from models.pipeline.fit import fit_network
 from models.thermal.cell_temperature import compare_temperature, thermal_of, thermal_record
 from simulators.catalogue import CELLS
@@ -56,7 +57,7 @@ def test_without_ambient_there_is_nothing(network: LocalModelNetwork) -> None:
     grid = replace(to_grid(run(1), 1.0), ambient_degC=None)
     assert thermal_record(network, [grid], [0.6]) is None
     assert compare_temperature(network, [grid], [0.6]) is None
-    assert compare_temperature(replace(network, record={}), [to_grid(run(1), 1.0)], [0.6]) is None
+    assert compare_temperature(replace(network, record=ModelRecord()), [to_grid(run(1), 1.0)], [0.6]) is None
 
 
 def test_what_cannot_be_identified_is_a_reservation(network: LocalModelNetwork) -> None:
@@ -71,9 +72,9 @@ def test_what_cannot_be_identified_is_a_reservation(network: LocalModelNetwork) 
 
 
 def test_a_run_that_cannot_be_simulated_is_a_reservation(network: LocalModelNetwork) -> None:
-    tables = json.loads(json.dumps(network.record["tables"]))
+    tables = json.loads(json.dumps(network.record.tables))
     tables["ocv"]["voltage_V"][0][0][3] = None
-    holed = replace(network, record=network.record | {"tables": tables})
+    holed = replace(network, record=replace(network.record, tables=tables))
     result = compare_temperature(holed, [to_grid(run(3), 1.0)], [0.6])
     assert result is not None and result["rmse_K"] is None
     assert "does not settle" in result["reservations"][0]

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.parameter_covariance import KINDS, judge
 from models.data.resampling import to_grid
 from models.identification.lolimot import construct
-from models.identification.search.search import full_theta
+from models.identification.search.fitted import full_theta
 from models.identification.shared_poles import fit, moments, output_coefficients, penalties
 from models.network.penalty import Penalty
 from models.network.recursion import blend, initial_samples, run_recursion, sensitivity_block

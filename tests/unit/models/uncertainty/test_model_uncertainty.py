@@ -8,6 +8,7 @@ from models.data.errors import ModelError
 from models.data.resampling import GridRun, to_grid
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
+from models.network.model_record import ModelRecord
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.pipeline.fit import FitResult, fit_network
 from models.readouts.ocv import ocv_table
@@ -93,7 +94,7 @@ def test_a_corner_that_hardly_any_sample_reaches_is_thin() -> None:
     hot = network.partition.lower[:, 1] > 0.6
     assert found.thin[hot].all()
     assert found.samples[hot].sum() < 0.05 * found.samples.sum()
-    assert any("too little data" in text for text in network.record["tables"]["reservations"])
+    assert any("too little data" in text for text in network.record.tables["reservations"])
 
 
 @pytest.mark.parametrize(
@@ -109,10 +110,10 @@ def test_a_corner_that_hardly_any_sample_reaches_is_thin() -> None:
 )
 def test_a_damaged_document_is_refused(fitted: FitResult, damage: dict) -> None:
     record = fitted.network.record
-    broken = replace(fitted.network, record=record | {"uncertainty": record["uncertainty"] | damage})
+    broken = replace(fitted.network, record=replace(record, uncertainty=record.uncertainty | damage))
     with pytest.raises(ModelError):
         uncertainty_of(broken)
 
 
 def test_a_network_without_the_record_has_no_band(fitted: FitResult) -> None:
-    assert uncertainty_of(replace(fitted.network, record={})) is None
+    assert uncertainty_of(replace(fitted.network, record=ModelRecord())) is None

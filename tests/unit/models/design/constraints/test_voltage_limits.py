@@ -19,6 +19,7 @@ from models.design.optimise.reference_model import (
 )
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
+from models.network.model_record import ModelRecord
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.pipeline.fit import fit_network
 from models.uncertainty.correlation import ResidualCorrelation
@@ -93,7 +94,7 @@ def test_the_scale_of_a_band_follows_the_number_of_draws(fitted: LocalModelNetwo
 
 
 def test_a_network_without_record_is_taken_at_its_word() -> None:
-    band = recorded_band(replace(resistive(), record={"train": {"max_mV": 10.0, "rmse_mV": 2.0}}))
+    band = recorded_band(replace(resistive(), record=ModelRecord(train={"max_mV": 10.0, "rmse_mV": 2.0})))
     assert isinstance(band, VoltageBand) and band.error_V == pytest.approx(0.014)
 
 

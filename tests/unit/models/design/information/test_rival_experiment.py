@@ -57,7 +57,7 @@ def test_separation_by_hand() -> None:
 
 def test_the_designed_current_separates_more_than_random_ones() -> None:
     evaluator = RivalEvaluator(slow(), quick(), N)
-    found = optimise(slow(), Demands(LIMITS), N, n_starts=5, objective=evaluator)
+    found = optimise(slow(), Demands(LIMITS), N, n_starts=5, criterion=evaluator)
     random = max(evaluator.value(5.0 * np.repeat(np.sign(excitation(s)[:40]), 2)) for s in range(10))
     assert found.value > random
     assert min(evaluator.separation(found.current_A)) > 1.0

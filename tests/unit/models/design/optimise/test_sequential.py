@@ -10,6 +10,7 @@ from models.design.information.experiment import Evaluator
 from models.design.optimise.block_design import DesignRequest
 from models.design.optimise.sequential import sequential_design
 from models.network.local_model_network import LocalModelNetwork
+from models.network.model_record import ModelRecord
 from tests.unit.models.design.networks import experiment, resistive
 
 DT_S = 10.0
@@ -81,7 +82,7 @@ def test_a_refit_that_leaves_no_room_designs_nothing() -> None:
     request = DesignRequest(
         Limits((-6.0, 4.0), (0.1, 0.9), voltage_V=(3.0, 4.2)), 20_000.0, soc_levels=(0.3, 0.5, 0.7), n_starts=2
     )
-    lost = replace(TRUTH, record={"train": {"max_mV": 2000.0, "rmse_mV": 1000.0}})
+    lost = replace(TRUTH, record=ModelRecord(train={"max_mV": 2000.0, "rmse_mV": 1000.0}))
     sure, unsure = Bench(), Bench()
     sequential_design(experiment(), request, 1e-12, sure.play, keep)
     found = sequential_design(experiment(), request, 1e-12, unsure.play, lambda runs, starts: lost)

@@ -12,6 +12,8 @@ from models.diagnosis.reference.reference import Reference, fit_reference
 from models.diagnosis.structure.extension import ExtensionSearch
 from models.diagnosis.structure.structure import StructureAnalysis, analyse_structure
 from models.effects import effect, effects
+from models.identification.progress import silent
+from models.identification.search.search import Search
 from models.network.local_model_network import LocalModelNetwork
 from models.network.signals import parse_signal
 from models.network.structure import InputChannel, PartitionAxis, Structure, minimal_structure
@@ -37,7 +39,7 @@ def fitted(cell: CellParameters, structure: Structure) -> tuple[LocalModelNetwor
 
 
 def search(network: LocalModelNetwork, run: GridRun) -> ExtensionSearch:
-    return ExtensionSearch([run], [SOC], network.cell, lambda _share, _text: None)
+    return ExtensionSearch(Search([run], [SOC], network.cell, silent))
 
 
 def kinds(structure: Structure) -> list[str]:

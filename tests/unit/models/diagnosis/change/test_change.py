@@ -7,11 +7,12 @@ import pytest
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
-from models.diagnosis import MEMORY, diagnose, memory_of
+from models.diagnosis import diagnose, memory_of
 from models.diagnosis.answer.findings import Diagnosis
 from models.diagnosis.evidence.memory import Memory
 from models.diagnosis.reference.reference import Reference
 from models.diagnosis.reference.samples import choose_samples
+from models.network.model_record import ModelRecord
 from simulators.catalogue import CELLS
 from simulators.cell import Branch, Cell, CellParameters
 from tests.unit.models.diagnosis.cells import SOC, measured, simple_network
@@ -240,7 +241,8 @@ def test_the_memory_of_the_training_runs_survives_as_json(memory: Memory) -> Non
     document = json.loads(json.dumps(memory.to_json(), allow_nan=False))
     after = measured(replace(CELL, series_resistance_Ohm=0.006), 2)
     network = simple_network(CELL.capacity_Ah)
-    again = diagnose(replace(network, record={MEMORY: document}), [after], [SOC], mode="change").findings[0]
+    network = replace(network, record=ModelRecord(diagnosis=document))
+    again = diagnose(network, [after], [SOC], mode="change").findings[0]
     first = diagnosed(memory, after).findings[0]
     assert again.effect == first.effect
     value = first.parameters["resistance_Ohm"].value

@@ -46,7 +46,7 @@ def test_an_effect_that_the_structure_lacks_is_named_added_and_pays() -> None:
     assert any(signal.startswith("hysteresis_state") for signal in added.network.structure.signals)
     assert added.error_before_mV == pytest.approx(first.error_before_mV)
     assert added.error_after_mV < 0.75 * added.error_before_mV
-    assert [each["effect"] for each in added.network.record["effects"]] == ["hysteresis"]
+    assert [each["effect"] for each in added.network.record.effects] == ["hysteresis"]
     # The extended model lacks nothing any more.
     again = diagnose(added.network, [run], [SOC], train=[train], train_soc=[SOC], mode="structure")
     assert again.verdict == "nothing_missing"
@@ -66,7 +66,7 @@ def test_a_sensor_error_is_added_as_a_correction() -> None:
     assert added.parameters["offset_A"].value == pytest.approx(0.02, rel=0.1)
     assert added.error_after_mV < 0.75 * added.error_before_mV
     assert added.network.structure.signals == network.structure.signals
-    assert added.network.record["effects"][0]["correction"] is True
+    assert added.network.record.effects[0]["correction"] is True
 
 
 def test_an_unknown_effect_is_not_added() -> None:

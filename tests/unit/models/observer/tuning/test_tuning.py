@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 
 from models.data.resampling import to_grid
@@ -55,7 +57,7 @@ def test_what_was_found_is_more_likely_than_its_neighbours() -> None:
 def test_settings_that_were_tuned_are_used_from_the_models_record() -> None:
     model = network()
     found = tune(model, [measured(1, 1e-3, 3e-3, 20.0, 2000)], [0.5])
-    model.record["observer"] = found.to_json()
+    model = replace(model, record=replace(model.record, observer=found.to_json()))
     assert default_settings(model) == found
     assert FuzzyObserver(model).settings == found
 
@@ -78,7 +80,7 @@ def test_a_network_that_no_observer_can_use_says_so() -> None:
     structure = Structure(0, (InputChannel("current"),), (PartitionAxis("current"),), hand_network.DT_S)
     blind = hand_network.network(structure, np.array([[0.02, 3.3]]))
     found = with_tuned_observer(blind, [measured(1, 1e-3, 3e-3, 20.0, 2000)], [0.5]).record
-    assert "observer" not in found
-    assert "this model has none" in found["reservations"][-1]
+    assert found.observer is None and "observer" not in found.to_json()
+    assert "this model has none" in found.reservations[-1]
     seeing = with_tuned_observer(network(), [measured(1, 1e-3, 3e-3, 20.0, 2000)], [0.5])
-    assert default_settings(seeing).to_json() == seeing.record["observer"]
+    assert default_settings(seeing).to_json() == seeing.record.observer

@@ -4,6 +4,7 @@ import numpy as np
 
 from models.data.resampling import to_grid
 from models.network.free_run import free_run_V
+from models.network.model_record import ModelRecord
 from models.observer import FuzzyObserver
 from models.observer.tuning.innovations import tuning_data
 from models.observer.tuning.unseen import as_they_are, as_unseen
@@ -43,5 +44,5 @@ def test_errors_of_unseen_runs_are_not_smaller_than_of_runs_that_were_fitted(fit
 
 def test_without_a_covariance_the_model_stays_as_it_is(fitted: FuzzyObserver) -> None:
     run = to_grid(synthetic.run(500, seed=7, noise_V=1e-3), 1.0)
-    bare = replace(fitted.network, record={})
+    bare = replace(fitted.network, record=ModelRecord())
     assert [each.network for each in as_unseen(bare, [run], [0.6])] == [bare]

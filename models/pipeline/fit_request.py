@@ -1,0 +1,49 @@
+"""What is asked of a fit: the runs, the cell, the structure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypedDict
+
+from models.data.timeseries import TimeSeries
+from models.identification.progress import Progress
+from models.network.structure import Structure
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitRequest:
+    """What is asked of a fit.
+
+    Attributes
+    ----------
+    train : runs that the model is made from
+    capacity_Ah : cell capacity
+    structure : "full", "minimal", "auto", or a structure of one's own, which is kept
+    validate : runs that only judge the result
+    initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
+    dt_s : sampling time; by default the typical interval of the training runs
+    progress : called with a share 0..1 and a short text
+    code_version : of the program, for the record
+    """
+
+    train: list[TimeSeries]
+    capacity_Ah: float
+    structure: str | Structure = "full"
+    validate: list[TimeSeries] | None = None
+    initial_soc: list[float] | None = None
+    validate_soc: list[float] | None = None
+    dt_s: float | None = None
+    progress: Progress | None = None
+    code_version: str = "unknown"
+
+
+class FitOptions(TypedDict, total=False):
+    """Those fields of a `FitRequest` that have a default."""
+
+    structure: str | Structure
+    validate: list[TimeSeries] | None
+    initial_soc: list[float] | None
+    validate_soc: list[float] | None
+    dt_s: float | None
+    progress: Progress | None
+    code_version: str

@@ -1,0 +1,56 @@
+"""The search as a whole: what is chosen, what is tried, and what is kept of it."""
+
+import pytest
+
+from models.data.resampling import to_grid
+from models.identification.progress import silent
+from models.identification.search.candidate import Candidate
+from models.identification.search.chooser import Chooser
+from models.identification.search.search import Search
+from models.network.regression import CellContext
+from models.network.structure import minimal_structure
+from tests.unit.models import synthetic
+
+
+@pytest.fixture(scope="module")
+def search() -> Search:
+    runs = [to_grid(synthetic.run(1500, seed=seed, noise_V=1e-3), 1.0) for seed in (1, 2)]
+    return Search(runs, [0.6, 0.6], CellContext(synthetic.CAPACITY_AH), silent)
+
+
+def test_a_candidate_is_judged_once_and_stands_in_the_table(search: Search) -> None:
+    candidate = Candidate("minimal", n_models=3)
+    error_V = search.judge.error_V(candidate, candidate)
+    before = len(search.table)
+    assert search.judge.error_V(candidate, candidate) == error_V > 0.0
+    assert len(search.table) == before
+    row = next(each for each in search.table if each["n_models"] == 3)
+    assert row["held_out_rmse_mV"] == 1e3 * error_V and row["n_models_built"] <= 3
+
+
+def test_the_present_choice_stays_unless_another_is_worth_the_change(search: Search) -> None:
+    said: list[str] = []
+    chooser = Chooser(search.judge, lambda _share, text: said.append(text))
+    one, more = Candidate("minimal", n_models=1), Candidate("minimal", n_models=6)
+    errors = {each: search.judge.error_V(each, one) for each in (one, more)}
+    chosen = chooser.choose(one, [more, one], 0.5)
+    assert chosen == (more if errors[more] < 0.995 * errors[one] else one)
+    assert len(said) == 2 and all(text.startswith("trying poles") for text in said)
+
+
+def test_beginning_again_forgets_errors_and_keeps_the_table(search: Search) -> None:
+    candidate = Candidate("minimal", n_models=3)
+    search.judge.error_V(candidate, candidate)
+    rows, strengths = len(search.table), search.judge.strengths(candidate)
+    search.judge.begin_again()
+    assert len(search.table) == rows and search.judge.strengths(candidate) == strengths is not None
+
+
+def test_a_given_structure_gets_poles_and_a_size_and_is_fitted(search: Search) -> None:
+    given = minimal_structure(1.0)
+    chosen = search.best_within(given)
+    assert chosen.given == given and len(chosen.poles_s) == given.output_order
+    assert all(pole >= search.fastest_s for pole in chosen.poles_s)
+    fitted = search.fitted(chosen)
+    assert fitted.theta.shape == (fitted.partition.n_models, given.n_regressors)
+    assert fitted.held_out_rmse_V < 0.02
