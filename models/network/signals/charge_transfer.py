@@ -21,6 +21,7 @@ from models.network.signals.kind import SignalKind
 KIND = SignalKind(
     name="charge_transfer",
     title="asinh of the current over an exchange current, scaled by temperature and low-passed where asked",
+    example="charge_transfer:3/2500/20",
     parameters=(EXCHANGE_CURRENT, replace(ACTIVATION, optional=True), replace(TIME_CONSTANT, optional=True)),
     values=driven,
     settled=drive,

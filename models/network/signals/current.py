@@ -8,6 +8,7 @@ from models.network.signals.kind import SignalKind
 KIND = SignalKind(
     name="current",
     title="current in A",
+    example="current",
     values=drive,
     settled=drive,
     after_step=drive,

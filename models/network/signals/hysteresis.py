@@ -23,6 +23,7 @@ def _loop(_signal: Signal, _dt_s: float, _capacity_Ah: float) -> LoopForm:
 KIND = SignalKind(
     name="hysteresis",
     title="direction of the last current, +1 or -1",
+    example="hysteresis",
     values=_values,
     settled=_direction,
     after_step=_direction,

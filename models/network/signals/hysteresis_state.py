@@ -31,6 +31,7 @@ def _loop(signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
 KIND = SignalKind(
     name="hysteresis_state",
     title="state between -1 and 1 that follows the current's direction with the charge that flows",
+    example="hysteresis_state:40",
     parameters=(Parameter("rate", "1"),),
     values=_values,
     settled=_settled,

@@ -19,6 +19,7 @@ def _loop(_signal: Signal, _dt_s: float, _capacity_Ah: float) -> LoopForm:
 KIND = SignalKind(
     name="inverse_temperature",
     title="inverse temperature of the cell in 1/K",
+    example="inverse_temperature",
     values=_per_kelvin,
     settled=_per_kelvin,
     after_step=_per_kelvin,

@@ -111,6 +111,7 @@ class SignalKind:
     ----------
     name : that of its file; what stands before the colon
     title : what it is, for a person
+    example : a signal of this kind with all its parameters
     values : (n,) over a whole run, in its physical unit; this is its definition
     settled : (n,) where everything is held
     after_step : (n,) around a step of the current, from the settled value on
@@ -125,6 +126,7 @@ class SignalKind:
 
     name: str
     title: str
+    example: str
     values: Callable[[Signal, Run], FloatArray]
     settled: Callable[[Signal, Held], FloatArray]
     after_step: Callable[[Signal, Step], FloatArray]

@@ -10,6 +10,7 @@ from models.network.signals.kind import SignalKind
 KIND = SignalKind(
     name="low_pass",
     title="low-passed current in A, scaled by temperature where asked",
+    example="low_pass:60/3000",
     parameters=(TIME_CONSTANT, replace(ACTIVATION, optional=True)),
     values=driven,
     settled=drive,

@@ -27,6 +27,7 @@ def _loop(signal: Signal, dt_s: float, _capacity_Ah: float) -> LoopForm:
 KIND = SignalKind(
     name="relaxation",
     title="what is left of the current's changes, in A",
+    example="relaxation:300",
     parameters=(TIME_CONSTANT,),
     values=_values,
     settled=_settled,

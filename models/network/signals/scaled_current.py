@@ -8,6 +8,7 @@ from models.network.signals.kind import SignalKind
 KIND = SignalKind(
     name="scaled_current",
     title="current in A, scaled by temperature",
+    example="scaled_current:2500",
     parameters=(ACTIVATION,),
     values=drive,
     settled=drive,

@@ -18,6 +18,7 @@ def _loop(_signal: Signal, _dt_s: float, _capacity_Ah: float) -> LoopForm:
 KIND = SignalKind(
     name="soc",
     title="state of charge as a fraction",
+    example="soc",
     values=_soc,
     settled=_soc,
     after_step=_soc,

@@ -35,6 +35,7 @@ def _loop(signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
 KIND = SignalKind(
     name="squared_current",
     title="low-passed current times its magnitude in A^2, scaled by temperature where asked",
+    example="squared_current:60/3000",
     parameters=(TIME_CONSTANT, replace(ACTIVATION, optional=True)),
     values=_values,
     settled=_settled,

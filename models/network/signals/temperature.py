@@ -18,6 +18,7 @@ def _loop(_signal: Signal, _dt_s: float, _capacity_Ah: float) -> LoopForm:
 KIND = SignalKind(
     name="temperature",
     title="temperature of the cell in degC",
+    example="temperature",
     values=_temperature_degC,
     settled=_temperature_degC,
     after_step=_temperature_degC,
