@@ -51,7 +51,7 @@ class NetworkCell:
         self._temperature_degC = temperature_degC
         self._soc = initial_soc
         depth = 1 + int(max(self._net.tap_lag.max(), self._net.axis_lag.max()))
-        n_signals = len(self._net.kind)
+        n_signals = len(self._net.form)
         self._filters, self._history = np.zeros((n_signals, 3)), np.zeros((depth, n_signals))
         self._weight = np.zeros(len(self._net.theta))
         self._direction, self._last_A = -1.0, 0.0

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.network.signals import KELVIN, low_pass
+from models.network.signals import KELVIN
+from models.network.signals.filters import low_pass
 
 # Readings at the start that are averaged: one alone would carry its noise through the whole run.
 _START_SAMPLES = 30

@@ -11,7 +11,7 @@ import numpy as np
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.effects.spline import SplineBasis
-from models.network import signals
+from models.network.signals import KELVIN, REFERENCE_K, direction, filters
 
 _SMALL_SOC = 1e-3
 
@@ -111,7 +111,7 @@ class View:
         temperature = self.run.temperature_degC
         if np.isnan(temperature).any():
             return np.zeros(len(temperature))
-        return 1.0 / (temperature + signals.KELVIN) - 1.0 / signals.REFERENCE_K
+        return 1.0 / (temperature + KELVIN) - 1.0 / REFERENCE_K
 
     @cached_property
     def drive_A(self) -> FloatArray:
@@ -130,11 +130,11 @@ class View:
 
     def low_pass(self, values: FloatArray, time_constant_s: float) -> FloatArray:
         """(m,) first-order low-pass of a signal over the whole run."""
-        return signals.low_pass(values, time_constant_s, self.run.dt_s)[self.index]
+        return filters.low_pass(values, time_constant_s, self.run.dt_s)[self.index]
 
     def hysteresis(self, rate: float) -> FloatArray:
         """(m,) one-state hysteresis."""
-        return signals.hysteresis_state(self.run.current_A, rate, self.run.dt_s, self.capacity_Ah)[self.index]
+        return direction.hysteresis_state(self.run.current_A, rate, self.run.dt_s, self.capacity_Ah)[self.index]
 
     def bumps(self, size: int) -> FloatArray:
         """(m, size) smooth bumps over the model's range of SoC that add up to 1."""

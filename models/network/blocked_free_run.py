@@ -14,9 +14,9 @@ from numba import njit
 
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
-from models.network.compiled_network import CODES, FlatNetwork, flat_network, step_signals
+from models.network.compiled_network import FlatNetwork, flat_network, has_loop_forms, step_signals
 from models.network.local_model_network import LocalModelNetwork
-from models.network.signals import parse_signal, soc_by_counting
+from models.network.signals import soc_by_counting
 
 _BLOCK = 4096
 # OpenBLAS takes one thread for matrix products of up to this many multiplications (interface/gemm.c); a pool of threads
@@ -45,9 +45,8 @@ class Factors(NamedTuple):
 
 def runs_in_blocks(network: LocalModelNetwork, run: GridRun) -> bool:
     """Whether the blocked run covers a network and a run: Gaussian kernels, no missing temperature, not too short."""
-    known = all(parse_signal(name).kind in CODES for name in network.structure.signals)
     whole = len(run) >= _SHORT and not bool(np.isnan(run.temperature_degC).any())
-    return network.partition.kernel == "gaussian" and known and whole
+    return network.partition.kernel == "gaussian" and whole and has_loop_forms(network.structure)
 
 
 def blocked_free_run_V(network: LocalModelNetwork, run: GridRun, initial_soc: float) -> FloatArray:
@@ -63,8 +62,8 @@ def blocked_free_run_V(network: LocalModelNetwork, run: GridRun, initial_soc: fl
     since = _since_start(run, order)
     # The last row sums the validity functions, which are normalised only then.
     weights = np.vstack([network.theta.T, np.ones(network.n_models)])
-    filters, held = np.zeros((len(net.kind), 3)), np.array([-1.0, run.current_A[0]])
-    values = np.empty((len(net.kind), depth + _BLOCK))
+    filters, held = np.zeros((len(net.form), 3)), np.array([-1.0, run.current_A[0]])
+    values = np.empty((len(net.form), depth + _BLOCK))
     validity = np.empty((network.n_models, _BLOCK))
     past, out = np.zeros(2), np.empty(len(run))
     soc = initial_soc
@@ -160,7 +159,7 @@ def _make_signals(
     into: np.ndarray,
 ) -> None:
     """Write the (S, size) normalised signals of a block; `filters` and `held` carry on to the next."""
-    now = np.empty(net.kind.shape[0])
+    now = np.empty(net.form.shape[0])
     direction, before_A = held[0], held[1]
     for k in range(current_A.shape[0]):
         current = float(current_A[k])

@@ -10,48 +10,41 @@ from numba import njit
 from models.data.errors import StructureError
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import VOLTAGE, axis_lag
-from models.network.signals import (
-    DIFFUSION_GAINS,
-    KELVIN,
-    REFERENCE_K,
-    diffusion_rates,
-    parse_signal,
-    relaxation_poles,
+from models.network.signals import KELVIN, REFERENCE_K, parse_signal
+from models.network.signals.filters import DIFFUSION_GAINS
+from models.network.signals.loop_form import (
+    AS_IS,
+    CASCADE,
+    DRIVEN,
+    ENTRY,
+    FORM,
+    INVERSE_TEMPERATURE,
+    LOOP,
+    MAGNITUDE,
+    RESULT,
+    SIGNED_SQUARE,
+    SOC,
+    TEMPERATURE,
+    LoopForm,
 )
-from models.network.structure import KERNELS
+from models.network.structure import KERNELS, Structure
 
-# What the compiled loop does with a signal.
-FILTERED, SOC, RELAXATION, DIRECTION, HYSTERESIS, TEMPERATURE, INVERSE_TEMPERATURE, SQUARED = range(8)
-CODES = {
-    "current": FILTERED,
-    "scaled_current": FILTERED,
-    "low_pass": FILTERED,
-    "charge_transfer": FILTERED,
-    "squared_current": SQUARED,
-    "soc": SOC,
-    "surface_soc": SOC,
-    "relaxation": RELAXATION,
-    "hysteresis": DIRECTION,
-    "hysteresis_state": HYSTERESIS,
-    "temperature": TEMPERATURE,
-    "inverse_temperature": INVERSE_TEMPERATURE,
-}
 _GAUSSIAN, _UNIFORM = KERNELS.index("gaussian"), KERNELS.index("uniform")
 
 
 class FlatNetwork(NamedTuple):
-    """A network as plain arrays."""
+    """A network as plain arrays; what is said of each signal is a `LoopForm`, one field of it an array."""
 
     theta: np.ndarray
     centres: np.ndarray
     widths: np.ndarray
     kernel: int
     order: int
-    kind: np.ndarray  # (S,) code of each signal
-    pole: np.ndarray  # (S, 3) poles of the filter stages, 0 where there is none; of a SoC: rates of its diffusion
-    activation_K: np.ndarray  # (S,) 0: the current is not scaled by temperature
-    exchange_A: np.ndarray  # (S,) 0: no asinh
-    factor: np.ndarray  # (S,) of SoC per ampere, or of hysteresis per ampere and sample
+    form: np.ndarray  # (S, 3) form, entry and result
+    pole: np.ndarray  # (S, 3)
+    activation_K: np.ndarray  # (S,)
+    exchange_A: np.ndarray  # (S,)
+    factor: np.ndarray  # (S,)
     low: np.ndarray  # (S,) normalisation
     span: np.ndarray
     tap_signal: np.ndarray
@@ -63,6 +56,14 @@ class FlatNetwork(NamedTuple):
     efficiency: float
     voltage_low: float
     voltage_span: float
+
+
+@njit(cache=True)
+def bent(entry: int, x: float) -> float:
+    """Return what enters the low-pass of a driven signal; the three ways that are not AS_IS."""
+    if entry == MAGNITUDE:
+        return abs(x)
+    return x * abs(x) if entry == SIGNED_SQUARE else x * x
 
 
 @njit(cache=True)
@@ -79,16 +80,16 @@ def step_signals(
     """Write the normalised signals of this sample into `now` and move the filters on."""
     # Signals that follow each other often share their scaling by temperature and their exchange current.
     slowed, slowed_for, exchange_for, transfer = 1.0, 0.0, 0.0, 0.0
-    for s in range(net.kind.shape[0]):
-        kind, pole, state = net.kind[s], net.pole[s], filters[s]
+    for s in range(net.form.shape[0]):
+        form, pole, state = net.form[s, FORM], net.pole[s], filters[s]
         value = direction
-        if kind == FILTERED or kind == SOC or kind == SQUARED:
+        if form == DRIVEN or form == SOC:
             if net.activation_K[s] != slowed_for:
                 slowed_for = net.activation_K[s]
                 slowed = np.exp(slowed_for * (1.0 / (temperature_degC + KELVIN) - 1.0 / REFERENCE_K))
                 exchange_for = 0.0
             value = current_A * slowed
-            if kind == SOC:
+            if form == SOC:
                 shift = 0.0
                 for mode in range(3 if net.factor[s] != 0.0 else 0):
                     keep = np.exp(-pole[mode] / slowed)
@@ -101,21 +102,23 @@ def step_signals(
                         exchange_for = net.exchange_A[s]
                         transfer = np.arcsinh(value / exchange_for)
                     value = transfer
+                if net.form[s, ENTRY] != AS_IS:
+                    value = bent(net.form[s, ENTRY], value)
                 state[0] = pole[0] * state[0] + (1.0 - pole[0]) * value
-                value = state[0] * abs(state[0]) if kind == SQUARED else state[0]
-        elif kind == RELAXATION:
+                value = state[0] * abs(state[0]) if net.form[s, RESULT] == SIGNED_SQUARE else state[0]
+        elif form == CASCADE:
             value = change_A
             for stage in range(3):
                 state[stage] = pole[stage] * state[stage] + (1.0 - pole[stage]) * value
                 value = state[stage]
             value /= 1.0 - pole[0]
-        elif kind == HYSTERESIS:
+        elif form == LOOP:
             keep = np.exp(-net.factor[s] * abs(current_A))
             state[0] = keep * state[0] + (1.0 - keep) * np.sign(current_A)
             value = state[0]
-        elif kind == TEMPERATURE:
+        elif form == TEMPERATURE:
             value = temperature_degC
-        elif kind == INVERSE_TEMPERATURE:
+        elif form == INVERSE_TEMPERATURE:
             value = 1.0 / (temperature_degC + KELVIN)
         now[s] = (value - net.low[s]) / net.span[s]
 
@@ -177,22 +180,16 @@ def step_validity(net: FlatNetwork, history: np.ndarray, weight: np.ndarray) -> 
 
 
 def flat_network(network: LocalModelNetwork) -> FlatNetwork:
-    """Lay a network out as plain arrays for compiled loops."""
+    """Lay a network out as plain arrays for compiled loops.
+
+    Raises
+    ------
+    StructureError
+        One of its signals has no form for the compiled loops.
+    """
     structure, cell = network.structure, network.cell
     names = structure.signals
-    parsed = [parse_signal(name) for name in names]
-    unknown = [name for name, signal in zip(names, parsed, strict=True) if signal.kind not in CODES]
-    if unknown:
-        raise StructureError(f"signal {unknown[0]!r} cannot be simulated together with the temperature")
-    pole, soc_per_A = np.zeros((len(names), 3)), structure.dt_s / (3600.0 * cell.capacity_Ah)
-    for s, signal in enumerate(parsed):
-        time_constant_s = signal.get("time_constant_s")
-        if signal.kind == "relaxation":
-            pole[s] = relaxation_poles(time_constant_s, structure.dt_s)
-        elif signal.kind == "surface_soc":
-            pole[s] = diffusion_rates(time_constant_s, structure.dt_s)
-        elif time_constant_s:
-            pole[s, 0] = np.exp(-structure.dt_s / time_constant_s)
+    rows = [_loop_form(name, structure.dt_s, cell.capacity_Ah) for name in names]
     bounds = np.array([network.scaling[name] for name in names])
     taps = [(names.index(signal), lag) for signal, lag in structure.taps()]
     axes = [(names.index(axis.signal), axis_lag(axis.signal)) for axis in structure.axes]
@@ -203,11 +200,11 @@ def flat_network(network: LocalModelNetwork) -> FlatNetwork:
         widths=np.ascontiguousarray(network.partition.widths),
         kernel=KERNELS.index(network.partition.kernel),
         order=structure.output_order,
-        kind=np.array([CODES[signal.kind] for signal in parsed]),
-        pole=pole,
-        activation_K=np.array([signal.get("activation_K") for signal in parsed]),
-        exchange_A=np.array([signal.get("exchange_current_A") for signal in parsed]),
-        factor=np.array([signal.get("depth") / cell.capacity_Ah + signal.get("rate") * soc_per_A for signal in parsed]),
+        form=np.array([(row.form, row.entry, row.result) for row in rows]),
+        pole=np.array([row.poles for row in rows]),
+        activation_K=np.array([row.activation_K for row in rows]),
+        exchange_A=np.array([row.exchange_A for row in rows]),
+        factor=np.array([row.factor for row in rows]),
         low=np.ascontiguousarray(bounds[:, 0]),
         span=np.ascontiguousarray(bounds[:, 1] - bounds[:, 0]),
         tap_signal=np.array([t[0] for t in taps]),
@@ -215,8 +212,23 @@ def flat_network(network: LocalModelNetwork) -> FlatNetwork:
         axis_signal=np.array([a[0] for a in axes]),
         axis_lag=np.array([a[1] for a in axes]),
         rest_A=cell.rest_A,
-        soc_per_A=soc_per_A,
+        soc_per_A=structure.dt_s / (3600.0 * cell.capacity_Ah),
         efficiency=cell.efficiency,
         voltage_low=low,
         voltage_span=network.voltage_span_V,
     )
+
+
+def has_loop_forms(structure: Structure) -> bool:
+    """Whether all signals of a structure can be made sample by sample."""
+    return all(parse_signal(name).definition.loop is not None for name in structure.signals)
+
+
+def _loop_form(name: str, dt_s: float, capacity_Ah: float) -> LoopForm:
+    signal = parse_signal(name)
+    if signal.definition.loop is None:
+        raise StructureError(
+            f"signal {name!r} cannot be made sample by sample, which observer, design, recursive update and every "
+            f"simulation in closed loop need: use a model without it, or give {signal.kind!r} a loop form"
+        )
+    return signal.definition.loop(signal, dt_s, capacity_Ah)

@@ -8,6 +8,7 @@ from typing import Any
 from models.data.errors import StructureError
 from models.network.signals import is_soc, parse_signal
 
+# Compiled functions (njit) know kernels by their places here.
 KERNELS = ("gaussian", "uniform", "triangular")
 
 

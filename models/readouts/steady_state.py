@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.data.errors import ModelError, StructureError
+from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import normalise
-from models.network.signals import KELVIN, Signal, arrhenius, parse_signal
+from models.network.signals import Held, parse_signal
 from models.network.structure import Structure
 
 # A trained range narrower than this is one temperature: sensors and self-heating move it by as much.
@@ -93,8 +93,9 @@ def settled_voltage(network: LocalModelNetwork, points: OperatingPoints) -> Sett
 def settled_regressors(network: LocalModelNetwork, points: OperatingPoints) -> tuple[FloatArray, FloatArray]:
     """(n, q + 1) normalised input taps with a last column of ones, and (n, axes) normalised partition variables."""
     structure = network.structure
-    capacity_Ah = network.cell.capacity_Ah
-    value = {name: normalise(_settled(name, points, capacity_Ah), network.scaling[name]) for name in structure.signals}
+    held = Held(points.current_A, points.temperature_degC, points.soc, points.direction, network.cell.capacity_Ah)
+    parsed = [parse_signal(name) for name in structure.signals]
+    value = {each.name: normalise(each.definition.settled(each, held), network.scaling[each.name]) for each in parsed}
     columns = [value[signal] for signal, _ in structure.taps()]
     u = np.column_stack([*columns, np.ones(len(points.soc))])
     z = np.column_stack([value[axis.signal] for axis in structure.axes])
@@ -137,8 +138,7 @@ def current_axis(network: LocalModelNetwork, per_direction: int = 4) -> FloatArr
 
 def depends_on_temperature(structure: Structure) -> bool:
     """Whether a network of this structure can tell temperatures apart."""
-    parsed = [parse_signal(name) for name in structure.signals]
-    return any(s.kind in ("temperature", "inverse_temperature") or s.get("activation_K") != 0.0 for s in parsed)
+    return any(parse_signal(name).depends_on_temperature for name in structure.signals)
 
 
 def outside_domain(network: LocalModelNetwork, values: dict[str, FloatArray]) -> np.ndarray:
@@ -174,37 +174,6 @@ def _beyond(values: FloatArray, low: float, high: float) -> np.ndarray:
     # Half a percent of the range: sensor noise at the edge is not a new operating point.
     slack = 0.005 * (high - low)
     return (values < low - slack) | (values > high + slack)
-
-
-def drive(signal: Signal, current_A: FloatArray, temperature_degC: FloatArray) -> FloatArray:
-    """(n,) current as a signal takes it in: scaled by temperature and through asinh where asked, before any filter."""
-    x = current_A
-    if signal.get("activation_K"):
-        x = x * arrhenius(temperature_degC, signal.get("activation_K"))
-    return np.arcsinh(x / signal.get("exchange_current_A")) if signal.kind == "charge_transfer" else x
-
-
-def _settled(name: str, points: OperatingPoints, capacity_Ah: float) -> FloatArray:
-    """Value in its physical unit that a signal takes when everything is held."""
-    signal = parse_signal(name)
-    kind = signal.kind
-    if kind in ("current", "scaled_current", "low_pass", "charge_transfer"):
-        return drive(signal, points.current_A, points.temperature_degC)
-    if kind == "squared_current":
-        settled_A = drive(signal, points.current_A, points.temperature_degC)
-        return settled_A * np.abs(settled_A)
-    if kind in ("soc", "surface_soc"):
-        shift = signal.get("depth") * drive(signal, points.current_A, points.temperature_degC) / capacity_Ah
-        return points.soc + shift
-    if kind == "relaxation":
-        return np.zeros_like(points.soc)
-    if kind in ("hysteresis", "hysteresis_state"):
-        return points.direction
-    if kind == "temperature":
-        return points.temperature_degC
-    if kind == "inverse_temperature":
-        return 1.0 / (points.temperature_degC + KELVIN)
-    raise StructureError(f"signal {name!r}: it is not known what it settles to")
 
 
 def _settles(a: FloatArray) -> np.ndarray:

@@ -13,7 +13,7 @@ from models.network import signals
 from models.network.local_model_network import LocalModelNetwork
 from models.network.recursion import run_recursion, sensitivity_block
 from models.network.regression import VOLTAGE, axis_lag, normalise
-from models.readouts.steady_state import OperatingPoints, drive, settled_voltage, standard_deviation
+from models.readouts.steady_state import OperatingPoints, settled_voltage, standard_deviation
 
 
 @dataclass(frozen=True)
@@ -204,30 +204,11 @@ def _regressors(
     turned = float(np.sign(to_A)) if abs(to_A) > cell.rest_A else before
     per_sample = to_A * dt_s / (3600.0 * cell.capacity_Ah)
     counted = soc + (since * per_sample * (cell.efficiency if to_A > 0.0 else 1.0) if soc_moves else 0.0 * since)
-
-    def physical(name: str) -> FloatArray:
-        signal = signals.parse_signal(name)
-        if signal.kind == "hysteresis":
-            return np.where(stepped, turned, before)
-        if signal.kind == "hysteresis_state":
-            return turned + (before - turned) * np.exp(-signal.get("rate") * abs(per_sample) * since)
-        if signal.kind == "relaxation":
-            return signals.relaxation(current, signal.get("time_constant_s"), dt_s)
-        if signal.kind in ("temperature", "inverse_temperature"):
-            return signals.RunSignals(current, temperature, counted, dt_s, cell.capacity_Ah).values(name)
-        x = drive(signal, current, temperature)
-        tau_s = signal.get("time_constant_s")
-        # From the settled value on, where the signal of a whole run starts at rest.
-        if signal.kind == "surface_soc":
-            slowed = signals.arrhenius(temperature, signal.get("activation_K"))
-            x = x[0] + signals.diffusion(x - x[0], tau_s, slowed, dt_s)
-        elif tau_s:
-            x = x[0] + signals.low_pass(x - x[0], tau_s, dt_s)
-        if signals.is_soc(name):
-            return counted + signal.get("depth") * x / cell.capacity_Ah
-        return x * np.abs(x) if signal.kind == "squared_current" else x
-
-    value = {name: normalise(physical(name), network.scaling[name]) for name in structure.signals}
+    direction = np.where(stepped, turned, before)
+    step = signals.Step(current, temperature, counted, direction, since, dt_s, cell.capacity_Ah)
+    parsed = [signals.parse_signal(name) for name in structure.signals]
+    physical = {each.name: each.definition.after_step(each, step) for each in parsed}
+    value = {name: normalise(values, network.scaling[name]) for name, values in physical.items()}
     columns = [_delayed(value[signal], lag) for signal, lag in structure.taps()]
     u = np.column_stack([*columns, np.ones(len(since))])
     z = np.column_stack([_delayed(value[axis.signal], axis_lag(axis.signal)) for axis in structure.axes])

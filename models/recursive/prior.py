@@ -13,8 +13,6 @@ from models.recursive.update_step import FlatUpdate
 
 # Standard deviations that a parameter may move away from where it began.
 _REACH = 10.0
-# Kinds of signals that are zero when no current flows: their parameters are the resistance.
-_CURRENT_KINDS = ("current", "scaled_current", "low_pass", "charge_transfer", "relaxation")
 # A tap is taken to be at least this share of all taps of the current.
 _LEAST_SHARE = 0.1
 
@@ -55,7 +53,7 @@ def _middle(network: LocalModelNetwork) -> FloatArray:
     order = structure.output_order
     at = np.ones_like(theta)
     for column, (signal, _) in enumerate(structure.taps(), start=order):
-        if parse_signal(signal).kind in _CURRENT_KINDS:
+        if parse_signal(signal).definition.as_resistance:
             at[:, column] = normalise(np.zeros(1), network.scaling[signal])[0]
         elif is_soc(signal) and structure.soc_axis >= 0:
             at[:, column] = network.partition.centres[:, structure.soc_axis]
@@ -75,8 +73,7 @@ def _directions(network: LocalModelNetwork, settings: UpdateSettings, i: int) ->
     structure, theta = network.structure, network.theta[i]
     order, taps = structure.output_order, structure.taps()
     distance = float(_distance(network)[i])
-    kinds = [parse_signal(signal).kind for signal, _ in taps]
-    current = [order + t for t, kind in enumerate(kinds) if kind in _CURRENT_KINDS]
+    current = [order + t for t, (signal, _) in enumerate(taps) if parse_signal(signal).definition.as_resistance]
     settled = float(np.abs(theta[current]).sum()) if order == 0 else abs(float(theta[current].sum()))
     out = np.zeros((len(theta), len(theta)))
     out[:order, :order] = np.eye(order) * settings.pole_std * distance

@@ -60,7 +60,7 @@ class RecursiveUpdate:
         temperature_degC : used until a temperature is measured
         """
         net, (n_models, p) = self._net, self.network.theta.shape
-        order, n_signals = max(net.order, 1), len(net.kind)
+        order, n_signals = max(net.order, 1), len(net.form)
         depth = 1 + int(max(net.tap_lag.max(), net.axis_lag.max()))
         held = np.zeros(N_HELD)
         held[update_step.DIRECTION], held[update_step.SOC], held[update_step.TEMPERATURE] = -1.0, soc, temperature_degC

@@ -40,7 +40,7 @@ def run(
 ) -> np.ndarray:
     """(N, 3 + nodes): normalised voltage, SoC, heat, node temperatures."""
     n_samples, n_nodes = current_A.shape[0], initial_degC.shape[0]
-    n_signals, depth = net.kind.shape[0], 1 + max(net.tap_lag.max(), net.axis_lag.max())
+    n_signals, depth = net.form.shape[0], 1 + max(net.tap_lag.max(), net.axis_lag.max())
     out = np.empty((n_samples, 3 + n_nodes))
     filters, history = np.zeros((n_signals, 3)), np.zeros((depth, n_signals))
     through_A = (1.0 - thermal.polarisation_pole) * current_A[0]

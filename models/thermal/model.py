@@ -23,7 +23,8 @@ from scipy.linalg import expm
 from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
-from models.network.signals import KELVIN, low_pass
+from models.network.signals import KELVIN
+from models.network.signals.filters import low_pass
 from models.readouts.ocv import OcvTable
 from models.readouts.resistance import ResistanceTable
 

@@ -57,7 +57,7 @@ def limit(
     out : (N,) written
     """
     n_samples = wanted_A.shape[0]
-    n_signals, depth = net.kind.shape[0], 1 + max(net.tap_lag.max(), net.axis_lag.max())
+    n_signals, depth = net.form.shape[0], 1 + max(net.tap_lag.max(), net.axis_lag.max())
     filters, trial = np.zeros((n_signals, 3)), np.zeros((n_signals, 3))
     history, weight = np.zeros((depth, n_signals)), np.zeros(net.theta.shape[0])
     y = np.empty((n_samples + lead, 1))

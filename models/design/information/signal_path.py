@@ -9,17 +9,23 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from models.network.compiled_network import (
+from models.network.compiled_network import FlatNetwork, bent
+from models.network.signals import KELVIN, REFERENCE_K
+from models.network.signals.filters import DIFFUSION_GAINS
+from models.network.signals.loop_form import (
+    AS_IS,
+    CASCADE,
     DIRECTION,
-    FILTERED,
-    HYSTERESIS,
-    RELAXATION,
+    DRIVEN,
+    ENTRY,
+    FORM,
+    LOOP,
+    MAGNITUDE,
+    RESULT,
+    SIGNED_SQUARE,
     SOC,
-    SQUARED,
     TEMPERATURE,
-    FlatNetwork,
 )
-from models.network.signals import DIFFUSION_GAINS, KELVIN, REFERENCE_K
 
 
 @njit(cache=True)
@@ -51,17 +57,17 @@ def signal_values(
             current = float(current_A[k])
             charge += (net.efficiency if current > 0.0 else 1.0) * current * net.soc_per_A
         soc[k] = charge
-    for s in range(net.kind.shape[0]):
-        kind = net.kind[s]
-        if kind == FILTERED or kind == SQUARED:
-            _filtered(net, s, current_A, temperature_degC, values, slopes)
-        elif kind == SOC:
+    for s in range(net.form.shape[0]):
+        form = net.form[s, FORM]
+        if form == DRIVEN:
+            _driven(net, s, current_A, temperature_degC, values, slopes)
+        elif form == SOC:
             _diffusion(net, s, current_A, temperature_degC, values, slopes)
-        elif kind == RELAXATION:
-            _relaxation(net, s, current_A, values)
-        elif kind == HYSTERESIS:
-            _hysteresis_state(net, s, current_A, values, slopes)
-        elif kind == DIRECTION:
+        elif form == CASCADE:
+            _cascade(net, s, current_A, values)
+        elif form == LOOP:
+            _loop(net, s, current_A, values, slopes)
+        elif form == DIRECTION:
             direction = -1.0
             for k in range(n_samples):
                 if current_A[k] > net.rest_A:
@@ -72,15 +78,15 @@ def signal_values(
         else:
             for k in range(n_samples):
                 kelvin = temperature_degC[k] + KELVIN
-                values[k, s] = temperature_degC[k] if kind == TEMPERATURE else 1.0 / kelvin
+                values[k, s] = temperature_degC[k] if form == TEMPERATURE else 1.0 / kelvin
         for k in range(n_samples):
-            if kind == SOC:
+            if form == SOC:
                 values[k, s] = soc[k] + net.factor[s] * values[k, s]
             values[k, s] = (values[k, s] - net.low[s]) / net.span[s]
 
 
 @njit(cache=True)
-def _filtered(
+def _driven(
     net: FlatNetwork,
     s: int,
     current_A: np.ndarray,
@@ -88,7 +94,7 @@ def _filtered(
     values: np.ndarray,
     slopes: np.ndarray,
 ) -> None:
-    """Current, scaled by temperature and through asinh where asked, then low-passed."""
+    """Current, scaled by temperature, through asinh and bent where asked, then low-passed."""
     pole, state = net.pole[s, 0], 0.0
     for k in range(current_A.shape[0]):
         slope = _slowed(net, s, temperature_degC[k])
@@ -97,10 +103,21 @@ def _filtered(
             value /= net.exchange_A[s]
             slope /= net.exchange_A[s] * np.sqrt(1.0 + value * value)
             value = np.arcsinh(value)
+        if net.form[s, ENTRY] != AS_IS:
+            slope *= _bent_slope(net.form[s, ENTRY], value)
+            value = bent(net.form[s, ENTRY], value)
         state = pole * state + (1.0 - pole) * value
         values[k, s], slopes[k, s] = state, slope
-        if net.kind[s] == SQUARED:
+        if net.form[s, RESULT] == SIGNED_SQUARE:
             values[k, s] = state * abs(state)
+
+
+@njit(cache=True)
+def _bent_slope(entry: int, x: float) -> float:
+    """Slope of `bent`; 0 where it has a corner."""
+    if entry == MAGNITUDE:
+        return float(np.sign(x))
+    return 2.0 * abs(x) if entry == SIGNED_SQUARE else 2.0 * x
 
 
 @njit(cache=True)
@@ -135,7 +152,7 @@ def _diffusion(
 
 
 @njit(cache=True)
-def _relaxation(net: FlatNetwork, s: int, current_A: np.ndarray, values: np.ndarray) -> None:
+def _cascade(net: FlatNetwork, s: int, current_A: np.ndarray, values: np.ndarray) -> None:
     """Third-order low-pass of the current's change."""
     first, second, third = 0.0, 0.0, 0.0
     a, b, c = net.pole[s, 0], net.pole[s, 1], net.pole[s, 2]
@@ -148,7 +165,7 @@ def _relaxation(net: FlatNetwork, s: int, current_A: np.ndarray, values: np.ndar
 
 
 @njit(cache=True)
-def _hysteresis_state(net: FlatNetwork, s: int, current_A: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> None:
+def _loop(net: FlatNetwork, s: int, current_A: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> None:
     """One-state hysteresis; the slope holds how the state moves with the present current."""
     state = 0.0
     for k in range(current_A.shape[0]):
@@ -179,27 +196,27 @@ def current_gradient(
     n_samples = current_A.shape[0]
     out[:] = 0.0
     by_soc = np.zeros(n_samples)
-    for s in range(net.kind.shape[0]):
-        kind = net.kind[s]
-        if kind == SOC:
+    for s in range(net.form.shape[0]):
+        form = net.form[s, FORM]
+        if form == SOC:
             for k in range(n_samples):
                 by_soc[k] += by_signal[k, s] / net.span[s]
             if net.factor[s] != 0.0:
                 _diffusion_gradient(net, s, slopes, by_signal, out)
-        elif kind == FILTERED:
+        elif form == DRIVEN and net.form[s, RESULT] != SIGNED_SQUARE:
             pole, total = net.pole[s, 0], 0.0
             for k in range(n_samples - 1, -1, -1):
                 total = pole * total + by_signal[k, s] / net.span[s]
                 out[k] += (1.0 - pole) * total * slopes[k, s]
-        elif kind == SQUARED:
+        elif form == DRIVEN:
             pole, total = net.pole[s, 0], 0.0
             for k in range(n_samples - 1, -1, -1):
                 root = np.sqrt(abs(net.low[s] + net.span[s] * signals[k, s]))
                 total = pole * total + 2.0 * root * by_signal[k, s] / net.span[s]
                 out[k] += (1.0 - pole) * total * slopes[k, s]
-        elif kind == RELAXATION:
-            _relaxation_gradient(net, s, by_signal, out)
-        elif kind == HYSTERESIS:
+        elif form == CASCADE:
+            _cascade_gradient(net, s, by_signal, out)
+        elif form == LOOP:
             total = 0.0
             for k in range(n_samples - 1, -1, -1):
                 total += by_signal[k, s] / net.span[s]
@@ -212,7 +229,7 @@ def current_gradient(
 
 
 @njit(cache=True)
-def _relaxation_gradient(net: FlatNetwork, s: int, by_signal: np.ndarray, out: np.ndarray) -> None:
+def _cascade_gradient(net: FlatNetwork, s: int, by_signal: np.ndarray, out: np.ndarray) -> None:
     first, second, third = 0.0, 0.0, 0.0
     a, b, c = net.pole[s, 0], net.pole[s, 1], net.pole[s, 2]
     scale = 1.0 / ((1.0 - a) * net.span[s])

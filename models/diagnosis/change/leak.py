@@ -18,7 +18,7 @@ from models.diagnosis.evidence.memory import Memory
 from models.diagnosis.evidence.ranking import Ranking, rank
 from models.diagnosis.thermal.channel import ThermalComparison, compare_temperature
 from models.effects import Effect
-from models.network.signals import low_pass
+from models.network.signals.filters import low_pass
 
 # Share of what is new in the temperature that the leak must explain: the voltage has to agree beside that.
 _EXPLAINS = 0.9

@@ -10,7 +10,8 @@ import numpy as np
 from models.data.timeseries import FloatArray
 from models.effects.spline import SplineBasis
 from models.effects.view import ModelInputs
-from models.network.signals import KELVIN, REFERENCE_K, RunSignals, arrhenius, low_pass
+from models.network.signals import KELVIN, REFERENCE_K, RunSignals, arrhenius
+from models.network.signals.filters import low_pass
 
 TIME_CONSTANTS_S = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 OCV_BUMPS = 40

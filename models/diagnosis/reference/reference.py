@@ -20,7 +20,7 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.reference.layout import EXCHANGE_C_RATES, OCV_BUMPS, TRANSFER_S, Block, Layout, Shape
 from models.diagnosis.reference.penalised import PenalisedFit, penalised_fit
 from models.effects.view import ModelInputs
-from models.network.signals import low_pass
+from models.network.signals.filters import low_pass
 
 _SURFACES = tuple((depth, tau_s) for depth in (0.01, 0.025, 0.05, 0.1) for tau_s in (100.0, 400.0, 1500.0))
 _ACTIVATIONS_K = (0.0, 1000.0, 2000.0, 3000.0, 4500.0)

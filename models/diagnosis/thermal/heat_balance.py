@@ -12,7 +12,7 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.reference.reference import Reference
 from models.effects.thermal_view import ThermalView
 from models.effects.view import View
-from models.network.signals import low_pass
+from models.network.signals.filters import low_pass
 
 _TIME_CONSTANT_S = (20.0, 20_000.0)
 _GRID = 24

@@ -2,7 +2,7 @@
 
 A validity function is a product of kernels, one for each axis. Boxes are cut from one another, so that many share their
 interval along an axis: its kernel is worked out once.
-Called by `compiled.step` only. The compiler caches per file: after a change here, delete `__pycache__/*.nb*`.
+Called by `compiled.step` only.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from models.network.compiled_network import SOC, FlatNetwork
+from models.network.compiled_network import FlatNetwork
+from models.network.signals.loop_form import FORM, SOC
 from models.observer.filter.places import AXIS_ROWS, BLENDED_ROW, COMPILED, TILT_ROW, TILTED_ROW, VALIDITY_ROW
 
 # A local model whose weight is below this share of the largest adds nothing that a double could hold.
@@ -58,7 +59,7 @@ def blend(
     prepared: Prepared,
     axis_signal: np.ndarray,
     axis_lag: np.ndarray,
-    kind: np.ndarray,
+    form: np.ndarray,
     history: np.ndarray,
     scratch: np.ndarray,
     base: float,
@@ -72,7 +73,7 @@ def blend(
     for j in range(count.shape[0]):
         s, kernel, slope = axis_signal[j], scratch[AXIS_ROWS + 2 * j], scratch[AXIS_ROWS + 2 * j + 1]
         z, per_soc = history[0, axis_lag[j], s], 0.0
-        if kind[s] == SOC:
+        if form[s, FORM] == SOC:
             per_soc = prepared.per_span[s]
             z += base * per_soc
         nearest = np.inf
@@ -93,7 +94,7 @@ def blend(
     for i in range(n_models):
         largest = max(largest, phi[i])
     if largest < _VANISHED:
-        largest = _far_outside(prepared, axis_signal, axis_lag, kind, history, phi, base)
+        largest = _far_outside(prepared, axis_signal, axis_lag, form, history, phi, base)
     total, mean_tilt = 0.0, 0.0
     for i in range(n_models):
         if phi[i] < _NEGLIGIBLE * largest:
@@ -138,7 +139,7 @@ def _far_outside(
     prepared: Prepared,
     axis_signal: np.ndarray,
     axis_lag: np.ndarray,
-    kind: np.ndarray,
+    form: np.ndarray,
     history: np.ndarray,
     phi: np.ndarray,
     base: float,
@@ -149,7 +150,7 @@ def _far_outside(
         phi[i] = 0.0
     for j in range(prepared.counts.shape[0]):
         s = axis_signal[j]
-        z = history[0, axis_lag[j], s] + (base * prepared.per_span[s] if kind[s] == SOC else 0.0)
+        z = history[0, axis_lag[j], s] + (base * prepared.per_span[s] if form[s, FORM] == SOC else 0.0)
         for i in range(n_models):
             u = prepared.member[j, i]
             scaled = (z - prepared.centre[j, u]) * prepared.per_width[j, u]

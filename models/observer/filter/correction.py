@@ -1,6 +1,6 @@
 """One hypothesis corrected by the measured voltage, and kept between empty and full.
 
-Called by `compiled.step` only. The compiler caches per file: after a change here, delete `__pycache__/*.nb*`.
+Called by `compiled.step` only.
 """
 
 from __future__ import annotations

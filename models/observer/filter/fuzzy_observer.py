@@ -9,9 +9,9 @@ import numpy as np
 
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
-from models.network.compiled_network import flat_network
+from models.network.compiled_network import FlatNetwork, flat_network
 from models.network.local_model_network import LocalModelNetwork
-from models.network.signals import parse_signal
+from models.network.signals.loop_form import FORM, LOOP
 from models.observer.filter import packing, places
 from models.observer.filter.gains import observer_matrices, output_rows, state_matrices, steady_state_gains
 from models.observer.filter.packing import Layout, pack
@@ -114,7 +114,7 @@ class FuzzyObserver:
     Raises
     ------
     ModelError
-        The network has no SoC input or kernels other than Gaussian.
+        The network has no SoC input, kernels other than Gaussian, or a signal that is not made sample by sample.
     """
 
     def __init__(
@@ -131,10 +131,11 @@ class FuzzyObserver:
         self.dt_s = network.structure.dt_s
         self._n = max(network.structure.output_order, 1)
         depth = 1 + max(1, *(lag for _, lag in network.structure.taps()))
-        self._loop = any(parse_signal(each).kind == "hysteresis_state" for each in network.structure.signals)
+        net = flat_network(network)
+        self._loop = bool((net.form[:, FORM] == LOOP).any())
         size = self._n + places.N_EXTRA + self._loop
         self._layout = Layout(_HYPOTHESES, size, len(network.structure.signals), depth)
-        self._numbers, self._whole = self._pack()
+        self._numbers, self._whole = self._pack(net)
 
     def initial(self, soc: float, soc_std: float | None = None, temperature_degC: float = 25.0) -> ObserverState:
         """State before the first sample.
@@ -208,7 +209,7 @@ class FuzzyObserver:
             found[name] = {"value": float(row[place]), "std": std} if told else None
         return found
 
-    def _pack(self) -> tuple[FloatArray, np.ndarray]:
+    def _pack(self, net: FlatNetwork) -> tuple[FloatArray, np.ndarray]:
         network, s = self.network, self.settings
         state_matrices(network)  # refuses a network without SoC
         capacity_Ah, per_volt = network.cell.capacity_Ah, 1.0 / network.voltage_span_V
@@ -237,7 +238,7 @@ class FuzzyObserver:
             steady = steady_state_gains(matrices, rows, process, constants[places.R_VOLTAGE])
             gains[:, : self._n + 3], gains[:, -1] = steady[:, :-1], steady[:, -1]
         errors = np.ascontiguousarray(rows[:, self._n + 1 :].T)
-        return pack(flat_network(network), errors, gains, constants, self._layout)
+        return pack(net, errors, gains, constants, self._layout)
 
 
 def _hypotheses(soc: float, std: float) -> tuple[FloatArray, FloatArray, float]:

@@ -1,6 +1,6 @@
 """Several states of charge held possible at once: weighed by the measurement, dropped, merged, summed up.
 
-Called by `compiled.step` only. The compiler caches per file: after a change here, delete `__pycache__/*.nb*`.
+Called by `compiled.step` only.
 Those that are still possible stand first, and a weight of 0 ends them.
 """
 

@@ -62,7 +62,7 @@ def pack(
     sizes = [layout.hypotheses, layout.states, layout.signals, layout.depth, n_models, n_params, net.order, net.kernel]
     prepared = prepare(net)
     sizes += [len(net.axis_signal), len(net.tap_signal), prepared.centre.shape[1]]
-    indices = (net.kind, net.tap_signal, net.tap_lag, net.axis_signal, net.axis_lag, prepared.counts, prepared.member)
+    indices = (net.form, net.tap_signal, net.tap_lag, net.axis_signal, net.axis_lag, prepared.counts, prepared.member)
     whole = np.concatenate([np.array(sizes), *(np.ravel(part) for part in indices)]).astype(np.int64)
     scalars = (net.rest_A, net.soc_per_A, net.efficiency, net.voltage_low, net.voltage_span)
     arrays = (net.theta, net.centres, net.widths, net.pole, net.activation_K, net.exchange_A, net.factor, net.low)
@@ -108,14 +108,14 @@ def unpack_network(numbers: np.ndarray, whole: np.ndarray) -> tuple:
     at += N_ERRORS * m
     gains = numbers[at : at + m * (states + 1)].reshape(m, states + 1)
     constants = numbers[at + m * (states + 1) :]
-    start = N_SIZES + k
+    start = N_SIZES + 3 * k
     net = FlatNetwork(
         theta,
         centres,
         widths,
         whole[KERNEL],
         whole[ORDER],
-        whole[N_SIZES:start],
+        whole[N_SIZES:start].reshape(k, 3),
         pole,
         each[0],
         each[1],

@@ -1,4 +1,4 @@
-"""Where what stands in the observer's state, constants, memory and output row."""
+"""Where what stands in the observer's state, constants, memory and output row, for compiled functions (njit)."""
 
 from __future__ import annotations
 

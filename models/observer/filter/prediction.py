@@ -1,6 +1,6 @@
 """One hypothesis moved to the next sample: validity functions, output and its derivatives, covariance.
 
-Called by `compiled.step` only. The compiler caches per file: after a change here, delete `__pycache__/*.nb*`.
+Called by `compiled.step` only.
 """
 
 from __future__ import annotations
@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from models.network.compiled_network import FILTERED, HYSTERESIS, RELAXATION, SOC, SQUARED, FlatNetwork
+from models.network.compiled_network import FlatNetwork
+from models.network.signals.loop_form import CASCADE, DRIVEN, FORM, LOOP, SOC
 from models.observer.filter.blending import Prepared, blend
 from models.observer.filter.places import (
     AT_CAPACITY,
@@ -62,7 +63,7 @@ def predict(
     Returns the sizes of the model's quick and slow error here, and what the current does to the output (normalised).
     """
     order, n = net.order, max(net.order, 1)
-    blend(prepared, net.axis_signal, net.axis_lag, net.kind, history, scratch, base)
+    blend(prepared, net.axis_signal, net.axis_lag, net.form, history, scratch, base)
     y, overpotential = _output(net, prepared.per_span, constants[MORE_A], x, filters, history, scratch, base)
     quick, slow = _weigh(errors, gains, scratch, constants[STEADY] > 0.0)
     if first and order > 0:
@@ -110,7 +111,7 @@ def _output(
     """
     row, blended, tilted = scratch[OUTPUT_ROW], scratch[BLENDED_ROW], scratch[TILTED_ROW]
     # Taken out of the tuple once: each access counts a reference.
-    kind, low, tap_signal, tap_lag = net.kind, net.low, net.tap_signal, net.tap_lag
+    forms, low, tap_signal, tap_lag = net.form, net.low, net.tap_signal, net.tap_lag
     order, n, n_params = net.order, max(net.order, 1), net.theta.shape[1]
     for a in range(x.shape[0]):
         row[a] = 0.0
@@ -125,12 +126,13 @@ def _output(
         value = history[0, lag, s]
         if more_A > 0.0:
             of_offset += blended[p] * (history[1, lag, s] - value)
-        if kind[s] == SOC:
+        form = forms[s, FORM]
+        if form == SOC:
             value += base * per_span[s]
             per_soc += blended[p] * per_span[s]
-        elif kind[s] == FILTERED or kind[s] == SQUARED or kind[s] == RELAXATION:
+        elif form == DRIVEN or form == CASCADE:
             overpotential += blended[p] * (value + low[s] * per_span[s])
-        elif kind[s] == HYSTERESIS:
+        elif form == LOOP:
             row[n + AT_LOOP] += blended[p] * filters[0, s, LOOP_LEFT] * per_span[s]
         y += blended[p] * value
         per_soc += tilted[p] * value

@@ -1,6 +1,6 @@
 """The model's signals at a sample, as they are and with a little more current, and the past of both.
 
-Called by `compiled.step` only. The compiler caches per file: after a change here, delete `__pycache__/*.nb*`.
+Called by `compiled.step` only.
 """
 
 from __future__ import annotations
@@ -8,17 +8,22 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from models.network.compiled_network import (
-    FILTERED,
-    HYSTERESIS,
+from models.network.compiled_network import FlatNetwork, bent
+from models.network.signals import KELVIN, REFERENCE_K
+from models.network.signals.filters import DIFFUSION_GAINS
+from models.network.signals.loop_form import (
+    AS_IS,
+    CASCADE,
+    DRIVEN,
+    ENTRY,
+    FORM,
     INVERSE_TEMPERATURE,
-    RELAXATION,
+    LOOP,
+    RESULT,
+    SIGNED_SQUARE,
     SOC,
-    SQUARED,
     TEMPERATURE,
-    FlatNetwork,
 )
-from models.network.signals import DIFFUSION_GAINS, KELVIN, REFERENCE_K
 from models.observer.filter.places import COMPILED, LOOP_LEFT, LOOP_VALUE
 
 
@@ -39,7 +44,7 @@ def move_on(
 ) -> None:
     """Move the past back by one sample, and write the signals of this one.
 
-    The signals are those of `electrothermal_loop.step_signals`; what both currents share is worked out once here. A
+    The signals are those of `compiled_network.step_signals`; what both currents share is worked out once here. A
     direction is a direction: a little more current is not said to turn it, and the hysteresis follows what flows.
 
     Parameters
@@ -54,7 +59,7 @@ def move_on(
     soc, direction, temperature_degC : of this sample
     first : there is no past yet
     """
-    kinds, poles, factor, low = net.kind, net.pole, net.factor, net.low
+    forms, poles, factor, low = net.form, net.pole, net.factor, net.low
     activation_K, exchange_A = net.activation_K, net.exchange_A
     _, depth, n_signals = history.shape
     runs = 2 if more_A > 0.0 else 1
@@ -66,13 +71,13 @@ def move_on(
     # Signals that follow each other often share their scaling by temperature and their exchange current.
     slowed, slowed_for, exchange_for, transfer, transfer_more = 1.0, 0.0, 0.0, 0.0, 0.0
     for s in range(n_signals):
-        kind = kinds[s]
-        if kind == FILTERED or kind == SQUARED or kind == SOC:
+        form = forms[s, FORM]
+        if form == DRIVEN or form == SOC:
             if activation_K[s] != slowed_for:
                 slowed_for = activation_K[s]
                 slowed = np.exp(slowed_for * (inverse_K - 1.0 / REFERENCE_K))
                 exchange_for = 0.0
-            if kind == SOC:
+            if form == SOC:
                 for run in range(runs):
                     history[run, 0, s] = soc
                 for mode in range(3 if factor[s] != 0.0 else 0):
@@ -83,7 +88,7 @@ def move_on(
                         filters[run, s, mode] = moved
                         history[run, 0, s] += factor[s] * moved
             else:
-                keep = poles[s, 0]
+                keep, entry, squared = poles[s, 0], forms[s, ENTRY], forms[s, RESULT] == SIGNED_SQUARE
                 if exchange_A[s] != exchange_for and exchange_A[s] != 0.0:
                     exchange_for = exchange_A[s]
                     transfer = np.arcsinh(current_A * slowed / exchange_for)
@@ -93,25 +98,27 @@ def move_on(
                     value = (current_A + run * more_A) * slowed
                     if exchange_A[s] != 0.0:
                         value = transfer if run == 0 else transfer_more
+                    if entry != AS_IS:
+                        value = bent(entry, value)
                     value = keep * filters[run, s, 0] + (1.0 - keep) * value
                     filters[run, s, 0] = value
-                    history[run, 0, s] = value * abs(value) if kind == SQUARED else value
+                    history[run, 0, s] = value * abs(value) if squared else value
         else:
             value = direction
-            if kind == RELAXATION:
+            if form == CASCADE:
                 value = change_A
                 for stage in range(3):
                     value = poles[s, stage] * filters[0, s, stage] + (1.0 - poles[s, stage]) * value
                     filters[0, s, stage] = value
                 value /= 1.0 - poles[s, 0]
-            elif kind == HYSTERESIS:
+            elif form == LOOP:
                 keep = np.exp(-factor[s] * abs(flowing_A))
                 value = keep * filters[0, s, LOOP_VALUE] + (1.0 - keep) * np.sign(flowing_A)
                 filters[0, s, LOOP_VALUE] = value
                 filters[0, s, LOOP_LEFT] = keep * (1.0 if first else filters[0, s, LOOP_LEFT])
-            elif kind == TEMPERATURE:
+            elif form == TEMPERATURE:
                 value = temperature_degC
-            elif kind == INVERSE_TEMPERATURE:
+            elif form == INVERSE_TEMPERATURE:
                 value = inverse_K
             for run in range(runs):
                 history[run, 0, s] = value

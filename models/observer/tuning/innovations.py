@@ -10,11 +10,12 @@ from scipy.signal import lfilter
 
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
-from models.network.compiled_network import CODES, FILTERED, RELAXATION, SQUARED
+from models.network.compiled_network import flat_network
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import Dataset
-from models.network.signals import parse_signal, soc_by_counting
+from models.network.signals import soc_by_counting
+from models.network.signals.loop_form import FORM, OVERPOTENTIALS
 from models.observer.filter.places import NET_S
 from models.observer.filter.settings import error_levels
 from models.observer.tuning.unseen import Judged
@@ -83,8 +84,10 @@ def tuning_data(judged: list[Judged]) -> TuningData:
 def _overpotential_V(network: LocalModelNetwork, blended: FloatArray, data: Dataset) -> FloatArray:
     """(N,) what the current does to the output once it has settled; the observer has the same."""
     order, out = network.structure.output_order, np.zeros(len(data))
+    net = flat_network(network)
+    forms = net.form[net.tap_signal, FORM]
     for tap, (signal, _) in enumerate(network.structure.taps()):
-        if CODES[parse_signal(signal).kind] in (FILTERED, SQUARED, RELAXATION):
+        if forms[tap] in OVERPOTENTIALS:
             low, high = network.scaling[signal]
             out += blended[:, order + tap] * (data.u[:, tap] + low / (high - low))
     return network.voltage_span_V * out / (1.0 - blended[:, :order].sum(axis=1))

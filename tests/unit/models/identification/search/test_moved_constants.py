@@ -6,7 +6,8 @@ import pytest
 from models.data.timeseries import FloatArray
 from models.identification.search.auto import AutoCandidate
 from models.identification.search.moved_constants import constants, moved, with_constants
-from models.network.signals import hysteresis_state, low_pass
+from models.network.signals.direction import hysteresis_state
+from models.network.signals.filters import low_pass
 
 CIRCUIT = AutoCandidate(2.0, time_constants_s=(2.0, 500.0), hysteresis_rates=(25.0,), activation_K=2500.0)
 

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.network.compiled_network import HYSTERESIS, flat_network, step_signals
+from models.network.compiled_network import flat_network, step_signals
 from models.network.local_model_network import LocalModelNetwork
+from models.network.signals.loop_form import FORM, LOOP
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.observer import FuzzyObserver
 from models.observer.filter import packing, places, running_inputs
@@ -42,7 +43,7 @@ def network(**axes: int) -> LocalModelNetwork:
 
 def test_signals_are_those_of_the_simulation_for_both_currents() -> None:
     net = flat_network(network(soc=2))
-    n, more_A = len(net.kind), 0.02
+    n, more_A = len(net.form), 0.02
     per_span = 1.0 / net.span
     filters, history = np.zeros((2, n, 3)), np.zeros((2, 2, n))
     plain, plain_more, now, now_more = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n), np.zeros(n)
@@ -56,7 +57,7 @@ def test_signals_are_those_of_the_simulation_for_both_currents() -> None:
         _STEP_SIGNALS(net, plain, now, current, *rest)
         _STEP_SIGNALS(net, plain_more, now_more, current + more_A, *rest)
         np.testing.assert_allclose(history[0, 0], now, atol=1e-12)
-        follows = net.kind != HYSTERESIS
+        follows = net.form[:, FORM] != LOOP
         np.testing.assert_allclose(history[1, 0][follows], now_more[follows], atol=1e-12)
         np.testing.assert_array_equal(history[1, 0][~follows], history[0, 0][~follows])
         if k > 0:
@@ -77,10 +78,10 @@ def test_the_blend_is_that_of_the_partition(soc: float, degC: float) -> None:
             (degC - net.low[net.axis_signal[1]]) / net.span[net.axis_signal[1]],
         ]
     )
-    history = np.zeros((2, 2, len(net.kind)))
+    history = np.zeros((2, 2, len(net.form)))
     history[0, :, net.axis_signal[1]] = z[1]
     history[0, :, net.axis_signal[0]] = z[0] - soc / net.span[net.axis_signal[0]]
-    _BLEND(prepared, net.axis_signal, net.axis_lag, net.kind, history, scratch, soc)
+    _BLEND(prepared, net.axis_signal, net.axis_lag, net.form, history, scratch, soc)
     expected = model.partition.validity(z[None])[0]
     np.testing.assert_allclose(scratch[places.VALIDITY_ROW, : model.n_models], expected, atol=1e-13)
     blended = scratch[places.BLENDED_ROW, : model.theta.shape[1]]

@@ -1,0 +1,57 @@
+"""How a signal is made sample by sample: its row in the arrays that the compiled loops read.
+
+The loops (`compiled_network.step_signals`, the observer's `running_inputs.move_on`, the design's `signal_path`) know no
+kinds of signals, only the forms below. A kind whose equations fit none of them has no form: it is made over whole runs
+only, and what needs a loop refuses it. Compiled functions (njit) take the constants in as they are.
+
+=====================  ================================================================================================
+form                   value of the signal
+=====================  ================================================================================================
+DRIVEN                 current, times exp(activation (1/T - 1/298.15 K)), asinh(. / exchange) where there is an
+                       exchange current, bent as `entry` says, through a first-order low-pass (`poles[0]`; 0: none),
+                       bent as `result` says
+CASCADE                the current's change through three low-passes one after the other (`poles`), over 1 - poles[0]
+LOOP                   h = e h + (1 - e) sign(current), e = exp(-factor |current|): between -1 and 1, starting at 0
+DIRECTION              +1 after charge, -1 after discharge, held through rests
+TEMPERATURE            degC
+INVERSE_TEMPERATURE    1/K
+SOC                    state of charge; where `factor` is not 0, plus factor times the current, scaled by temperature,
+                       through the modes of diffusion in a sphere (`poles` holds their rates per sample at 25 degC)
+=====================  ================================================================================================
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+DRIVEN, CASCADE, LOOP, DIRECTION, TEMPERATURE, INVERSE_TEMPERATURE, SOC = range(7)
+# How DRIVEN bends what it is given: x, x|x|, |x|, x^2. The result is bent in the first two ways only: from them the
+# design's gradient reads back what was bent.
+AS_IS, SIGNED_SQUARE, MAGNITUDE, SQUARE = range(4)
+# Columns of the array of whole numbers that the loops read.
+FORM, ENTRY, RESULT = range(3)
+# What the current does beyond counting charge and turning a loop: it is 0 where the cell has rested long.
+OVERPOTENTIALS = (DRIVEN, CASCADE)
+
+
+class LoopForm(NamedTuple):
+    """One signal as data for the compiled loops.
+
+    Attributes
+    ----------
+    form : DRIVEN ... SOC
+    entry : how DRIVEN bends what enters its low-pass
+    result : how DRIVEN bends what leaves it, AS_IS or SIGNED_SQUARE
+    poles : of the filter's stages, 0 where there is none; of a diffusion: rates of its modes
+    activation_K : scaling of the current by temperature; 0: none
+    exchange_A : scale of asinh; 0: none
+    factor : of SOC per ampere, or of LOOP per ampere and sample
+    """
+
+    form: int
+    entry: int = AS_IS
+    result: int = AS_IS
+    poles: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    activation_K: float = 0.0
+    exchange_A: float = 0.0
+    factor: float = 0.0

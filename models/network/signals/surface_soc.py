@@ -1,0 +1,64 @@
+"""State of charge at the surface of the particles: diffusion lets it run ahead of the mean one.
+
+The open-circuit voltage over it bends where the plain one would shift. With temperature the diffusion slows down as
+resistances grow: settled difference and time constants alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.network.signals.driven import ACTIVATION, TIME_CONSTANT, drive
+from models.network.signals.filters import diffusion, diffusion_rates
+from models.network.signals.kind import Held, Parameter, Points, Run, Signal, SignalKind, Step
+from models.network.signals.loop_form import SOC, LoopForm
+from models.network.signals.temperature_scale import arrhenius
+
+
+def _values(signal: Signal, run: Run) -> FloatArray:
+    return _shifted(signal, run, _diffused(signal, run, drive(signal, run), run.dt_s))
+
+
+def _settled(signal: Signal, points: Held) -> FloatArray:
+    return _shifted(signal, points, drive(signal, points))
+
+
+def _after_step(signal: Signal, step: Step) -> FloatArray:
+    x = drive(signal, step)
+    return _shifted(signal, step, x[0] + _diffused(signal, step, x - x[0], step.dt_s))
+
+
+def _diffused(signal: Signal, points: Points, x: FloatArray, dt_s: float) -> FloatArray:
+    activation_K = signal.get("activation_K")
+    slower = arrhenius(points.temperature_degC, activation_K) if activation_K else np.ones(1)
+    return diffusion(x, signal.get("time_constant_s"), slower, dt_s)
+
+
+def _shifted(signal: Signal, points: Points, shift_A: FloatArray) -> FloatArray:
+    return points.soc + signal.get("depth") * shift_A / points.capacity_Ah
+
+
+def _loop(signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
+    first, second, third = diffusion_rates(signal.get("time_constant_s"), dt_s).tolist()
+    return LoopForm(
+        SOC,
+        poles=(first, second, third),
+        activation_K=signal.get("activation_K"),
+        factor=signal.get("depth") / capacity_Ah,
+    )
+
+
+KIND = SignalKind(
+    name="surface_soc",
+    title="state of charge at the surface of the particles as a fraction",
+    example="surface_soc:0.05/400/3500",
+    parameters=(Parameter("depth", "h", positive=False), TIME_CONSTANT, replace(ACTIVATION, optional=True)),
+    values=_values,
+    settled=_settled,
+    after_step=_after_step,
+    loop=_loop,
+    soc=True,
+)

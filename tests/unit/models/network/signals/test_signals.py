@@ -1,0 +1,47 @@
+"""Names of signals: what is understood and what is refused."""
+
+import numpy as np
+import pytest
+
+from models.data.errors import StructureError
+from models.network.signals import RunSignals, is_soc, parse_signal
+
+
+def test_parameters_follow_the_colon() -> None:
+    signal = parse_signal("low_pass:600/3500")
+    assert (signal.kind, signal.parameters) == ("low_pass", {"time_constant_s": 600.0, "activation_K": 3500.0})
+    assert parse_signal("low_pass:600").get("activation_K") == 0.0
+    assert parse_signal("charge_transfer:2/0/0").get("time_constant_s") == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("nonsense:3", "'nonsense:3' is unknown; known are charge_transfer, current"),
+        ("current:3", "current takes no parameters"),
+        ("low_pass", "low_pass takes time_constant_s/activation_K"),
+        ("low_pass:1/2/3", "low_pass takes time_constant_s/activation_K"),
+        ("low_pass:slow", "'slow' is not a list of numbers"),
+        ("low_pass:-3", "time_constant_s is -3; it must be positive"),
+        ("low_pass:0", "time_constant_s is 0; it must be positive"),
+        ("charge_transfer:2/0/-1", "time_constant_s is -1; it must be positive"),
+        ("scaled_current:nan", "activation_K is nan"),
+    ],
+)
+def test_other_names_are_refused(name: str, words: str) -> None:
+    with pytest.raises(StructureError, match=words):
+        parse_signal(name)
+
+
+def test_states_of_charge() -> None:
+    assert is_soc("soc") and is_soc("surface_soc:0.05/400")
+    assert not is_soc("current") and not is_soc("nonsense")
+
+
+@pytest.mark.parametrize("name", ["temperature", "inverse_temperature", "scaled_current:2500", "low_pass:60/2500"])
+def test_a_temperature_must_have_been_measured(name: str) -> None:
+    n = 5
+    run = RunSignals(np.ones(n), np.full(n, np.nan), np.full(n, 0.5), 1.0, 2.0)
+    with pytest.raises(StructureError, match=f"'{name}' needs a temperature"):
+        run.values(name)
+    assert np.isfinite(run.values("low_pass:60")).all()
