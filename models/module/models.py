@@ -89,7 +89,8 @@ class ModuleModel:
         ModelError
             It is no module model, or damaged.
         """
-        if document.get("kind") != "module_model" or document.get("schema_version") != SCHEMA_VERSION:
+        known = isinstance(document, dict) and document.get("kind") == "module_model"
+        if not known or document.get("schema_version") != SCHEMA_VERSION:
             raise ModelError(f"not a module model of schema version {SCHEMA_VERSION}")
         try:
             pairs = {

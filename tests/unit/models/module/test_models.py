@@ -172,6 +172,8 @@ def test_impossible_modules_and_documents_are_refused() -> None:
         ModuleModel.from_json(document | {"offset_V": [0.0]})
     with pytest.raises(ModelError, match="not a module model"):
         ModuleModel.from_json({})
+    with pytest.raises(ModelError):
+        ModuleModel.from_json([])  # pyright: ignore[reportArgumentType]
 
 
 def test_a_module_run_becomes_its_mean_cells() -> None:
