@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.signal import lfilter
 
 from models.data.errors import StructureError
 from models.data.timeseries import FloatArray
@@ -250,6 +249,8 @@ def relaxation(current_A: FloatArray, time_constant_s: float, dt_s: float) -> Fl
     """
     change = np.diff(current_A, prepend=current_A[:1])
     poles = relaxation_poles(time_constant_s, dt_s)
+    from scipy.signal import lfilter  # 700 ms of processor time, which a control process without a model saves
+
     for pole in poles:
         change = lfilter([1.0 - pole], [1.0, -pole], change)
     return np.asarray(change, dtype=np.float64) / (1.0 - poles[0])
@@ -257,6 +258,8 @@ def relaxation(current_A: FloatArray, time_constant_s: float, dt_s: float) -> Fl
 
 def low_pass(values: FloatArray, time_constant_s: float, dt_s: float) -> FloatArray:
     """First-order low-pass with unit gain, starting at rest: of a current, one RC pair's current in A."""
+    from scipy.signal import lfilter  # as above
+
     pole = float(np.exp(-dt_s / time_constant_s))
     return np.asarray(lfilter([1.0 - pole], [1.0, -pole], values), dtype=np.float64)
 
