@@ -12,22 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recorder_rig import PATIENCE_S, Bench, check_rows, stored
+from recorder_rig import Bench, check_rows, stored
 
 from bench_service.errors import BenchOfflineError, StoreError
 from bench_service.framing import send_frame
 from bench_service.recorder.client import RecorderProcess
 from bench_service.store.samples import SampleReader
 from bench_service.streams import OBSERVER, SAMPLES
+from tests.patience import wait_for
 
 PERIOD_S = 0.05  # so that a test need not wait seconds for its commits
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, "nothing happened"
-        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -121,7 +115,7 @@ def test_acknowledged_rows_survive_kill_9(start, attach, tmp_path, kills):
         bench.open(run, SAMPLES)
         moment = time.monotonic() + 3 * PERIOD_S + rng.uniform(0, 2 * PERIOD_S)
         sent = 0
-        while time.monotonic() < moment:
+        while time.monotonic() < moment or (run, SAMPLES) not in bench.acked:
             bench.rows(run, sent, 40)
             sent += 40
             bench.hear_what_is_there()
