@@ -1,5 +1,6 @@
 # make demo   runs the main job on a simulated bench        make demo EXIT=1 ends there
 # make test   runs the tests                                make lint  checks format, types and import rules
+# make proof  runs the long benchmarks whose results stand in docs/results.md; can be stopped, goes on where it was
 # All create .venv from requirements.lock first; that takes a minute or two, once.
 
 # The first of these that is Python 3.11 to 3.13; name another one with  make PYTHON=/path/to/python ...
@@ -9,11 +10,12 @@ VENV   := .venv
 READY  := $(VENV)/.installed
 BIN    := $(VENV)/bin
 PYTEST_ARGS ?=
-# Test processes side by side; each file stays in one of them.
+# Test processes side by side; each file stays in one of them. In the order of their names, because those of the browser
+# and of whole campaigns are long: by itself xdist begins with the files that hold the most tests.
 WORKERS ?= 2
 PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: install demo test lint clean
+.PHONY: install demo test proof lint clean
 
 install: $(READY)
 
@@ -32,7 +34,10 @@ demo: $(READY)
 	@$(BIN)/bench-service demo $(if $(EXIT),--exit)
 
 test: $(READY)
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
+
+proof: $(READY)
+	@$(BIN)/python benchmarks/proof.py
 
 lint: $(READY)
 	@$(BIN)/ruff check .

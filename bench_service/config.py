@@ -29,6 +29,7 @@ from drivers.errors import CyclerConnectionError
 
 CONFIG_FILE = "bench.toml"
 DATA_DIR_VARIABLE = "BENCH_DATA_DIR"
+WORKER_NICE_VARIABLE = "BENCH_WORKER_NICE"
 LONGEST_DEVICE_WATCHDOG_S = 2.0
 
 
@@ -211,6 +212,7 @@ class ServiceConfig(_Table):
 
     data_dir: Path = Path("bench-data")
     workers: int = Field(default=1, ge=1, le=64, strict=True)
+    worker_nice: int = Field(default=19, ge=0, le=19, strict=True)
     bench: dict[Annotated[str, Field(pattern=_BENCH_NAME)], BenchConfig] = {
         "sim": BenchConfig(simulate=SimulateConfig())
     }
@@ -231,7 +233,8 @@ def load_config(path: Path | None = None, environ: Mapping[str, str] | None = No
     path : Path or None
         The file; None means `bench.toml` of the working directory where there is one, else the defaults.
     environ : mapping or None
-        The environment, of the process by default. ``BENCH_DATA_DIR`` wins over the file's ``data_dir``.
+        The environment, of the process by default. ``BENCH_DATA_DIR`` wins over the file's ``data_dir``,
+        ``BENCH_WORKER_NICE`` over its ``worker_nice``.
 
     Raises
     ------
@@ -246,6 +249,11 @@ def load_config(path: Path | None = None, environ: Mapping[str, str] | None = No
         if not environ[DATA_DIR_VARIABLE].strip():
             raise ConfigError("environment", DATA_DIR_VARIABLE, "is empty; name a directory or unset it")
         config = config.model_copy(update={"data_dir": Path(environ[DATA_DIR_VARIABLE])})
+    if WORKER_NICE_VARIABLE in environ:
+        text = environ[WORKER_NICE_VARIABLE]
+        if not text.isdecimal() or int(text) > 19:
+            raise ConfigError("environment", WORKER_NICE_VARIABLE, f"is {text!r}; name a whole number from 0 to 19")
+        config = config.model_copy(update={"worker_nice": int(text)})
     return config
 
 
@@ -290,8 +298,10 @@ _EXAMPLE = """\
 # Where runs, samples and models are kept. The environment variable BENCH_DATA_DIR wins over this line.
 data_dir = "bench-data"
 
-# Worker processes for fits and comparisons; they run at the lowest priority.
+# Worker processes for fits and comparisons, and how much they give way to other programs: 19 most, 0 not at all. On a
+# machine that others keep busy, 19 gets them hardly any time. The environment variable BENCH_WORKER_NICE wins.
 workers = 1
+worker_nice = 19
 
 # One table per bench. "sim" is simulated: the service starts its simulator itself.
 [bench.sim]

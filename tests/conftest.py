@@ -9,9 +9,11 @@ import pytest
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep numerical libraries to one thread: small problems are slower, not faster, on several."""
+    """Keep numerical libraries to one thread: small problems are slower, not faster, on several; let workers work."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    # Fits of a service under test give way to nobody: on a busy machine they would get hardly any time.
+    os.environ.setdefault("BENCH_WORKER_NICE", "0")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

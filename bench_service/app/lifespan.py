@@ -64,7 +64,7 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
         await close_left_open(store, journal)
         for run in await asyncio.to_thread(mark_interrupted_runs, store, samples):
             journal.note(run.bench, _interrupted_event(run.id, run.state))
-        jobs = JobRunner(config.workers)
+        jobs = JobRunner(config.workers, nice=config.worker_nice)
         await jobs.start()
         stack.push_async_callback(jobs.stop)
         code_version = version("bench-service")

@@ -27,7 +27,6 @@ from bench_service.errors import NotFoundError, ServiceError
 from bench_service.jobs.progress import Reporter, ReportListener
 
 _log = logging.getLogger(__name__)
-_NICE = 19
 _KEPT_JOBS = 500
 
 JobFunction = Callable[Concatenate[Reporter, ...], dict[str, Any]]
@@ -62,8 +61,8 @@ class JobRunner:
         Called with the record at each change, in the event loop.
     """
 
-    def __init__(self, workers: int = 1, on_change: Callable[[Job], None] | None = None) -> None:
-        self._workers = workers
+    def __init__(self, workers: int = 1, on_change: Callable[[Job], None] | None = None, nice: int = 19) -> None:
+        self._workers, self._nice = workers, nice
         self._on_change = on_change
         self._jobs: dict[str, Job] = {}
         self._tasks: dict[str, asyncio.Task[Job]] = {}
@@ -81,7 +80,7 @@ class JobRunner:
             lambda: ReportListener(self._take_report), sock=listener
         )
         for _ in range(self._workers):
-            self._free.put_nowait(_new_worker())
+            self._free.put_nowait(_new_worker(self._nice))
 
     async def stop(self) -> None:
         """End all jobs and workers; jobs under way become ``failed``."""
@@ -164,7 +163,7 @@ class JobRunner:
                     self._set(replace(self._jobs[job_id], state="done", progress=1.0, result=result))
         except BrokenProcessPool:
             worker.shutdown(wait=False)
-            worker = _new_worker()
+            worker = _new_worker(self._nice)
             self._fail(job_id, "the worker process died; see the service's log, and try fewer or smaller runs")
         except Exception as error:  # whatever a job does, the service goes on
             if not isinstance(error, ServiceError | ValueError):
@@ -209,9 +208,10 @@ class JobRunner:
                 del self._jobs[job_id]
 
 
-def _new_worker() -> ProcessPoolExecutor:
+def _new_worker(nice: int) -> ProcessPoolExecutor:
     # spawn: a fork of a process with threads and an event loop can hang in a lock it copied.
-    return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_settle_worker)
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(1, mp_context=context, initializer=_settle_worker, initargs=(nice,))
 
 
 def _kill(pid: int) -> None:
@@ -219,8 +219,8 @@ def _kill(pid: int) -> None:
         os.kill(pid, signal.SIGKILL)
 
 
-def _settle_worker() -> None:
-    os.nice(_NICE)
+def _settle_worker(nice: int) -> None:
+    os.nice(nice)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the service ends its workers
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

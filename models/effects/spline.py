@@ -7,7 +7,6 @@ from functools import cached_property
 from math import factorial
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from models.data.timeseries import FloatArray
 
@@ -57,6 +56,8 @@ class SplineBasis:
     @cached_property
     def _pieces(self) -> FloatArray:
         """(4, intervals, 4) coefficients of the bumps that are not zero in an interval, highest power first."""
+        from scipy.interpolate import BSpline  # 400 ms of processor time, which a control process does without
+
         bumps, first = BSpline(self.knots, np.eye(self.size), _ORDER), np.arange(self.size - _ORDER)
         left = self.knots[_ORDER + first]
         taylor = np.array([bumps(left, nu=power) / factorial(power) for power in range(_ORDER, -1, -1)])

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from playwright.sync_api import Page
 
+from tests.patience import PATIENCE_S
+
 DESKTOP = {"width": 1280, "height": 800}
 PHONE = {"width": 390, "height": 844}
 
@@ -29,6 +31,6 @@ def served(folder: Path, config: str) -> Iterator[str]:
             yield json.loads(line)["address"]
         finally:
             process.terminate()
-            process.wait(timeout=30)
+            process.wait(timeout=PATIENCE_S)
             assert process.stdout is not None
             process.stdout.close()

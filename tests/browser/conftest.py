@@ -8,7 +8,9 @@ from urllib.parse import urlsplit
 
 import pytest
 from browser_rig import DESKTOP, OpenPage
-from playwright.sync_api import Browser, Page, Request, sync_playwright
+from playwright.sync_api import Browser, Page, Request, expect, sync_playwright
+
+from tests.patience import PATIENCE_S
 
 _CHROMIUM_ARGUMENTS = [
     "--headless",
@@ -26,6 +28,7 @@ _REFUSAL = "the server responded with a status of 4"
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
+    expect.set_options(timeout=1000 * PATIENCE_S)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=_CHROMIUM_ARGUMENTS)
         yield browser
@@ -43,7 +46,7 @@ def open_page(chromium: Browser, address: str) -> Iterator[OpenPage]:
 
     def open_it(bench: str, viewport: dict[str, int] = DESKTOP, prepare: Callable[[Page], None] | None = None) -> Page:
         context = chromium.new_context(viewport=viewport, timezone_id="Europe/Berlin")  # pyright: ignore[reportArgumentType]
-        context.set_default_timeout(20_000)
+        context.set_default_timeout(1000 * PATIENCE_S)
         page = context.new_page()
         page.on("request", note)
         page.on("websocket", lambda socket: hosts.add(urlsplit(socket.url).netloc))

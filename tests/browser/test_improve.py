@@ -12,8 +12,9 @@ from browser_rig import PHONE, OpenPage, served
 from playwright.sync_api import Page, Route, expect
 
 from bench_service.client import BenchClient
+from tests.patience import LONG_S
 
-pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(2 * LONG_S)]
 
 # A cell whose hysteresis is far larger than anything that the small structure can take in; the page does not know,
 # nor does anybody else before the seal is opened.
@@ -24,7 +25,7 @@ effects = { relaxation = 0.0 }
 hidden_effect = "hysteresis"
 """
 _CAMPAIGN = {"bench": "sim", "name": "hidden", "structure": "minimal", "seed": 3}
-_LONG_MS = 600_000
+_LONG_MS = 1000 * LONG_S
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def campaign(address: str) -> dict[str, Any]:
     """A completed campaign: two runs, and a model of one of them."""
     with BenchClient(address) as client:
-        ended = client.wait_campaign(client.start_campaign(_CAMPAIGN)["id"], timeout_s=600)
+        ended = client.wait_campaign(client.start_campaign(_CAMPAIGN)["id"], timeout_s=LONG_S)
     assert ended["state"] == "completed", ended["message"]
     return ended["result"]
 
@@ -61,12 +62,12 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
         expect(step(page, name)).to_be_hidden()
     page.get_by_role("button", name="Compare model and runs").click()
     # Compare and where.
-    expect(step(page, "compare").locator(".figure").first).to_contain_text("times the noise floor", timeout=60_000)
+    expect(step(page, "compare").locator(".figure").first).to_contain_text("times the noise floor")
     white = step(page, "compare").locator(".figure", has_text="White part of it")
     expect(white).to_contain_text("of the squared error hangs together")
     assert 0.9 < millivolts(white.inner_text())[0] < 4.0  # the simulated sensor has 1 mV
     expect(step(page, "compare").locator("canvas").first).to_be_attached()
-    expect(step(page, "where").locator(".regions li").first).to_contain_text("of the squared error in", timeout=60_000)
+    expect(step(page, "where").locator(".regions li").first).to_contain_text("of the squared error in")
     expect(step(page, "where").locator(".heat canvas").first).to_be_attached()
     step(page, "where").get_by_label("What the map shows").select_option("bias_mV")
     # Which: a bar while it is looked for, then words, evidence, and a button.
@@ -103,9 +104,9 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
     assert judged == pytest.approx(after, abs=0.006)
     # Undo is choosing the parent.
     added.get_by_role("button", name="Go on with the new version").click()
-    expect(step(page, "compare").locator(".figure strong").first).to_contain_text(f"{after:.2f}", timeout=60_000)
+    expect(step(page, "compare").locator(".figure strong").first).to_contain_text(f"{after:.2f}")
     step(page, "watch").get_by_role("button", name="Back to this one").click()
-    expect(step(page, "compare").locator(".figure strong").first).to_contain_text(f"{before:.2f}", timeout=60_000)
+    expect(step(page, "compare").locator(".figure strong").first).to_contain_text(f"{before:.2f}")
     expect(page.get_by_label("Model", exact=True)).to_have_value(campaign["model_id"])
 
 
@@ -123,16 +124,16 @@ def test_a_model_from_a_file_and_a_choice_that_cannot_be(
     for name, words in (("cake.json", "not"), ("broken.json", "is not JSON")):
         page.locator("#improve-file").set_input_files(tmp_path / name)
         # The first model that the service reads takes it some seconds.
-        expect(choose.locator(".form-message")).to_contain_text(words, timeout=30_000)
+        expect(choose.locator(".form-message")).to_contain_text(words)
     page.locator("#improve-file").set_input_files(tmp_path / "mine.json")
-    expect(page.get_by_label("Model", exact=True).locator("option:checked")).to_contain_text("mine", timeout=30_000)
+    expect(page.get_by_label("Model", exact=True).locator("option:checked")).to_contain_text("mine")
     # Nobody knows what it was made from: no run is proposed.
     expect(page.get_by_label("Use of hidden: validate")).to_have_value("")
     page.get_by_role("button", name="Compare model and runs").click()
     expect(choose.locator(".form-message")).to_contain_text("at least one run")
     page.get_by_label("Use of hidden: validate").select_option("judge")
     page.get_by_role("button", name="Compare model and runs").click()
-    expect(step(page, "compare").locator(".figure strong").first).to_contain_text("mV", timeout=60_000)
+    expect(step(page, "compare").locator(".figure strong").first).to_contain_text("mV")
     assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
 
 
@@ -179,7 +180,7 @@ def test_a_change_is_looked_for_in_runs_that_the_model_was_not_made_from(
     expect(page.get_by_label("Use of hidden: train")).to_have_value("")
     expect(page.get_by_label("Use of hidden: validate")).to_have_value("judge")
     page.get_by_role("button", name="Compare model and runs").click()
-    page.get_by_role("button", name="Find out what has changed").click(timeout=60_000)
+    page.get_by_role("button", name="Find out what has changed").click()
     # Nothing has: the run that was held out is of the same cell on the same day.
     expect(step(page, "which").locator(".verdict")).to_contain_text("Nothing significant has changed", timeout=_LONG_MS)
     expect(step(page, "which").locator(".finding")).to_have_count(0)

@@ -10,7 +10,9 @@ from browser_rig import PHONE, OpenPage, served
 from playwright.sync_api import Page, WebSocketRoute, expect
 from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
-pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(180)]
+from tests.patience import LONG_S, PATIENCE_S
+
+pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(3 * PATIENCE_S)]
 
 # One bench on the wall clock, whose runs last long enough to be stopped, and one in lock-step.
 _CONFIG = """
@@ -77,7 +79,7 @@ def test_stop_ends_a_run_at_once_and_shows_the_answer_on_a_phone(open_page: Open
     assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
 
 
-@pytest.mark.timeout(700)
+@pytest.mark.timeout(2 * LONG_S)
 def test_campaign_runs_through_to_figures_and_pictures(open_page: OpenPage) -> None:
     page = open_page("fast")
     _fill_campaign(page, "in lock-step")
@@ -88,7 +90,7 @@ def test_campaign_runs_through_to_figures_and_pictures(open_page: OpenPage) -> N
     expect(page.locator("#campaign-capacity_Ah-error")).to_contain_text("greater than 0")
     capacity.fill(stated)
     page.get_by_role("button", name="Start campaign").click()
-    expect(page.locator(".stage .chip", has_text="done")).to_have_count(6, timeout=600_000)
+    expect(page.locator(".stage .chip", has_text="done")).to_have_count(6, timeout=1000 * LONG_S)
     result = page.locator("#campaign-result")
     expect(result.locator(".figure").first).to_contain_text("mV")
     expect(result.locator(".result-chart canvas")).to_have_count(2)

@@ -1,6 +1,5 @@
 """Every map that comes with the program, over every transport it can have, against the simulator it gets."""
 
-import asyncio
 import math
 
 import pytest
@@ -39,8 +38,7 @@ async def test_a_whole_life(name, transport):
         await driver.output(True)
         for current_A in (1.0, max(low_A, -2.0), 0.0, 2.0):
             await driver.apply(current_A)
-            await asyncio.sleep(0.02)  # the device takes a set-point over in its next measuring period
-            reading = await driver.sample()
+            reading = await made.settled(current_A)
             assert reading.output_on and not reading.alarms
             assert reading.current_A == pytest.approx(current_A, abs=0.02)
             assert 3.0 < reading.voltage_V < 4.2
@@ -68,7 +66,7 @@ async def test_a_device_that_falls_silent_in_a_pulse(name, transport):
             made.server.on_frame = lambda message, raws: CanAction(execute=False)
         else:
             made.server.on_request = lambda frame: SILENCE
-        with pytest.raises(CyclerTimeoutError, match=r"no answer.*within 0\.1 s"):
+        with made.impatient(), pytest.raises(CyclerTimeoutError, match=r"no answer.*within 0\.1 s"):
             await made.driver.sample()
         made.server.on_frame = made.server.on_request = None
         with pytest.raises(CyclerConnectionError, match="not connected"):  # nothing resumes by itself

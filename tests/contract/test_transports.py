@@ -12,6 +12,7 @@ from drivers.cycler import (
     DeviceLimits,
     SetPointRefusedError,
 )
+from tests.protocol.raw_modbus import HandClock
 from tests.protocol.rigs import LIMITS, TRANSPORTS, rig
 
 every = pytest.mark.parametrize("transport", TRANSPORTS)
@@ -185,9 +186,11 @@ async def test_safe_from_a_second_driver_in_the_middle_of_a_run(transport):
 @every
 async def test_a_silent_bench_is_switched_off_by_the_device(transport):
     """A hung loop sends nothing: no sender outlives it."""
-    async with rig(transport, lock_step=False) as made:
+    clock = HandClock()
+    async with rig(transport, lock_step=False, now=clock) as made:
         await made.running(watchdog_s=0.2)
         time.sleep(0.4)  # the whole event loop hangs, the driver's as the simulator's
+        clock.time_s += 0.4
         made.device.poll()
         assert made.at_rest and "watchdog" in made.device.cycler.alarms
 

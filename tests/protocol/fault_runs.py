@@ -67,17 +67,19 @@ class Clock:
         return time.monotonic() + self.ahead_s
 
 
-async def play(script: str, transport: str, *, lock_step: bool = True, seed: int = 0) -> Outcome:
+async def play(
+    script: str, transport: str, *, lock_step: bool = True, seed: int = 0, timeout_s: float = TIMEOUT_S
+) -> Outcome:
     """Play pulses against a device that fails by `script`, and judge what happened."""
     engine, clock = FaultEngine(parse_faults(script)), Clock()
     device, server, address = await _serve(transport, lock_step, seed, engine, clock)
     honest: dict[int, list[Any]] = defaultdict(list)
     most_A = _witness(device, engine, honest)
-    driver = open_cycler(address, device.map.name, TIMEOUT_S)
+    driver = open_cycler(address, device.map.name, timeout_s)
     recording, events = MemoryRecording(), []
     try:
         await driver.connect()
-        end = await _loop(driver, recording, events, lock_step, seed).play()
+        end = await _loop(driver, recording, events, lock_step, seed, timeout_s).play()
     except CyclerError as error:  # a bench that cannot connect does not start
         end = RunEnd("fault", "connect", str(error), True, 0)
     finally:
@@ -124,7 +126,9 @@ def _witness(device: Any, engine: FaultEngine, honest: dict[int, list[Any]]) -> 
     return lambda: most[0]
 
 
-def _loop(driver: Any, recording: MemoryRecording, events: list[Any], lock_step: bool, seed: int) -> RunLoop:
+def _loop(
+    driver: Any, recording: MemoryRecording, events: list[Any], lock_step: bool, seed: int, timeout_s: float
+) -> RunLoop:
     draw = random.Random(seed)
     dt_s = DT_S if lock_step else WALL_DT_S
     steps = TICKS // HOLD
@@ -138,7 +142,7 @@ def _loop(driver: Any, recording: MemoryRecording, events: list[Any], lock_step:
         settle_s=dt_s,
         initial_soc=0.5,
     )
-    rules = Rules("bench", LIMITS, current_tolerance_A=0.15, max_age_s=2 * dt_s + TIMEOUT_S + 0.1, tick_s=dt_s)
+    rules = Rules("bench", LIMITS, current_tolerance_A=0.15, max_age_s=2 * dt_s + timeout_s + 0.1, tick_s=dt_s)
     plan = RunPlan(request, make_player(request.time_s, request.current_A, dt_s), rules, WATCHDOG_S, 1)
     clock, stop = LockStepClock() if lock_step else WallClock(), StopSignal()
     parts: Any = (driver, clock, recording, NoFeed(), stop, None, lambda *event: events.append(event))

@@ -3,13 +3,14 @@
 import asyncio
 import struct
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from simulators.bench import SimulatorSettings, build_device
 from simulators.device import MapDevice
 from simulators.modbus_server import ModbusServer
+from tests.patience import PATIENCE_S
 
 READ_ALL = "03 00C8 000C"
 
@@ -40,7 +41,7 @@ class Client:
         return struct.pack(">HHHB", self.transaction, 0, len(body) + 1, unit) + body
 
     async def answer(self) -> tuple[int, int, bytes]:
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             head = await self.reader.readexactly(7)
             transaction, protocol, length, unit = struct.unpack(">HHHB", head)
             assert protocol == 0
@@ -97,14 +98,7 @@ async def switch_on(client: Client) -> None:
     assert await client.ask("05 0001 FF00") == bytes.fromhex("05 0001 FF00")
 
 
-async def until(condition: Callable[[], bool], seconds: float = 5.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "condition not met in time"
-        await asyncio.sleep(0.002)
-
-
 async def until_moved(client: Client, sequence: float) -> None:
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + PATIENCE_S
     while (await client.sample())["sequence"] == sequence:
         assert time.monotonic() < deadline, "simulated time does not move"

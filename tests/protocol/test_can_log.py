@@ -8,6 +8,7 @@ import cantools
 import pytest
 
 from drivers.register_map import load_can_map
+from tests.patience import PATIENCE_S
 from tests.protocol.rigs import LIMITS
 
 MAP = load_can_map("generic_can")
@@ -54,7 +55,7 @@ async def test_another_program_decodes_the_traffic_to_the_same_values(made, tmp_
     (path,) = (tmp_path / "traffic.log").iterdir()
     done = subprocess.run(
         [sys.executable, "-m", "cantools", "decode", "--single-line", str(MAP.dbc)],
-        input=path.read_text(), capture_output=True, text=True, check=True, timeout=60,
+        input=path.read_text(), capture_output=True, text=True, check=True, timeout=PATIENCE_S,
     )  # fmt: skip
     assert f"Voltage: {reading.voltage_V:.4f} V".replace("0 V", " V") in done.stdout.replace("0 V", " V")
     assert "SetCurrent: -2.5 A" in done.stdout and "OutputOn: 1" in done.stdout

@@ -18,6 +18,7 @@ from simulators.bench import SimulatorSettings, build_can_device
 from simulators.can_bus import CanAction, CanBusSettings
 from simulators.can_node import CanNode
 from simulators.cycler import CyclerSettings
+from tests.patience import PATIENCE_S
 from tests.protocol.rigs import rig
 
 WINDOW = Limits((2.5, 4.2), (-5.0, 5.0), (0.0, 45.0), (0.0, 1.0), None, 100.0)
@@ -47,8 +48,7 @@ async def test_both_quadrants(transport):
         assert limits["current_low"] == pytest.approx(-10.0, abs=1e-3)
         for current_A in (5.0, -7.5, -0.1, 0.0, 3.0):
             await made.driver.apply(current_A)
-            await asyncio.sleep(0.02)  # the device takes a set-point over in its next measuring period
-            reading = await made.driver.sample()
+            reading = await made.settled(current_A)
             assert reading.current_A == pytest.approx(current_A, abs=0.02)
             assert reading.voltage_V == pytest.approx(3.7, abs=0.4)
             assert abs(current_A) < 1.0 or ("sink" in reading.status) == (current_A < 0.0)
@@ -124,7 +124,7 @@ async def test_alarms_and_a_query_that_is_not_answered():
         reading = await made.driver.sample()
         assert reading.alarms == {"alarm"} and not reading.output_on
         made.server.on_frame = lambda name, raws: CanAction(change=lambda _, data: b"\xff\xff\x02")
-        with pytest.raises(CyclerTimeoutError, match="no answer"):
+        with made.impatient(), pytest.raises(CyclerTimeoutError, match="no answer"):
             await made.driver.sample()
         made.server.on_frame = None
         await made.driver.safe()
@@ -185,15 +185,14 @@ async def test_the_examples_of_the_guide_on_the_bus():
     bus = can.Bus(interface="virtual", channel=channel)
     try:
 
-        async def say(identifier, data):
+        async def say(identifier, data, wait_s=PATIENCE_S):
             bus.send(can.Message(arbitration_id=identifier, data=bytes.fromhex(data), is_extended_id=False))
-            await asyncio.sleep(0.05)
-            answer = bus.recv(0.2)
+            answer = await asyncio.to_thread(bus.recv, wait_s)
             return None if answer is None else (answer.arbitration_id, answer.data.hex())
 
         assert await say(0x89, "0079") == (0x8A, "007942a00000")
-        assert await say(0x88, "0192 01 FF00") is None and device.cycler.remote
-        assert await say(0x88, "01F5 01 2A2A") is None
+        assert await say(0x88, "0192 01 FF00", 0.2) is None and device.cycler.remote
+        assert await say(0x88, "01F5 01 2A2A", 0.2) is None
         assert device.cycler.requested_A == pytest.approx(35.0, abs=0.005)
         assert await say(0x89, "01F5") == (0x8A, "01f52a2a")
         device.cycler.set_limit("current_high", 30.0)

@@ -8,22 +8,26 @@ from hypothesis import strategies as st
 
 from bench_service.bench.run_loop import RunLoop
 from simulators.faults import DEVICE_KINDS, LINK_KINDS, VALUE_KINDS
+from tests.patience import FACTOR
 from tests.protocol.fault_runs import play, play_case, random_case
 
 HARMLESS = {"delay"}
+LATE_S = 0.3
+# Less than what comes late; where nothing does, as long as a busy machine may take.
+IMPATIENT_S, PATIENT_S = 0.25, 10.0 * FACTOR
 WIRES = ("modbus-tcp", "modbus-rtu", "can-virtual")
 
 
 def script(kind):
     """The fault with the twelfth sample or, where that is what it is about, the seventh set-point."""
-    size = {"late": "=0.3", "slow": "=0.3", "short": "=0.05", "over_temperature": "=20"}.get(kind, "")
+    size = {"late": f"={LATE_S}", "slow": f"={LATE_S}", "short": "=0.05", "over_temperature": "=20"}.get(kind, "")
     return f"{kind}{size}@set_point:7" if kind in ("refused", "lost_reply") else f"{kind}{size}@sample:12"
 
 
 @pytest.mark.parametrize("transport", WIRES)
 @pytest.mark.parametrize("kind", LINK_KINDS)
 async def test_a_message_goes_wrong(kind, transport):
-    outcome = await play(script(kind), transport)
+    outcome = await play(script(kind), transport, timeout_s=IMPATIENT_S)
     assert outcome.begun == (kind,) and not outcome.complaints
     assert outcome.end.state == ("completed" if kind in HARMLESS else "fault"), outcome.end
 
@@ -31,7 +35,7 @@ async def test_a_message_goes_wrong(kind, transport):
 @pytest.mark.parametrize("transport", ["modbus-tcp", "can-udp"])
 @pytest.mark.parametrize("kind", [*DEVICE_KINDS, *VALUE_KINDS])
 async def test_a_device_or_a_value_goes_wrong(kind, transport):
-    outcome = await play(script(kind), transport)
+    outcome = await play(script(kind), transport, timeout_s=PATIENT_S)
     assert outcome.begun == (kind,) and not outcome.complaints
     assert outcome.end.state == "fault", outcome.end
 
@@ -40,25 +44,27 @@ async def test_a_device_or_a_value_goes_wrong(kind, transport):
 @pytest.mark.parametrize("kind", ["nan", "sentinel", "jump=30", "reversed"])
 async def test_another_value_goes_wrong(kind, what):
     name, _, size = kind.partition("=")
-    outcome = await play(f"{name}.{what}{'=' + size if size else ''}@sample:12", "modbus-tcp")
+    outcome = await play(f"{name}.{what}{'=' + size if size else ''}@sample:12", "modbus-tcp", timeout_s=PATIENT_S)
     assert outcome.end.state == "fault" and not outcome.complaints, outcome
 
 
 @pytest.mark.parametrize("kind", ["silence", "late", "watchdog", "nan", "restart"])
 async def test_on_the_wall_clock(kind):
-    outcome = await play(script(kind) + ("x1000" if kind == "silence" else ""), "modbus-tcp", lock_step=False)
+    outcome = await play(
+        script(kind) + ("x1000" if kind == "silence" else ""), "modbus-tcp", lock_step=False, timeout_s=IMPATIENT_S
+    )
     assert outcome.begun == (kind,) and outcome.end.state == "fault" and not outcome.complaints, outcome
 
 
 async def test_nothing_goes_wrong():
-    outcome = await play("", "modbus-tcp")
+    outcome = await play("", "modbus-tcp", timeout_s=PATIENT_S)
     assert outcome.end.state == "completed" and not outcome.complaints
 
 
 async def test_the_judge_sees_a_wrong_sample_that_is_not_marked(monkeypatch):
     """The judgement itself can fail: without the mark, the sample that ended the run counts as good."""
     monkeypatch.setattr(RunLoop, "_flags", lambda *_, **__: 0)
-    outcome = await play("jump.temperature=30@sample:12", "modbus-tcp")
+    outcome = await play("jump.temperature=30@sample:12", "modbus-tcp", timeout_s=PATIENT_S)
     assert any("stored as good" in complaint for complaint in outcome.complaints)
 
 

@@ -10,6 +10,7 @@ import pytest
 from bench_service.cli.main import main
 from drivers.cycler import DeviceLimits
 from drivers.factory import open_cycler
+from tests.patience import PATIENCE_S
 
 LIMITS = DeviceLimits((2.5, 4.25), (-10.0, 10.0), (-10.0, 60.0), None)
 
@@ -19,12 +20,12 @@ async def simulator(*arguments):
         sys.executable, "-m", "bench_service.cli", "simulate", "--lock-step", "--json", *arguments,
         stdout=asyncio.subprocess.PIPE, env=dict(os.environ),
     )  # fmt: skip
-    return process, json.loads(await asyncio.wait_for(process.stdout.readline(), 60))["address"]
+    return process, json.loads(await asyncio.wait_for(process.stdout.readline(), PATIENCE_S))["address"]
 
 
 async def ended(process):
     process.terminate()
-    assert await asyncio.wait_for(process.wait(), 20) == 0
+    assert await asyncio.wait_for(process.wait(), PATIENCE_S) == 0
 
 
 @pytest.mark.parametrize(

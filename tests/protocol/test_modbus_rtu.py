@@ -1,6 +1,7 @@
 """What only a serial line has: no transaction numbers, a pace, an echo, one program at a time, frames in pieces."""
 
 import asyncio
+import contextlib
 import os
 import time
 
@@ -21,6 +22,7 @@ from simulators.bench import SimulatorSettings, build_device
 from simulators.modbus_actions import Action, delay
 from simulators.rtu_server import RtuServer, crc16
 from simulators.serial_line import SerialSettings
+from tests.patience import PATIENCE_S
 from tests.protocol.rigs import FAST_LINE, rig
 
 TIMEOUT_S = 0.15  # of the fixture `rtu`
@@ -98,7 +100,7 @@ async def test_without_the_rule_a_late_answer_is_taken_for_the_next_one(rtu):
 async def test_a_late_answer_in_a_pulse_ends_it_safely(rtu):
     await rtu.running()
     rtu.server.on_request = once(delay(LATE_S))
-    with pytest.raises(CyclerTimeoutError, match=r"no answer within 0\.15 s"):
+    with rtu.impatient(), pytest.raises(CyclerTimeoutError, match=r"no answer within 0\.15 s"):
         await rtu.driver.sample()
     with pytest.raises(CyclerConnectionError, match="not connected"):
         await rtu.driver.sample()
@@ -140,7 +142,7 @@ async def test_a_second_program_does_not_get_the_answer_meant_for_the_first(rtu)
 async def test_an_answer_that_is_none(rtu, action):
     await rtu.running()
     rtu.server.on_request = once(action)
-    with pytest.raises(CyclerTimeoutError):
+    with rtu.impatient(), pytest.raises(CyclerTimeoutError):
         await rtu.driver.sample()
     await rtu.driver.safe()
     assert rtu.at_rest
@@ -167,7 +169,7 @@ async def test_own_bytes_heard_again():
     echoing = SerialSettings(baud=FAST, echo=True)
     async with rig("modbus-rtu", timeout_s=TIMEOUT_S, line=echoing) as rtu:
         # An echo of function 5 looks like its answer; the answer itself then does not fit the next request.
-        with pytest.raises((CyclerTimeoutError, CyclerProtocolError)):
+        with rtu.impatient(), pytest.raises((CyclerTimeoutError, CyclerProtocolError)):
             await rtu.running()
         assert not rtu.device.cycler.output_on
     async with rig("modbus-rtu", timeout_s=TIMEOUT_S, line=echoing, options="&echo=1") as rtu:
@@ -202,18 +204,19 @@ async def test_another_unit_on_the_line_is_not_answered(rtu):
     await driver.close()
 
 
-async def raw(rtu, *pieces, pause_s=0.0):
-    """Send bytes as they are and return what comes back."""
+async def raw(rtu, *pieces, pause_s=0.0, n=0):
+    """Send bytes as they are and return what comes back: `n` bytes, or what has come after a moment."""
     fd = os.open(rtu.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         for piece in pieces:
             os.write(fd, piece)
             await asyncio.sleep(pause_s)
-        await asyncio.sleep(0.1)
-        try:
-            return os.read(fd, 512)
-        except BlockingIOError:
-            return b""
+        answer, until_s = b"", time.monotonic() + (PATIENCE_S if n else 0.1)
+        while time.monotonic() < until_s and (not n or len(answer) < n):
+            with contextlib.suppress(BlockingIOError):
+                answer += os.read(fd, 512)
+            await asyncio.sleep(0.005)
+        return answer
     finally:
         os.close(fd)
 
@@ -225,13 +228,13 @@ async def test_frames_in_pieces_and_after_garbage(rtu):
     answer = bytes.fromhex("01 03 02 4254")
     answer += crc16(answer)
     assert crc16(READ_CLASS[:-2]) == READ_CLASS[-2:]
-    assert await raw(rtu, READ_CLASS) == answer
-    assert await raw(rtu, READ_CLASS[:3], READ_CLASS[3:], pause_s=0.002) == answer
-    assert await raw(rtu, b"\x01\x03\xff", READ_CLASS, pause_s=0.2) == answer  # half a frame, then silence
+    assert await raw(rtu, READ_CLASS, n=7) == answer
+    assert await raw(rtu, READ_CLASS[:3], READ_CLASS[3:], pause_s=0.002, n=7) == answer
+    assert await raw(rtu, b"\x01\x03\xff", READ_CLASS, pause_s=0.2, n=7) == answer  # half a frame, then silence
     assert await raw(rtu, READ_CLASS[:-1] + b"\x00") == b""
     assert await raw(rtu, b"\x00" + READ_CLASS[1:-2] + crc16(b"\x00" + READ_CLASS[1:-2])) == b""  # to all: no answer
     unknown = b"\x01\x2b\x0e\x01"
-    assert await raw(rtu, unknown + crc16(unknown)) == b"\x01\xab\x01" + crc16(b"\x01\xab\x01")
+    assert await raw(rtu, unknown + crc16(unknown), n=5) == b"\x01\xab\x01" + crc16(b"\x01\xab\x01")
 
 
 async def test_a_link_to_the_pseudo_terminal(tmp_path):

@@ -15,6 +15,7 @@ from drivers.cycler import (
 from drivers.factory import open_cycler
 from drivers.modbus import ModbusCycler
 from drivers.register_map import MAPS
+from tests.patience import PATIENCE_S
 from tests.protocol.rigs import LIMITS, rig
 from tests.protocol.tcp_proxy import SAMPLE
 
@@ -174,7 +175,7 @@ async def test_between_two_processes_until_one_is_killed():
                 reading = await driver.sample()
             assert reading.sequence == first.sequence + 500
             process.kill()
-            process.wait(10)
+            process.wait(PATIENCE_S)
             with pytest.raises(CyclerConnectionError):
                 await driver.sample()
             with pytest.raises(CyclerConnectionError, match="not verified to be at rest"):

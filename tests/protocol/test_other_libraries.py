@@ -5,12 +5,12 @@ import contextlib
 import ctypes.util
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from drivers.factory import open_cycler
+from tests.patience import PATIENCE_S, holds
 from tests.protocol.rigs import LIMITS, rig
 
 LIBMODBUS = ctypes.util.find_library("modbus") or "libmodbus.so.5"  # mbpoll brings it
@@ -18,6 +18,7 @@ LIBMODBUS = ctypes.util.find_library("modbus") or "libmodbus.so.5"  # mbpoll bri
 # A plain libmodbus server whose registers are memory, filled like those of the generic map.
 SERVER = """
 import ctypes, socket, struct, sys
+from tests.patience import PATIENCE_S
 lib = ctypes.CDLL(sys.argv[1], use_errno=True)
 class Mapping(ctypes.Structure):
     _fields_ = [(name, ctypes.c_int) for name in ("nb_bits", "start_bits", "nb_input_bits", "start_input_bits",
@@ -61,7 +62,7 @@ def ended(process):
         yield process
     finally:
         process.terminate()
-        process.wait(5)
+        process.wait(PATIENCE_S)
         if process.stdout:
             process.stdout.close()
 
@@ -77,7 +78,7 @@ async def mbpoll_rtu(port, *arguments):
         "mbpoll", "-1", "-0", "-B", "-m", "rtu", "-b", "115200", "-P", "none", "-a", "1", *arguments, port,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
     )  # fmt: skip
-    output, _ = await asyncio.wait_for(process.communicate(), 20)
+    output, _ = await asyncio.wait_for(process.communicate(), PATIENCE_S)
     return output.decode()
 
 
@@ -93,7 +94,7 @@ async def test_libmodbus_reads_and_writes_the_simulator_over_rtu():
             "mbpoll", "-1", "-0", "-B", "-m", "rtu", "-b", "115200", "-P", "none", "-a", "1",
             "-t", "4:float", "-r", "100", port, "2.5", stdout=subprocess.DEVNULL,
         )  # fmt: skip
-        assert await asyncio.wait_for(written.wait(), 20) == 0
+        assert await asyncio.wait_for(written.wait(), PATIENCE_S) == 0
         assert made.device.cycler.requested_A == 2.5
         assert "[100]: \t2.5" in await mbpoll_rtu(port, "-t", "4:float", "-r", "100", "-c", "1")
 
@@ -123,9 +124,6 @@ async def test_the_driver_reads_a_libmodbus_server_over_rtu(tmp_path):
     ends = [tmp_path / "device", tmp_path / "bench"]
     socat = subprocess.Popen(["socat", *(f"pty,raw,echo=0,link={end}" for end in ends)])
     with ended(socat):
-        deadline_s = time.monotonic() + 5
-        while not all(Path(end).exists() for end in ends):
-            assert time.monotonic() < deadline_s
-            await asyncio.sleep(0.01)
+        await holds(lambda: all(Path(end).exists() for end in ends), "both ends of the line")
         with ended(libmodbus_server("rtu", str(ends[0]))):
             await _against_libmodbus(f"modbus-rtu://{ends[1]}?baud=115200")

@@ -152,7 +152,7 @@ async def test_answers_under_one_identifier_are_told_apart_by_their_content():
         assert reading.status == {"output_on", "discharging"}
         # The device repeats an answer to something else: none of the questions is answered.
         made.server.on_frame = lambda name, raws: CanAction(change=lambda _, data: b"\x50\x00" + data[2:])
-        with pytest.raises(CyclerTimeoutError, match="no answer"):
+        with made.impatient(), pytest.raises(CyclerTimeoutError, match="no answer"):
             await made.driver.sample()
         made.server.on_frame = None
         await made.driver.safe()

@@ -9,13 +9,14 @@ import sys
 import pytest
 
 from simulators.bench import SimulatorError, SimulatorSettings, build_device, serve
-from tests.protocol.raw_modbus import Client, rig, switch_on, until, until_moved
+from tests.patience import PATIENCE_S, holds
+from tests.protocol.raw_modbus import Client, rig, switch_on, until_moved
 
 
 async def test_serve_reports_its_address_and_ends_with_the_output_off() -> None:
     addresses: list[str] = []
     task = asyncio.create_task(serve(SimulatorSettings(), addresses.append))
-    await until(lambda: bool(addresses))
+    await holds(lambda: addresses, "an address")
     assert addresses[0].startswith("modbus-tcp://127.0.0.1:")
     port = int(addresses[0].rsplit(":", 1)[1])
     client = Client(*await asyncio.open_connection("127.0.0.1", port))
@@ -27,7 +28,7 @@ async def test_serve_reports_its_address_and_ends_with_the_output_off() -> None:
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(PATIENCE_S):
         assert await client.reader.read() == b""
     client.writer.close()
 
@@ -42,7 +43,7 @@ def test_sigterm_ends_cleanly() -> None:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("modbus-tcp://")
         os.kill(process.pid, signal.SIGTERM)
-        assert process.wait(timeout=10) == 0
+        assert process.wait(timeout=PATIENCE_S) == 0
 
 
 @pytest.mark.parametrize(
@@ -66,7 +67,7 @@ async def mbpoll(port: int, *arguments: str) -> str:
     process = await asyncio.create_subprocess_exec(
         "mbpoll", "-1", "-0", "-B", "-p", str(port), *arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )
-    output, _ = await asyncio.wait_for(process.communicate(), 10)
+    output, _ = await asyncio.wait_for(process.communicate(), PATIENCE_S)
     assert process.returncode == 0, output.decode()
     return output.decode()
 

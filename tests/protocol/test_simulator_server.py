@@ -7,7 +7,8 @@ import struct
 import pytest
 
 from simulators.modbus_actions import DROP, SILENCE, Action, Frame, delay
-from tests.protocol.raw_modbus import COMMAND_OK, rig, switch_on, until
+from tests.patience import PATIENCE_S, holds
+from tests.protocol.raw_modbus import COMMAND_OK, rig, switch_on
 
 
 async def test_back_to_back_requests_in_one_segment_are_all_answered_in_order() -> None:
@@ -46,7 +47,7 @@ async def test_one_and_a_half_requests_then_the_rest() -> None:
 async def test_stream_that_cannot_be_framed_is_closed(head: str) -> None:
     async with rig() as r:
         r.client.writer.write(bytes.fromhex(head) + bytes(5))
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             assert await r.client.reader.read() == b""
         other = await r.connect()
         assert await other.ask("03 0000 0001") == bytes.fromhex("03 02 4254")
@@ -59,7 +60,7 @@ async def test_several_clients_share_the_device() -> None:
         await r.client.ask("06 0066 1234")
         assert await other.ask("03 0066 0001") == bytes.fromhex("03 02 1234")
         r.client.writer.close()
-        await until(lambda: len(r.server.connections) == 1)
+        await holds(lambda: len(r.server.connections) == 1, "one is left")
         assert await other.ask("03 0066 0001") == bytes.fromhex("03 02 1234")
         other.writer.close()
 
@@ -161,6 +162,6 @@ async def test_faults() -> None:
         assert await c.answer() == (5, 1, bytes.fromhex("03 02 0004"))
         assert await c.answer() == (4, 1, bytes.fromhex("06 0066 0004"))  # late
         c.writer.write(c.frame("03 0066 0001"))
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             assert await c.reader.read() == b""
         assert [f.function for f in seen] == [6, 3, 3, 6, 3, 3]

@@ -1,11 +1,11 @@
 """The WattRex map against a simulator that behaves like it: shared identifiers, old echoes, a heartbeat off at boot."""
 
 import math
-import time
 
 import pytest
 
 from drivers.cycler import CyclerProtocolError, DeviceLimits, SetPointRefusedError
+from tests.protocol.raw_modbus import HandClock
 from tests.protocol.rigs import rig
 
 LIMITS = DeviceLimits((2.5, 4.25), (-10.0, 10.0), (-10.0, 60.0), None)
@@ -48,14 +48,15 @@ async def test_another_node_is_noticed(transport):
 
 
 async def test_the_heartbeat_keeps_the_output_on_and_its_end_switches_it_off():
-    async with rig("can-virtual", lock_step=False, map_name="wattrex_epc") as made:
+    clock = HandClock()
+    async with rig("can-virtual", lock_step=False, map_name="wattrex_epc", now=clock) as made:
         assert made.device.cycler.watchdog_s == math.inf
         await made.running(2.0, LIMITS, watchdog_s=0.3)
         for _ in range(6):
-            time.sleep(0.1)
+            clock.time_s += 0.1
             await made.driver.apply(2.0)
         assert (await made.driver.sample()).output_on
-        time.sleep(0.4)
+        clock.time_s += 0.4
         made.device.poll()
         assert made.at_rest
         with pytest.raises(SetPointRefusedError, match="communication"):

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,8 +22,8 @@ from bench_service.bench.supervisor import BenchStatus, BenchSupervisor
 from bench_service.recorder.client import RecorderProcess
 from drivers.cycler import Reading
 from drivers.factory import open_cycler
+from tests.patience import PATIENCE_S, holds, stretched
 
-DEADLINE_S = 20.0
 WIDE = Limits((2.5, 4.3), (-9.0, 9.0), (-20.0, 60.0), (0.0, 1.0), None, 1e6)
 _SIMULATOR = """
 import asyncio, sys
@@ -53,7 +54,7 @@ class Simulator:
 
     def end(self) -> None:
         self.process.terminate()
-        self.process.wait(10)
+        self.process.wait(PATIENCE_S)
         assert self.process.stdout is not None
         self.process.stdout.close()
 
@@ -93,11 +94,9 @@ class Rig:
 
     async def until(self, condition: Callable[[], Any], what: str) -> None:
         try:
-            async with asyncio.timeout(DEADLINE_S):
-                while not condition():
-                    await asyncio.sleep(0.005)
-        except TimeoutError:
-            raise AssertionError(f"not within {DEADLINE_S} s: {what}; events: {self.heard.events}") from None
+            await holds(condition, what)
+        except AssertionError as error:
+            raise AssertionError(f"{error}; events: {self.heard.events}") from None
 
     async def play(self, request: RunRequest) -> dict[str, Any]:
         """Play a run to its end."""
@@ -127,10 +126,13 @@ class Rig:
         finally:
             await cycler.close()
 
-    async def output_is_off(self, deadline_s: float) -> Reading:
-        async with asyncio.timeout(deadline_s):
+    async def output_is_off(self, within_s: float) -> Reading:
+        """Wait for it; `within_s` is on a quiet machine."""
+        began_s = time.monotonic()
+        async with asyncio.timeout(PATIENCE_S):
             while (reading := await self.reading()).output_on:
                 await asyncio.sleep(0.01)
+        assert time.monotonic() - began_s < stretched(within_s)
         return reading
 
 
@@ -155,7 +157,7 @@ async def rig(data_dir: Path, *, lock_step: bool, initial_soc: float = 0.5, **ch
     bench = Rig(simulator, recorder, supervisor, heard, data_dir)
     try:
         await supervisor.start()
-        await supervisor.wait_for("idle", timeout_s=DEADLINE_S)
+        await supervisor.wait_for("idle", timeout_s=PATIENCE_S)
         yield bench
     finally:
         await supervisor.close()

@@ -11,8 +11,7 @@ from bench_service.framing import recv_frame, send_frame
 from bench_service.store.reading import StreamData
 from bench_service.store.samples import SampleReader
 from bench_service.streams import OBSERVER, SAMPLES, STREAMS, Columns, layout_to_json, pack
-
-PATIENCE_S = 20.0
+from tests.patience import PATIENCE_S
 
 
 def columns(stream: str, seq0: int, n: int) -> Columns:

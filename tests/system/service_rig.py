@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bench_service.client import BenchClient, ClientError
-
-DEADLINE_S = 90.0
+from tests.patience import PATIENCE_S
 
 
 class Service:
@@ -47,13 +46,13 @@ class Service:
             self.client.close()
         if self.process.poll() is None:
             self.process.send_signal(number)
-        _, words = self.process.communicate(timeout=DEADLINE_S)
+        _, words = self.process.communicate(timeout=PATIENCE_S)
         return self.process.returncode, words
 
 
-def until(condition: Callable[[], Any], what: str, deadline_s: float = DEADLINE_S) -> Any:
+def until(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
     """Look until something holds; a service that is just starting or ending does not answer."""
-    end_s = time.monotonic() + deadline_s
+    end_s = time.monotonic() + patience_s
     last: object = None
     while time.monotonic() < end_s:
         try:
@@ -62,7 +61,7 @@ def until(condition: Callable[[], Any], what: str, deadline_s: float = DEADLINE_
         except ClientError as error:
             last = error
         time.sleep(0.02)
-    raise AssertionError(f"not within {deadline_s:g} s: {what} ({last})")
+    raise AssertionError(f"not within {patience_s:g} s: {what} ({last})")
 
 
 def hardware(name: str, url: str) -> str:

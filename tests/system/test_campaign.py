@@ -16,7 +16,9 @@ from control_rig import Simulator
 from service_rig import Service, hardware, until
 
 from bench_service.client import ClientError
+from tests.patience import LONG_S, PATIENCE_S
 
+pytestmark = pytest.mark.timeout(3 * LONG_S)
 SIMULATED = "[bench.sim]\nsimulate = { seed = 3 }\n"
 # Short because it stays in the middle of the range.
 SHORT = {"bench": "sim", "name": "short", "duration_s": 2000.0, "soc": [0.45, 0.55], "structure": "minimal", "seed": 4}
@@ -52,13 +54,13 @@ def completed(house: House) -> dict[str, Any]:
     """A campaign that has gone through; started at once, while the bench is still being connected."""
     client = house.service.client
     campaign = client.start_campaign(SHORT)
-    ended = client.wait_campaign(campaign["id"], timeout_s=400)
+    ended = client.wait_campaign(campaign["id"], timeout_s=LONG_S)
     assert ended["state"] == "completed", ended["message"]
     return ended
 
 
 def refusal(service: Service, body: dict[str, Any]) -> tuple[int, dict[str, Any]]:
-    answer = httpx.post(f"{service.url}/api/v1/campaigns", json=body, timeout=30)
+    answer = httpx.post(f"{service.url}/api/v1/campaigns", json=body, timeout=PATIENCE_S)
     error = answer.json()["error"]
     assert set(error) == {"code", "message", "where"}
     return answer.status_code, error
@@ -101,7 +103,6 @@ def test_events_tell_the_story(service: Service, completed: dict[str, Any]) -> N
     assert {event["bench"] for event in events_of(service, completed)} == {"sim"}
 
 
-@pytest.mark.timeout(900)
 def test_the_observer_is_judged_in_the_report(completed: dict[str, Any]) -> None:
     soc = completed["result"]["soc"]
     assert soc["started_off_by"] == 0.2 and 0 < soc["rmse"] <= soc["max_error"] <= 0.2
@@ -176,7 +177,7 @@ def test_a_bench_with_a_run_takes_no_campaign(service: Service) -> None:
     run = service.client.start_run("sim", profile["id"], 0.1, 0.5)
     assert refusal(service, SHORT)[0] == 409
     service.client.stop_run(run["id"])
-    assert service.client.wait_run(run["id"], timeout_s=20)["state"] == "stopped"
+    assert service.client.wait_run(run["id"], timeout_s=PATIENCE_S)["state"] == "stopped"
     ended = until(
         lambda: next((e for e in service.client.events(run["id"]) if e["code"] == "run_stopped"), None), "told"
     )
@@ -186,7 +187,7 @@ def test_a_bench_with_a_run_takes_no_campaign(service: Service) -> None:
 def test_a_second_round_plays_what_was_designed_from_the_first(service: Service) -> None:
     client = service.client
     service.idle("sim")
-    ended = client.wait_campaign(client.start_campaign(SHORT | {"rounds": 2})["id"], timeout_s=800)
+    ended = client.wait_campaign(client.start_campaign(SHORT | {"rounds": 2})["id"], timeout_s=LONG_S)
     assert ended["state"] == "completed", ended["message"]
     result = ended["result"]
     assert [run["role"] for run in result["runs"]] == ["train", "train_2", "validate"]
@@ -266,7 +267,7 @@ def test_a_real_cell_stands_where_its_last_complete_run_has_left_it(tmp_path: Pa
         service.idle("cell")
         profile = service.client.upload_profile("down", [0, 360], [-1.25, 0.0])
         run = service.client.start_run("cell", profile["id"], 1.0, 0.55)
-        assert service.client.wait_run(run["id"], timeout_s=20)["state"] == "completed"
+        assert service.client.wait_run(run["id"], timeout_s=PATIENCE_S)["state"] == "completed"
         campaign = service.client.start_campaign({"bench": "cell"} | WINDOW)
         assert campaign["request"]["initial_soc"] == pytest.approx(0.5, abs=1e-3)
         begun = until(lambda: service.client.runs(campaign_id=campaign["id"], state="running"), "its run")

@@ -1,71 +1,23 @@
 """The command line as users see it: processes, exit statuses, one line on standard error, one object in JSON."""
 
-import contextlib
-import io
 import json
-import os
 import re
 import signal
 import socket
 import subprocess
-import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
+from cli_rig import CLI, answer, call, refusal, spawn
 
-from bench_service.cli.main import main
 from bench_service.exchange import write_run
+from tests.patience import LONG_S, PATIENCE_S
 
-CLI = (sys.executable, "-m", "bench_service.cli")
 HEADER = "time_s,current_A,voltage_V,temperature_degC"
 
-
-class Done(NamedTuple):
-    """How a command ended and what it said."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-
 METRICS = {"rmse_mV", "mae_mV", "p95_mV", "max_mV", "bias_mV", "nrmse", "n_samples"}
-
-
-def spawn(*arguments: object, cwd: Path | None = None, timeout_s: float = 60.0) -> Done:
-    """Run a command as a process."""
-    environment = {key: value for key, value in os.environ.items() if key != "BENCH_DATA_DIR"}
-    done = subprocess.run(
-        [*CLI, *map(str, arguments)], capture_output=True, text=True, cwd=cwd, env=environment, timeout=timeout_s
-    )
-    return Done(done.returncode, done.stdout, done.stderr)
-
-
-def call(*arguments: object) -> Done:
-    """Run a command in this process, which saves the second that a new one needs for its imports."""
-    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as complaints:
-        try:
-            status = main([str(each) for each in arguments])
-        except SystemExit as ended:
-            status = int(ended.code or 0)
-    return Done(status, out.getvalue(), complaints.getvalue())
-
-
-def answer(done: Done) -> dict[str, Any]:
-    """The one JSON object of a command that succeeded."""
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("\n") == 1
-    return json.loads(done.stdout)
-
-
-def refusal(done: Done) -> str:
-    """The one line of a command that was given bad input."""
-    assert done.returncode == 2, f"{done.returncode}: {done.stdout} {done.stderr}"
-    assert done.stdout == ""
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1
-    return done.stderr
 
 
 def save_run(path: Path, seed: int, *, sign: float = 1.0, soc: float = 0.5) -> Path:
@@ -98,7 +50,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, An
     held_out = save_run(folder / "held_out.csv", 9)
     model = folder / "model.json"
     options = ("--capacity-Ah", 2.5, "--structure", "minimal", "--out", model, "--json")
-    return model, answer(spawn("fit", *runs, "--validate", held_out, *options, timeout_s=110))
+    return model, answer(spawn("fit", *runs, "--validate", held_out, *options, timeout_s=LONG_S))
 
 
 def test_help_lists_the_commands() -> None:
@@ -152,10 +104,10 @@ def test_simulator_announces_itself_and_ends_on_a_signal(end: signal.Signals) ->
     line = simulator.stdout.readline()
     found = re.fullmatch(r"listening on modbus-tcp://127\.0\.0\.1:(\d+)\n", line)
     assert found, line
-    with socket.create_connection(("127.0.0.1", int(found[1])), timeout=5):
+    with socket.create_connection(("127.0.0.1", int(found[1])), timeout=PATIENCE_S):
         pass
     simulator.send_signal(end)
-    rest, complaints = simulator.communicate(timeout=10)
+    rest, complaints = simulator.communicate(timeout=PATIENCE_S)
     assert (simulator.returncode, rest, complaints) == (0, "", "")
 
 
@@ -168,7 +120,7 @@ def test_simulator_answers_json() -> None:
     assert said["state"] == "listening"
     assert said["address"].startswith("modbus-tcp://127.0.0.1:")
     simulator.terminate()
-    assert simulator.communicate(timeout=10) == ("", "")
+    assert simulator.communicate(timeout=PATIENCE_S) == ("", "")
     assert simulator.returncode == 0
 
 

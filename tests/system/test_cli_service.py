@@ -18,9 +18,9 @@ import pytest
 
 from bench_service.client import BenchClient, ClientError
 from bench_service.exchange import read_run
+from tests.patience import PATIENCE_S
 
 CLI = (sys.executable, "-m", "bench_service.cli")
-PATIENCE_S = 60.0
 SLOWLY = ("--bench", "slow", "--out", "run.csv", "--dt", "0.1", "--json")
 REAL_BENCH = """
 [bench.slow]
@@ -197,7 +197,7 @@ def wait_for_run(folder: Path) -> None:
         with contextlib.suppress(OSError, ValueError, ClientError):
             url = json.loads(lock.read_text())["url"]
             if url is not None:
-                with BenchClient(url, timeout_s=5.0) as client:
+                with BenchClient(url, timeout_s=30.0) as client:
                     live = client.bench("slow")["live"]
                 if live is not None and live["run_id"] is not None and live["time_s"] > 0.5:
                     return

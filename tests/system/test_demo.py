@@ -21,10 +21,10 @@ import pytest
 from bench_service.cli.commands.demo import stays_up
 from bench_service.store.samples import SampleReader
 from bench_service.streams import OBSERVER
+from tests.patience import LONG_S, wait_for
 
-pytestmark = pytest.mark.timeout(900)
+pytestmark = pytest.mark.timeout(4 * LONG_S)
 
-PATIENCE_S = 400.0
 KEYS = {"runs", "samples", "missed_ticks", "model_chain", "hidden_effect", "diagnosed_effect", "soc_rmse", "seconds"}
 
 
@@ -74,16 +74,16 @@ def runs(data: Path) -> list[Run]:
 
 
 def until(condition: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
+    def goes_on() -> bool:
         assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline_s, "the demo has not come so far in time"
-        time.sleep(0.05)
+        return condition()
+
+    wait_for(goes_on, "the demo has come so far", LONG_S, every_s=0.05)
 
 
 def read_terminal(terminal: int, until_text: str) -> str:
     """What a person sees up to some text."""
-    seen, deadline_s = "", time.monotonic() + PATIENCE_S
+    seen, deadline_s = "", time.monotonic() + LONG_S
     with selectors.DefaultSelector() as selector:
         selector.register(terminal, selectors.EVENT_READ)
         while until_text not in seen:
@@ -98,7 +98,7 @@ def play_other(data: Path) -> int:
     with ended(process):
         until(lambda: any(run.state == "completed" for run in runs(data)), process)
         process.send_signal(signal.SIGTERM)
-        _, complaint = process.communicate(timeout=PATIENCE_S)
+        _, complaint = process.communicate(timeout=LONG_S)
         assert complaint == b"error: interrupted\n"
         return process.returncode
 
@@ -111,7 +111,7 @@ def ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
     finally:
         if process.poll() is None:
             process.terminate()
-            process.communicate(timeout=PATIENCE_S)
+            process.communicate(timeout=LONG_S)
 
 
 @pytest.fixture(scope="module")
@@ -125,12 +125,12 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> Demos:
         for_program = start(program, "--seed", "1", "--exit", "--json")
         with ended(for_person), ended(for_program):
             text = read_terminal(master, "until Ctrl-C.")
-            with urllib.request.urlopen(text.split("Watch it at ")[1].split()[0], timeout=10) as answer:
+            with urllib.request.urlopen(text.split("Watch it at ")[1].split()[0], timeout=LONG_S) as answer:
                 page = answer.read().decode()
             for_person.send_signal(signal.SIGINT)
-            _, complaint = for_person.communicate(timeout=PATIENCE_S)
+            _, complaint = for_person.communicate(timeout=LONG_S)
             assert (for_person.returncode, complaint) == (0, b"")
-            output, complaint = for_program.communicate(timeout=PATIENCE_S)
+            output, complaint = for_program.communicate(timeout=LONG_S)
             assert (for_program.returncode, complaint) == (0, b"")
     finally:
         os.close(master)

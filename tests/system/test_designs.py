@@ -10,6 +10,7 @@ import pytest
 from service_rig import Service
 
 from bench_service.client import BenchClient, ClientError
+from tests.patience import LONG_S
 from tests.unit.models.design.networks import resistive
 
 REQUEST: dict[str, Any] = {
@@ -38,7 +39,7 @@ def model_id(client: BenchClient) -> str:
 
 
 def test_a_design_becomes_a_profile_within_its_limits(client: BenchClient, model_id: str, tmp_path: Path) -> None:
-    made = client.design("best", REQUEST | {"model": model_id}, timeout_s=90)
+    made = client.design("best", REQUEST | {"model": model_id}, timeout_s=LONG_S)
     assert made["figures"]["n_samples"] == 60 and made["figures"]["log_det_information"] is not None
     profile = client.profile(made["profile_id"], points=True)
     assert profile["name"] == "best" and profile["time_s"][-1] == 600.0
@@ -49,12 +50,14 @@ def test_a_design_becomes_a_profile_within_its_limits(client: BenchClient, model
 def test_a_stored_profile_serves_as_load_cycle(client: BenchClient, model_id: str) -> None:
     cycle = client.upload_profile("cycle", [0, 30, 50, 100, 120], [-2.0, 1.0, -1.0, 1.5, 0.0])
     asked = REQUEST | {"model": model_id, "load_cycle": cycle["id"], "signal": "drive_cycle"}
-    assert client.design("cycled", asked, timeout_s=60)["figures"]["duration_s"] == 600.0
+    assert client.design("cycled", asked, timeout_s=LONG_S)["figures"]["duration_s"] == 600.0
 
 
 def test_two_stored_models_are_told_apart(client: BenchClient, model_id: str) -> None:
     other = client.import_model(resistive(2).to_json())["id"]
-    made = client.design("apart", REQUEST | {"criterion": "discriminate", "rivals": [model_id, other]}, timeout_s=90)
+    made = client.design(
+        "apart", REQUEST | {"criterion": "discriminate", "rivals": [model_id, other]}, timeout_s=LONG_S
+    )
     assert min(made["figures"]["separation"]) > 0.0
     assert made["figures"]["n_samples"] == 60
 
@@ -62,7 +65,7 @@ def test_two_stored_models_are_told_apart(client: BenchClient, model_id: str) ->
 def test_effects_need_a_model_and_runs(client: BenchClient, model_id: str) -> None:
     asked = REQUEST | {"criterion": "discriminate", "rivals": ["hysteresis", "relaxation"], "model": model_id}
     with pytest.raises(ClientError, match="runs is missing"):
-        client.design("apart", asked, timeout_s=60)
+        client.design("apart", asked, timeout_s=LONG_S)
 
 
 @pytest.mark.parametrize(
@@ -79,11 +82,11 @@ def test_requests_that_cannot_be_are_refused_at_once(
     client: BenchClient, changes: dict, status: int, says: str
 ) -> None:
     with pytest.raises(ClientError, match=says) as refused:
-        client.design("none", REQUEST | changes, timeout_s=60)
+        client.design("none", REQUEST | changes, timeout_s=LONG_S)
     assert refused.value.status == status
 
 
 def test_what_only_the_design_can_tell_is_told_by_the_job(client: BenchClient, model_id: str) -> None:
     narrow = REQUEST | {"model": model_id, "limits": {"current_A": [-4, 2], "voltage_V": [3.0, 3.1]}}
     with pytest.raises(ClientError, match="voltage_V is 3..3.1 V"):
-        client.design("narrow", narrow, timeout_s=60)
+        client.design("narrow", narrow, timeout_s=LONG_S)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.patience import PATIENCE_S
+
 PROFILE = "time_s,current_A\n0,1.0\n20,-2.0\n40,0\n"
 MAPS = {"modbus-tcp": "generic", "modbus-rtu": "generic", "can": "generic_can"}
 
@@ -22,7 +24,7 @@ def run_profile(folder: Path, protocol: str, extra: str = "", status: int = 0) -
     command = ["run", "profile.csv", "--bench", "sim", "--out", "run.csv", "--initial-soc", "0.5", "--json"]
     done = subprocess.run(
         [sys.executable, "-m", "bench_service.cli", *command, "--config", "bench.toml", "--dt", "0.5"],
-        cwd=folder, capture_output=True, text=True, timeout=110, env=dict(os.environ), check=False,
+        cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, env=dict(os.environ), check=False,
     )  # fmt: skip
     assert done.returncode == status, done.stderr
     return json.loads(done.stdout)

@@ -12,22 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recorder_rig import PATIENCE_S, Bench, check_rows, stored
+from recorder_rig import Bench, check_rows, stored
 
 from bench_service.errors import BenchOfflineError, StoreError
 from bench_service.framing import send_frame
 from bench_service.recorder.client import RecorderProcess
 from bench_service.store.samples import SampleReader
 from bench_service.streams import OBSERVER, SAMPLES
+from tests.patience import wait_for
 
 PERIOD_S = 0.05  # so that a test need not wait seconds for its commits
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, "nothing happened"
-        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -103,7 +97,7 @@ def test_a_time_range_is_read_from_sealed_and_fresh_chunks_alike(start, attach, 
         with closing(sqlite3.connect(f"file:{tmp_path}/samples.sqlite?mode=ro", uri=True)) as link:
             return link.execute("SELECT sealed, sum(n) FROM chunk GROUP BY sealed ORDER BY sealed").fetchall()
 
-    wait_for(lambda: sealed() == [(0, 300), (1, 100_000)])
+    wait_for(lambda: sealed() == [(0, 300), (1, 100_000)], "what is whole is sealed")
     with closing(SampleReader(tmp_path)) as reader:
         data = reader.read("run", SAMPLES, from_s=999.5, to_s=1001.0)
         check_rows(data, SAMPLES, np.arange(99_950, 100_101))
@@ -121,7 +115,7 @@ def test_acknowledged_rows_survive_kill_9(start, attach, tmp_path, kills):
         bench.open(run, SAMPLES)
         moment = time.monotonic() + 3 * PERIOD_S + rng.uniform(0, 2 * PERIOD_S)
         sent = 0
-        while time.monotonic() < moment:
+        while time.monotonic() < moment or (run, SAMPLES) not in bench.acked:
             bench.rows(run, sent, 40)
             sent += 40
             bench.hear_what_is_there()
@@ -247,7 +241,7 @@ def test_a_full_disk_is_reported_and_what_was_acknowledged_is_there(start, attac
     while not other.at_end:
         other.hear()
     assert other.error == bench.error
-    wait_for(lambda: not recorder.is_alive())
+    wait_for(lambda: not recorder.is_alive(), "the recorder has ended")
     recorder.messages()
     assert recorder.failure == bench.error
     with pytest.raises(BenchOfflineError, match="cannot (store|seal) samples"):
@@ -277,7 +271,7 @@ def test_the_recorder_outlives_the_api_until_the_benches_are_done(start, attach,
         start(lock_timeout_s=0.0, stderr=subprocess.DEVNULL)
     bench.link.close()
     successor = start()  # waits for the first to go
-    wait_for(lambda: not recorder.is_alive())
+    wait_for(lambda: not recorder.is_alive(), "the recorder has ended")
     assert successor.is_alive()
     check_rows(stored(tmp_path, "run"), SAMPLES, np.arange(200))
     with closing(SampleReader(tmp_path)) as reader:
@@ -312,7 +306,7 @@ def test_what_a_killed_bench_has_sent_is_stored(start, attach, tmp_path):
         messages.extend(recorder.messages())
         return bool(messages)
 
-    wait_for(sealed)
+    wait_for(sealed, "sealed")
     assert (messages[0]["run_id"], messages[0]["state"], messages[0]["n_samples"]) == ("run", "interrupted", 120)
     check_rows(stored(tmp_path, "run"), SAMPLES, np.arange(120))
     with closing(SampleReader(tmp_path)) as reader:
@@ -330,7 +324,7 @@ def test_signals_leave_a_running_bench_its_recorder(start, attach, tmp_path):
     bench.close("run")
     assert recorder.is_alive()
     bench.link.close()
-    wait_for(lambda: not recorder.is_alive())
+    wait_for(lambda: not recorder.is_alive(), "the recorder has ended")
     check_rows(stored(tmp_path, "run"), SAMPLES, np.arange(50))
 
 
@@ -345,7 +339,7 @@ def test_a_bench_handed_over_just_before_the_order_to_end_is_served(start, attac
     bench.wait_ack("run", 50)
     bench.close("run")
     bench.link.close()
-    wait_for(lambda: not recorder.is_alive())
+    wait_for(lambda: not recorder.is_alive(), "the recorder has ended")
     check_rows(stored(tmp_path, "run"), SAMPLES, np.arange(50))
 
 

@@ -18,6 +18,7 @@ from packaging.version import Version
 from bench_service.app.application import create_app
 from bench_service.cli.command import find_commands
 from bench_service.config import ServiceConfig
+from tests.patience import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -92,7 +93,11 @@ def test_no_path_of_one_machine_is_left() -> None:
 
 def test_every_command_is_in_the_readme_and_the_other_way_round() -> None:
     help_text = subprocess.run(
-        [sys.executable, "-m", "bench_service.cli", "--help"], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-m", "bench_service.cli", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=PATIENCE_S,
     ).stdout
     known = {command.name for command in find_commands()}
     assert all(re.search(rf"^ +{name}\b", help_text, re.MULTILINE) for name in known)

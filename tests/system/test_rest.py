@@ -17,13 +17,14 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from bench_service.client import ClientError
+from tests.patience import LONG_S, PATIENCE_S
 
 
 @pytest.fixture(scope="module")
 def finished(rest: Rest) -> dict[str, Any]:
     rest.service.idle("sim")
     run = rest.client.start_run("sim", rest.profile_id, 0.1, 0.5, name="first", seed=7)
-    return rest.client.wait_run(run["id"], timeout_s=30)
+    return rest.client.wait_run(run["id"], timeout_s=PATIENCE_S)
 
 
 def test_health_names_every_process(rest: Rest) -> None:
@@ -103,7 +104,7 @@ def test_a_running_run_is_stopped(rest: Rest) -> None:
     run = rest.client.start_run("sim", long["id"], 0.1, 0.5)
     # At once: the control process may not have begun the run when this arrives.
     rest.client.stop_run(run["id"])
-    ended = rest.client.wait_run(run["id"], timeout_s=20)
+    ended = rest.client.wait_run(run["id"], timeout_s=PATIENCE_S)
     assert ended["state"] == "stopped" and ended["n_samples"] < 300_000
     assert rest.client.stop_run(run["id"])["state"] == "stopped"
     assert rest.client.stop_bench("sim")["state"] in ("idle", "stopping")
@@ -125,13 +126,13 @@ def test_of_many_clients_one_gets_the_bench(rest: Rest) -> None:
     assert len(rest.client.runs(limit=1000)) == before + 1
     winner = next(answer.json()["id"] for answer in answers if answer.status_code == 201)
     rest.client.stop_run(winner)
-    assert rest.client.wait_run(winner, timeout_s=20)["state"] == "stopped"
+    assert rest.client.wait_run(winner, timeout_s=PATIENCE_S)["state"] == "stopped"
 
 
 def test_live_feed_shows_a_run(rest: Rest) -> None:
     rest.service.idle("sim")
-    with connect(rest.service.url.replace("http", "ws") + "/api/v1/live", open_timeout=10) as feed:
-        first = json.loads(feed.recv(10))
+    with connect(rest.service.url.replace("http", "ws") + "/api/v1/live", open_timeout=PATIENCE_S) as feed:
+        first = json.loads(feed.recv(PATIENCE_S))
         assert first["type"] == "bench" and first["name"] == "sim" and "limits" not in first
         run = rest.client.start_run("sim", rest.profile_id, 0.1, 0.5)
         states, live = [], []
@@ -142,13 +143,13 @@ def test_live_feed_shows_a_run(rest: Rest) -> None:
             elif message["type"] == "live" and message["run_id"] == run["id"]:
                 live.append(message)
     assert states[0] == "running" and live[0]["voltage_V"] > 3 and live[0]["bench"] == "sim"
-    rest.client.wait_run(run["id"], timeout_s=20)
+    rest.client.wait_run(run["id"], timeout_s=PATIENCE_S)
 
 
 def test_live_feed_of_another_site_is_refused(rest: Rest) -> None:
     address = rest.service.url.replace("http", "ws") + "/api/v1/live"
     with pytest.raises(InvalidStatus) as refusal:
-        with connect(address, origin=Origin("http://evil.example"), open_timeout=10):
+        with connect(address, origin=Origin("http://evil.example"), open_timeout=PATIENCE_S):
             pass
     assert refusal.value.response.status_code == 403
 
@@ -157,9 +158,9 @@ def test_live_feed_has_a_cap_on_readers(rest: Rest) -> None:
     address = rest.service.url.replace("http", "ws") + "/api/v1/live"
     with ExitStack() as readers:
         for _ in range(20):
-            readers.enter_context(connect(address, open_timeout=10)).recv(10)
-        with connect(address, open_timeout=10) as one_more, pytest.raises(ConnectionClosed) as refusal:
-            one_more.recv(10)
+            readers.enter_context(connect(address, open_timeout=PATIENCE_S)).recv(PATIENCE_S)
+        with connect(address, open_timeout=PATIENCE_S) as one_more, pytest.raises(ConnectionClosed) as refusal:
+            one_more.recv(PATIENCE_S)
     assert refusal.value.rcvd is not None and refusal.value.rcvd.code == 1013
 
 
@@ -181,8 +182,8 @@ def test_a_model_is_fitted_compared_and_given_out(rest: Rest) -> None:
     current_A -= current_A.mean()
     profile = rest.client.upload_profile("levels", time_s.tolist(), current_A.tolist())
     run = rest.client.start_run("sim", profile["id"], 1.0, 0.5)
-    assert rest.client.wait_run(run["id"], timeout_s=60)["state"] == "completed"
-    model = rest.client.fit("small", [run["id"]], 2.5, structure="minimal", timeout_s=90)
+    assert rest.client.wait_run(run["id"], timeout_s=PATIENCE_S)["state"] == "completed"
+    model = rest.client.fit("small", [run["id"]], 2.5, structure="minimal", timeout_s=LONG_S)
     assert model["metrics"]["train"]["rmse_mV"] < 50 and model["train"][0]["run_id"] == run["id"]
     compared = rest.client.compare(model["id"], [run["id"]])
     assert compared["result"]["overall"]["rmse_mV"] == pytest.approx(model["metrics"]["train"]["rmse_mV"], rel=0.2)
@@ -205,9 +206,9 @@ def test_a_campaign_is_started_shown_and_stopped(rest: Rest) -> None:
     until(lambda: rest.client.runs(campaign_id=campaign["id"], state="running"), "the campaign's first run")
     assert campaign["id"] in [found["id"] for found in rest.client.campaigns()]
     assert rest.client.stop_campaign(campaign["id"])["state"] == "stopped"
-    assert rest.client.wait_campaign(campaign["id"], timeout_s=10)["ended_utc"]
+    assert rest.client.wait_campaign(campaign["id"], timeout_s=LONG_S)["ended_utc"]
     run = rest.client.runs(campaign_id=campaign["id"])[0]
-    assert rest.client.wait_run(run["id"], timeout_s=20)["state"] == "stopped"
+    assert rest.client.wait_run(run["id"], timeout_s=PATIENCE_S)["state"] == "stopped"
     for body in ({"bench": "sim", "dt_s": "1"}, {"bench": "sim", "soc": [0, 2]}, {"bench": "sim", "extra": 1}):
         assert rest.post("/campaigns", body).status_code == 422
     assert rest.post("/campaigns", {"bench": "none"}).status_code == 404

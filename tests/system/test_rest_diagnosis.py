@@ -10,6 +10,8 @@ import httpx
 import pytest
 from service_rig import Service
 
+from tests.patience import LONG_S, PATIENCE_S
+
 # Short because it stays in the middle of the range; the model is the small one, which lacks much.
 CAMPAIGN = {"bench": "sim", "name": "short", "duration_s": 4200.0, "soc": [0.4, 0.6], "structure": "minimal", "seed": 4}
 BENCHES = """
@@ -18,7 +20,7 @@ simulate = { seed = 3 }
 [bench.game]
 simulate = { seed = 3, hidden_effect = "series_resistance" }
 """
-pytestmark = pytest.mark.timeout(240)  # the first test waits for the whole campaign
+pytestmark = pytest.mark.timeout(3 * LONG_S)  # the first test waits for the whole campaign
 
 VERDICTS = {"missing", "nothing_missing", "ambiguous", "unknown_effect"}
 
@@ -28,15 +30,15 @@ class Rest:
     service: Service
 
     def post(self, address: str, body: object) -> httpx.Response:
-        return httpx.post(f"{self.service.url}/api/v1{address}", json=body, timeout=60)
+        return httpx.post(f"{self.service.url}/api/v1{address}", json=body, timeout=PATIENCE_S)
 
     def get(self, address: str) -> httpx.Response:
-        return httpx.get(f"{self.service.url}/api/v1{address}", timeout=60)
+        return httpx.get(f"{self.service.url}/api/v1{address}", timeout=PATIENCE_S)
 
     def job(self, answer: httpx.Response) -> dict[str, Any]:
         """Wait for the job of an answer and give its result."""
         assert answer.status_code == 202, answer.text
-        return self.service.client.wait_job(answer.json()["id"], timeout_s=100)["result"]
+        return self.service.client.wait_job(answer.json()["id"], timeout_s=LONG_S)["result"]
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +51,7 @@ def rest(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rest]:
 @pytest.fixture(scope="module")
 def campaign(rest: Rest) -> dict[str, Any]:
     started = rest.service.client.start_campaign(CAMPAIGN)
-    ended = rest.service.client.wait_campaign(started["id"], timeout_s=100)
+    ended = rest.service.client.wait_campaign(started["id"], timeout_s=LONG_S)
     assert ended["state"] == "completed", ended["message"]
     result = ended["result"]
     train, validate = (run["run_id"] for run in result["runs"])
@@ -58,7 +60,7 @@ def campaign(rest: Rest) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def child(rest: Rest, campaign: dict[str, Any]) -> dict[str, Any]:
-    return rest.service.client.add_effect(campaign["model"], "relaxation", timeout_s=100)
+    return rest.service.client.add_effect(campaign["model"], "relaxation", timeout_s=LONG_S)
 
 
 def refusal(answer: httpx.Response) -> tuple[int, list[Any] | None, str]:
@@ -141,7 +143,7 @@ def test_what_cannot_be_diagnosed_is_said(rest: Rest, campaign: dict[str, Any]) 
 def test_an_experiment_needs_rivals_and_a_bench(rest: Rest, campaign: dict[str, Any]) -> None:
     assert refusal(rest.post("/diagnoses/none/experiment", {"bench": "sim"}))[0] == 404
     body = {"model_id": campaign["model"], "run_ids": [campaign["validate"]]}
-    made = rest.service.client.diagnose(body["model_id"], body["run_ids"], timeout_s=100)["id"]
+    made = rest.service.client.diagnose(body["model_id"], body["run_ids"], timeout_s=LONG_S)["id"]
     assert refusal(rest.post(f"/diagnoses/{made}/experiment", {"bench": "none"}))[0] == 404
     assert refusal(rest.post(f"/diagnoses/{made}/experiment", {"bench": "sim", "initial_soc": 2}))[0] == 422
     answer = rest.post(f"/diagnoses/{made}/experiment", {"bench": "sim"})
@@ -215,7 +217,7 @@ def test_the_page_documents_every_address(rest: Rest) -> None:
 
 def test_a_refit_is_one_more_version(rest: Rest, campaign: dict[str, Any]) -> None:
     runs = [campaign["validate"]], [campaign["train"]]
-    made = rest.service.client.refit(campaign["model"], runs[0], validate_run_ids=runs[1], timeout_s=100)
+    made = rest.service.client.refit(campaign["model"], runs[0], validate_run_ids=runs[1], timeout_s=LONG_S)
     assert made["parent"] == campaign["model"] and made["effect"] is None
     assert made["error_before_mV"] > 0 and made["error_after_mV"] > 0
     chain = rest.service.client.model_chain(made["model"])

@@ -11,6 +11,7 @@ import pytest
 
 from bench_service.simulation import SimulationError, SimulatorProcess
 from drivers.factory import open_cycler
+from tests.patience import PATIENCE_S, holds
 
 _DYING_SERVICE = """
 import asyncio, os, signal
@@ -41,7 +42,7 @@ async def test_a_simulator_that_cannot_start_says_why() -> None:
 
 
 async def test_a_dead_service_leaves_its_simulator_for_a_moment() -> None:
-    dead = subprocess.run([sys.executable, "-c", _DYING_SERVICE], stdout=subprocess.PIPE, text=True, timeout=30)
+    dead = subprocess.run([sys.executable, "-c", _DYING_SERVICE], stdout=subprocess.PIPE, text=True, timeout=PATIENCE_S)
     assert dead.returncode == -signal.SIGKILL
     pid, address = dead.stdout.split()
     # The control process of the dead service can still bring it to rest.
@@ -49,8 +50,6 @@ async def test_a_dead_service_leaves_its_simulator_for_a_moment() -> None:
     await cycler.connect()
     await cycler.close()
     os.kill(int(pid), signal.SIGTERM)
-    async with asyncio.timeout(10):
-        while Path(f"/proc/{pid}").exists():
-            await asyncio.sleep(0.02)
+    await holds(lambda: not Path(f"/proc/{pid}").exists(), "the simulator has ended")
     with pytest.raises(ConnectionRefusedError):
         await asyncio.open_connection("127.0.0.1", int(address.rsplit(":", 1)[1]))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from scipy.signal import lfilter
 
 from models.data.timeseries import FloatArray
 
@@ -43,13 +42,20 @@ def relaxation(current_A: FloatArray, time_constant_s: float, dt_s: float) -> Fl
     change = np.diff(current_A, prepend=current_A[:1])
     poles = relaxation_poles(time_constant_s, dt_s)
     for pole in poles:
-        change = lfilter([1.0 - pole], [1.0, -pole], change)
-    return np.asarray(change, dtype=np.float64) / (1.0 - poles[0])
+        change = _smoothed(change, pole)
+    return change / (1.0 - poles[0])
 
 
 def low_pass(values: FloatArray, time_constant_s: float, dt_s: float) -> FloatArray:
     """First-order low-pass with unit gain, starting at rest: of a current, one RC pair's current in A."""
     pole = float(np.exp(-dt_s / time_constant_s))
+    return _smoothed(values, pole)
+
+
+def _smoothed(values: FloatArray, pole: float) -> FloatArray:
+    """First-order low-pass of unit gain by its pole."""
+    from scipy.signal import lfilter  # Lazy: 700 ms of processor time, which a control process without a model saves.
+
     return np.asarray(lfilter([1.0 - pole], [1.0, -pole], values), dtype=np.float64)
 
 

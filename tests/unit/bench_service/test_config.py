@@ -57,6 +57,11 @@ def test_the_environment_wins_over_the_file(tmp_path: Path) -> None:
     assert load_config(tmp_path / "b.toml", {"BENCH_DATA_DIR": "/there"}).data_dir == Path("/there")
     with pytest.raises(ConfigError, match="environment: BENCH_DATA_DIR: is empty"):
         load_config(tmp_path / "b.toml", {"BENCH_DATA_DIR": " "})
+    assert load_config(tmp_path / "b.toml", {}).worker_nice == 19
+    assert load_config(tmp_path / "b.toml", {"BENCH_WORKER_NICE": "5"}).worker_nice == 5
+    for text in ("-1", "20", "much", ""):
+        with pytest.raises(ConfigError, match="environment: BENCH_WORKER_NICE: is .*from 0 to 19"):
+            load_config(tmp_path / "b.toml", {"BENCH_WORKER_NICE": text})
 
 
 @pytest.mark.parametrize(

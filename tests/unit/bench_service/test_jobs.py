@@ -11,6 +11,7 @@ import pytest
 from bench_service.errors import NotFoundError
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.runner import Job, JobRunner
+from tests.patience import PATIENCE_S, holds
 
 
 def add(report: Reporter, a: float, b: float) -> dict:
@@ -28,7 +29,7 @@ def die(report: Reporter) -> dict:
 
 
 def last_long(report: Reporter) -> dict:
-    time.sleep(60)
+    time.sleep(4 * PATIENCE_S)
     return {}
 
 
@@ -70,12 +71,12 @@ async def test_a_dead_worker_fails_its_job_and_the_next_one_runs(runner: JobRunn
 
 async def test_cancelling_ends_a_running_and_a_queued_job(runner: JobRunner, changes: list[Job]) -> None:
     running, queued = runner.submit("fit", last_long), runner.submit("fit", last_long)
-    async with asyncio.timeout(20):
-        while not any(c.id == running.id and c.state == "running" and c.progress == 0 for c in changes[3:]):
-            await asyncio.sleep(0.01)
+    await holds(
+        lambda: any(c.id == running.id and c.state == "running" and c.progress == 0 for c in changes[3:]), "it runs"
+    )
     runner.cancel(queued.id)
     runner.cancel(running.id)
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE_S):
         jobs = [await runner.wait(job.id) for job in (running, queued)]
     assert [(job.state, job.error) for job in jobs] == [("failed", "cancelled")] * 2
 

@@ -5,6 +5,7 @@ import asyncio
 import pytest
 
 from bench_service.campaign.live import Broadcaster, TooManyReadersError
+from tests.patience import PATIENCE_S
 
 
 async def test_a_slow_reader_loses_the_oldest_messages() -> None:
@@ -24,7 +25,7 @@ async def test_a_waiting_reader_is_woken() -> None:
     await asyncio.sleep(0)
     assert not waiting.done()
     feed.publish({"type": "x"})
-    assert await asyncio.wait_for(waiting, 5) == {"type": "x"}
+    assert await asyncio.wait_for(waiting, PATIENCE_S) == {"type": "x"}
 
 
 async def test_readers_are_capped_and_make_room() -> None:

@@ -4,6 +4,8 @@ import json
 import subprocess
 import sys
 
+from tests.patience import PATIENCE_S
+
 # Each costs tenths of a second; workers and single requests load them when they need them.
 HEAVY = (
     "scipy",
@@ -16,7 +18,18 @@ HEAVY = (
 )
 
 
+def loaded(module: str, names: tuple[str, ...]) -> list[str]:
+    """Which of these a new interpreter has loaded once it has imported a module."""
+    program = f"import {module}, json, sys; print(json.dumps([m for m in {names!r} if m in sys.modules]))"
+    command = [sys.executable, "-c", program]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE_S).stdout)
+
+
 def test_the_service_starts_without_the_libraries_of_its_workers() -> None:
-    program = f"import bench_service.app, json, sys; print(json.dumps([m for m in {HEAVY!r} if m in sys.modules]))"
-    answer = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
-    assert json.loads(answer.stdout) == []
+    assert loaded("bench_service.app", HEAVY) == []
+
+
+def test_a_control_process_starts_without_what_only_fits_need() -> None:
+    assert (
+        loaded("bench_service.bench.__main__", ("scipy.signal", "scipy.interpolate", "scipy.optimize", "pyarrow")) == []
+    )

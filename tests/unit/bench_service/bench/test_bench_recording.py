@@ -10,6 +10,7 @@ import pytest
 from bench_service.bench.recording import RecorderError, Recording, queue_rows
 from bench_service.framing import Decoder, encode
 from bench_service.streams import SAMPLES, STREAMS, unpack
+from tests.patience import PATIENCE_S, holds
 
 
 class FakeRecorder:
@@ -22,7 +23,7 @@ class FakeRecorder:
         self.frames: list[tuple[dict[str, Any], bytes]] = []
 
     async def read_until(self, operation: str) -> dict[str, Any]:
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             while True:
                 found = [header for header, _ in self.frames if header["op"] == operation]
                 if found:
@@ -146,5 +147,5 @@ async def test_the_recorders_last_words_are_the_reason(pair) -> None:
     recorder.sock.close()
     await turn()
     recording.put(SAMPLES, row(0))
-    await asyncio.sleep(0.12)  # the batch's time
+    await holds(lambda: failures, "the batch's time has passed")
     assert failures == ["recorder: disk full"]

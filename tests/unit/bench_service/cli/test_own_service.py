@@ -8,6 +8,7 @@ import pytest
 from bench_service.cli.errors import UsageError
 from bench_service.cli.service import _OwnService, check_data_dir
 from bench_service.config import ServiceConfig
+from tests.patience import PATIENCE_S
 
 
 class InterruptedWait(threading.Event):
@@ -17,14 +18,14 @@ class InterruptedWait(threading.Event):
         raise KeyboardInterrupt
 
 
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(PATIENCE_S)
 def test_ctrl_c_before_the_service_has_its_loop_ends_it(tmp_path: Path) -> None:
     service = _OwnService(ServiceConfig(data_dir=tmp_path / "data"))
     stopping = threading.Event()
 
     def late() -> None:
         """Get to the loop only after the order to end."""
-        assert stopping.wait(10)
+        assert stopping.wait(PATIENCE_S / 2)
         service._main()
 
     def join(timeout: float | None = None) -> None:
