@@ -22,7 +22,7 @@ _MOST_ITERATIONS = 20
 
 
 class RefinementRecord(TypedDict, total=False):
-    """What was tried, for the model's record; `chosen` is the strength of the pull of the poles, None: none was freed."""
+    """What was tried, for the model's record; `chosen`: strength of the pull of the poles, or None."""
 
     chosen: float | None
     reason: str
