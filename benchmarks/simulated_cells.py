@@ -109,10 +109,11 @@ def judge(cell: str, seed: int, structure: str, duration_s: float, ambient_degC:
 def _what_it_says(network: LocalModelNetwork, cell: str, held_out: SimulatedRun) -> dict[str, Any]:
     """Errors of the read-outs against the truth, and how well the bands hold on the held-out run."""
     compared = compare(network, [held_out.series], [INITIAL_SOC])
-    temperature = compared["temperature"] or {}
+    band, temperature = compared["band"], compared["temperature"]
+    assert band is not None  # a fitted network says what it does not know
     return {
-        "band_holds": compared["band"]["coverage_95"],
-        "temperature_rmse_K": temperature.get("rmse_K"),
+        "band_holds": band["coverage_95"],
+        "temperature_rmse_K": None if temperature is None else temperature["rmse_K"],
         **table_errors(network, cell_type(cell).parameters),
     }
 

@@ -44,7 +44,7 @@ def refitted(
         code_version=version("bench-service"),
     )
     network = with_tuned_observer(made.network, runs, initial_soc)
-    return replace(network, record=replace(network.record, tables=read_out(network)))
+    return replace(network, record=replace(network.record, tables=dict(read_out(network))))
 
 
 def refit_to(

@@ -3,28 +3,47 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
-from models.comparison.reach import band_figures, bands, gaps, inside_by
+from models.comparison.reach import BandFigures, Gaps, band_figures, bands, gaps, inside_by
 from models.comparison.samples import error_samples
-from models.comparison.shares import error_shares
+from models.comparison.shares import ErrorShare, error_shares
 from models.comparison.simulated_runs import RunComparison, simulate_runs
-from models.comparison.where import regions
-from models.comparison.whiteness import whiteness
+from models.comparison.where import Region, regions
+from models.comparison.whiteness import Whiteness, whiteness
 from models.data.errors import ModelError
-from models.data.metrics import Metrics, metrics, noise_floor_V
+from models.data.metrics import Metrics, RunMetrics, metrics, noise_floor_V
 from models.data.timeseries import FloatArray, TimeSeries
 from models.effects.input_correction import corrections_of
 from models.network.cell_model import CellModel
 from models.network.local_model_network import LocalModelNetwork
-from models.thermal.cell_temperature import compare_temperature
+from models.thermal.cell_temperature import TemperatureComparison, compare_temperature
 
 _MIN_COMPARED = 10
 
 
-def compare(network: CellModel, runs: list[TimeSeries], initial_soc: list[float]) -> dict[str, Any]:
+class Comparison(TypedDict):
+    """The `compare` object of the public contract; see `compare`."""
+
+    overall: Metrics
+    inside_training: Metrics | None
+    outside: Metrics | None
+    runs: list[RunMetrics]
+    noise_floor_mV: float | None
+    whiteness: Whiteness | None
+    where: list[ErrorShare]
+    regions: list[Region]
+    outside_training: float
+    outside_by: dict[str, float]
+    gaps: list[Gaps]
+    corrections: list[dict[str, Any]]
+    band: BandFigures | None
+    temperature: TemperatureComparison | None
+
+
+def compare(network: CellModel, runs: list[TimeSeries], initial_soc: list[float]) -> Comparison:
     """Free-run error overall, of each run, and where it lies.
 
     Parameters

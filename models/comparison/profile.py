@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -17,7 +17,18 @@ _LONGEST_S = 3600.0
 _LOAD_C_RATE = 0.2
 
 
-def error_profiles(samples: ErrorSamples) -> list[dict[str, Any]]:
+class ErrorProfile(TypedDict):
+    """Mean error in bins of one variable; see `error_profiles`."""
+
+    variable: str
+    unit: str
+    quantity: str
+    at: list[float]
+    after_charge: list[float]
+    after_discharge: list[float]
+
+
+def error_profiles(samples: ErrorSamples) -> list[ErrorProfile]:
     """Mean error in bins of each variable that moves, apart for the direction of the last current.
 
     Returns
@@ -46,7 +57,7 @@ def error_profiles(samples: ErrorSamples) -> list[dict[str, Any]]:
         over = load & ~np.isnan(samples.temperature_degC)
         resistance = np.divide(error_mV, current_A, out=np.zeros_like(error_mV), where=over)
         profile = _profile("temperature_degC", "degC", samples.temperature_degC, resistance, samples, over)
-        found.append(profile and profile | {"quantity": "resistance_mOhm"})
+        found.append(profile and {**profile, "quantity": "resistance_mOhm"})
     return [each for each in found if each is not None]
 
 
@@ -58,7 +69,7 @@ def _profile(
     samples: ErrorSamples,
     chosen: np.ndarray,
     even_in_log: bool = False,
-) -> dict[str, Any] | None:
+) -> ErrorProfile | None:
     if np.count_nonzero(chosen) < _FEWEST_SAMPLES or spread(values[chosen]) <= 0.0:
         return None
     low, high = values[chosen].min(), values[chosen].max()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -25,7 +25,25 @@ def inside_by(network: CellModel, run: GridRun, soc: FloatArray) -> dict[str, np
     return inside
 
 
-def gaps(run: GridRun) -> dict[str, Any]:
+class Gaps(TypedDict):
+    """Where a run has no voltage."""
+
+    run: str
+    missing_share: float
+    gaps: int
+    longest_gap_s: float
+    parts: int
+
+
+class BandFigures(TypedDict):
+    """Whether prediction bands hold; see `band_figures`."""
+
+    coverage_95: float | None
+    coverage_95_inside: float | None
+    mean_half_width_mV: float | None
+
+
+def gaps(run: GridRun) -> Gaps:
     """Where a run has no voltage on the model's grid, and in how many parts a pause in the log cuts it."""
     missing = ~run.measured
     edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
@@ -49,7 +67,9 @@ def bands(network: CellModel, runs: list[GridRun], initial_soc: list[float]) -> 
     return [prediction_band(network, run, soc, uncertainty) for run, soc in zip(runs, initial_soc, strict=True)]
 
 
-def band_figures(found: list[PredictionBand] | None, runs: list[GridRun], inside: list[np.ndarray]) -> Any:
+def band_figures(
+    found: list[PredictionBand] | None, runs: list[GridRun], inside: list[np.ndarray]
+) -> BandFigures | None:
     """Share of the measured voltages within the 95 % band, over all samples and inside the trained domain.
 
     Returns

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -14,7 +14,34 @@ _LAGS_S = (1.0, 10.0, 100.0, 1000.0)
 _FEWEST = 32
 
 
-def residual_statistics(residual_V: FloatArray, dt_s: float) -> dict[str, Any]:
+class Lag(TypedDict):
+    """Autocorrelation at a lag."""
+
+    lag_s: float
+    value: float
+
+
+class Band(TypedDict):
+    """Residual in a band of frequency."""
+
+    from_Hz: float
+    to_Hz: float
+    rms_mV: float
+
+
+class ResidualStatistics(TypedDict):
+    """Size, memory and spectrum of a residual; see `residual_statistics`."""
+
+    n_samples: int
+    std_mV: float | None
+    bias_mV: float | None
+    autocorrelation: list[Lag]
+    autoregression: list[float]
+    innovation_mV: float | None
+    spectrum: list[Band]
+
+
+def residual_statistics(residual_V: FloatArray, dt_s: float) -> ResidualStatistics:
     """Size, autocorrelation, autoregression and power by decade of frequency.
 
     Parameters
@@ -36,7 +63,7 @@ def residual_statistics(residual_V: FloatArray, dt_s: float) -> dict[str, Any]:
     """
     known = ~np.isnan(residual_V)
     n = int(known.sum())
-    out: dict[str, Any] = {
+    out: ResidualStatistics = {
         "n_samples": n,
         "std_mV": 1e3 * float(np.std(residual_V[known])) if n else None,
         "bias_mV": 1e3 * float(np.mean(residual_V[known])) if n else None,
@@ -89,7 +116,7 @@ def autoregression(covariance: FloatArray, n: int) -> tuple[FloatArray, float]:
     return best
 
 
-def _spectrum(centred: FloatArray, n_known: int, dt_s: float) -> list[dict[str, float]]:
+def _spectrum(centred: FloatArray, n_known: int, dt_s: float) -> list[Band]:
     frequency = np.fft.rfftfreq(len(centred), dt_s)[1:]
     power = 2.0 * np.abs(np.fft.rfft(centred))[1:] ** 2 / (len(centred) * n_known)
     if len(centred) % 2 == 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -17,8 +17,23 @@ _PARTS = 5
 
 Variable = tuple[str, str, FloatArray, FloatArray]
 
+ErrorShare = TypedDict(
+    "ErrorShare",
+    {
+        "variable": str,
+        "from": float,
+        "to": float,
+        "unit": str,
+        "rmse_mV": float,
+        "bias_mV": float,
+        "share_of_squared_error": float,
+        "share_of_time": float,
+    },
+)
+"""Error and time in one range of one variable."""
 
-def error_shares(samples: ErrorSamples) -> list[dict[str, Any]]:
+
+def error_shares(samples: ErrorSamples) -> list[ErrorShare]:
     """RMSE, share of the squared error and share of the time by each variable, the most telling range first.
 
     Returns
@@ -30,7 +45,7 @@ def error_shares(samples: ErrorSamples) -> list[dict[str, Any]]:
         first run and, where it was measured, ``temperature_degC``.
     """
     squared, total = samples.error_V**2, max(float((samples.error_V**2).sum()), 1e-300)
-    rows: list[dict[str, Any]] = []
+    rows: list[ErrorShare] = []
     for variable, unit, values, edges in _variables(samples):
         for low, high in zip(edges[:-1], edges[1:], strict=True):
             chosen = (values >= low) & (values < high)
@@ -61,7 +76,7 @@ def telling(error_share: Any, time_share: Any) -> Any:
     return s * np.log(s / t) + (1.0 - s) * np.log((1.0 - s) / (1.0 - t))
 
 
-def _by_telling(row: dict[str, Any]) -> float:
+def _by_telling(row: ErrorShare) -> float:
     """Sort key; where less error lies than time, the other way round."""
     score = float(telling(row["share_of_squared_error"], row["share_of_time"]))
     return -score if row["share_of_squared_error"] > row["share_of_time"] else score

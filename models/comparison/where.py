@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
-from models.comparison.profile import error_profiles
+from models.comparison.profile import ErrorProfile, error_profiles
 from models.comparison.samples import REST_C_RATE, ErrorSamples, error_samples, spread
 from models.comparison.shares import telling
 from models.comparison.simulated_runs import RunComparison
@@ -44,12 +44,53 @@ class Condition:
     text: str
     holds: np.ndarray
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> ConditionRange:
         """Return a document of plain types."""
         return {"variable": self.variable, "from": self.low, "to": self.high, "unit": self.unit}
 
 
-def error_map(network: CellModel, compared: list[RunComparison]) -> dict[str, Any]:
+ConditionRange = TypedDict("ConditionRange", {"variable": str, "from": float | None, "to": float | None, "unit": str})
+"""One side of a region, for the outside."""
+
+
+class Region(TypedDict):
+    """A place that holds much of the error in little of the time."""
+
+    text: str
+    conditions: list[ConditionRange]
+    rmse_mV: float
+    share_of_squared_error: float
+    share_of_time: float
+
+
+class MapAxis(TypedDict):
+    """One variable of a map."""
+
+    variable: str
+    unit: str
+    edges: list[float]
+
+
+class PairMap(TypedDict):
+    """Residual over a pair of variables, rows by y."""
+
+    x: MapAxis
+    y: MapAxis
+    rmse_mV: list[list[float]]
+    bias_mV: list[list[float]]
+    share_of_time: list[list[float]]
+
+
+class ErrorMap(TypedDict):
+    """Where a model is off; see `error_map`."""
+
+    maps: list[PairMap]
+    regions: list[Region]
+    profiles: list[ErrorProfile]
+    outside_training: float
+
+
+def error_map(network: CellModel, compared: list[RunComparison]) -> ErrorMap:
     """Maps of the residual over pairs of variables, and the regions that hold most error in least time.
 
     Parameters
@@ -78,7 +119,7 @@ def error_map(network: CellModel, compared: list[RunComparison]) -> dict[str, An
     }
 
 
-def _map(samples: ErrorSamples, variable: str) -> dict[str, Any]:
+def _map(samples: ErrorSamples, variable: str) -> PairMap:
     if variable == "current_A":
         values, unit = samples.c_rate * samples.capacity_Ah, "A"
         edges = _covering(_C_RATES * samples.capacity_Ah, values)
@@ -122,7 +163,7 @@ def _temperature_edges(values: FloatArray) -> FloatArray:
     return step * np.arange(low, max(high, low + 1.0) + 1.0)
 
 
-def regions(samples: ErrorSamples) -> list[dict[str, Any]]:
+def regions(samples: ErrorSamples) -> list[Region]:
     """The regions of one or two conditions in which the error is concentrated, the most telling first.
 
     Notes
@@ -133,7 +174,7 @@ def regions(samples: ErrorSamples) -> list[dict[str, Any]]:
     conditions = _conditions(samples)
     masks = np.array([each.holds for each in conditions], dtype=np.float32)
     squared, left = samples.error_V**2, np.ones(len(samples.error_V), dtype=bool)
-    found: list[dict[str, Any]] = []
+    found: list[Region] = []
     while len(found) < _MOST_REGIONS and left.any() and squared[left].sum() > 0.0:
         pair = _most_telling(masks, squared * left / squared.sum(), left / len(left))
         if pair is None:
@@ -162,7 +203,7 @@ def _most_telling(masks: np.ndarray, error_share: FloatArray, time_share: FloatA
     return (first, second) if np.isfinite(score[first, second]) and score[first, second] > 0.0 else None
 
 
-def _region(chosen: list[Condition], inside: np.ndarray, squared: FloatArray) -> dict[str, Any]:
+def _region(chosen: list[Condition], inside: np.ndarray, squared: FloatArray) -> Region:
     share_error, share_time = float(squared[inside].sum() / squared.sum()), float(inside.mean())
     place = ", ".join(each.text for each in chosen)
     return {

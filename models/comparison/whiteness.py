@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -16,7 +16,22 @@ _WHITE = 0.9
 _MINUTE_S, _HOUR_S = 60.0, 3600.0
 
 
-def whiteness(compared: list[RunComparison]) -> dict[str, Any] | None:
+class WhiteParts(TypedDict):
+    """White and correlated part of a squared error; `correlation_time_s` is None where all is white."""
+
+    white_share: float
+    white_mV: float
+    correlated_mV: float
+    correlation_time_s: float | None
+
+
+class Whiteness(WhiteParts):
+    """The same in words, too."""
+
+    text: str
+
+
+def whiteness(compared: list[RunComparison]) -> Whiteness | None:
     """Part the squared error into a white part and what can be foretold from the error just before it.
 
     Parameters
@@ -48,13 +63,13 @@ def whiteness(compared: list[RunComparison]) -> dict[str, Any] | None:
     if white < _WHITE:
         faded = np.flatnonzero(covariance[1:] < rest / np.e)
         time_s = compared[0].run.dt_s * float(faded[0] + 1 if len(faded) else len(covariance))
-    found = {
+    found: WhiteParts = {
         "white_share": white,
         "white_mV": 1e3 * float(np.sqrt(white * covariance[0])),
         "correlated_mV": 1e3 * float(np.sqrt(rest)),
         "correlation_time_s": time_s,
     }
-    return found | {"text": _in_words(found)}
+    return {**found, "text": _in_words(found)}
 
 
 def _pooled(residuals: list[FloatArray]) -> FloatArray:
@@ -70,7 +85,7 @@ def _pooled(residuals: list[FloatArray]) -> FloatArray:
     return total / np.maximum(pairs, 1.0)
 
 
-def _in_words(found: dict[str, Any]) -> str:
+def _in_words(found: WhiteParts) -> str:
     if found["correlation_time_s"] is None:
         return "the error is white noise: nothing that a model could foretell is left in it"
     return (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -21,6 +21,16 @@ _WORTH = 0.01
 _MOST_ITERATIONS = 20
 
 
+class RefinementRecord(TypedDict, total=False):
+    """What was tried, for the model's record; `chosen`: strength of the pull of the poles, or None."""
+
+    chosen: float | None
+    reason: str
+    held_out_rmse_mV: dict[str, float]
+    iterations: int
+    log_strengths: list[float]
+
+
 @dataclass(frozen=True)
 class Refined:
     """Parameters after refinement, or the shared-pole ones where it did not help.
@@ -35,7 +45,7 @@ class Refined:
     """
 
     theta: FloatArray
-    record: dict[str, Any]
+    record: RefinementRecord
     penalties: list[Penalty] | None = None
     held_out: FloatArray | None = None
 
@@ -75,10 +85,11 @@ def refined_theta(fitted: Fitted, progress: Progress) -> Refined:
     ]
     before, after = (_held_out(fitted, fold, without) for without in (shared, result.without))
     errors_mV = {"none": _rmse_mV(fitted, before), "refined": _rmse_mV(fitted, after)}
-    record = {"held_out_rmse_mV": errors_mV, "iterations": result.iterations}
+    record: RefinementRecord = {"held_out_rmse_mV": errors_mV, "iterations": result.iterations}
     if not errors_mV["refined"] < errors_mV["none"] * (1.0 - _WORTH):
-        return Refined(fitted.theta, record | {"chosen": None})
-    record |= {"chosen": 10.0 ** result.log_strengths[-1], "log_strengths": list(result.log_strengths)}
+        return Refined(fitted.theta, {**record, "chosen": None})
+    strengths = list(result.log_strengths)
+    record = {**record, "chosen": 10.0 ** strengths[-1], "log_strengths": strengths}
     return Refined(result.theta, record, result.penalties, after)
 
 

@@ -149,7 +149,7 @@ def _bare(
         choices=choice.to_json() | {"log_strengths": list(fitted.fit.log_strengths)},
         candidates=tuple(candidates),
         reservations=tuple(data.reservations),
-        refinement=refined.record,
+        refinement=dict(refined.record),
         noise_floor_mV=data.noise_floor_mV,
         stated=_STATED,
     )
@@ -164,8 +164,9 @@ def _read_out(
     uncertainty = fit_uncertainty(fitted, refined.theta, refined.penalties, refined.held_out)
     network = _noting(network, uncertainty=uncertainty.to_json())
     report(0.95, "reading out tables")
-    network = _noting(network, tables=read_out(network))
-    return _noting(network, thermal=thermal_record(network, data.grid, data.soc))
+    network = _noting(network, tables=dict(read_out(network)))
+    heat = thermal_record(network, data.grid, data.soc)
+    return _noting(network, thermal=None if heat is None else dict(heat))
 
 
 def _judged(network: LocalModelNetwork, data: Training, request: FitRequest) -> _Judged:

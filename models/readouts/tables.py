@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -24,7 +24,38 @@ _STEP_TEMPERATURES = 3
 _STEP_CURRENT = 0.5
 
 
-def read_out(network: LocalModelNetwork) -> dict[str, Any]:
+class Tables(TypedDict):
+    """Read-outs as their own documents, with the reservations of them all."""
+
+    ocv: dict[str, Any]
+    resistance: dict[str, Any]
+    step_response: list[dict[str, Any]]
+    reservations: list[str]
+
+
+class MiddleResistance(TypedDict):
+    """Resistance at the middle of the table's axes, in one direction."""
+
+    soc: float
+    temperature_degC: float
+    current_A: float
+    resistance_Ohm: float | None
+    std_Ohm: float | None
+
+
+class Summary(TypedDict):
+    """The read-outs in a few numbers; see `summary`."""
+
+    resistance: list[MiddleResistance]
+    ocv_V: list[float | None]
+    hysteresis_V: float | None
+    ocv_std_V: float | None
+    thermal: dict[str, Any] | None
+    thin_local_models: int | None
+    reservations: list[str]
+
+
+def read_out(network: LocalModelNetwork) -> Tables:
     """Tables and step responses with their bands and physical reservations.
 
     Parameters
@@ -64,7 +95,7 @@ def tables_of(network: LocalModelNetwork) -> tuple[OcvTable, ResistanceTable]:
     return OcvTable.from_json(tables["ocv"]), ResistanceTable.from_json(tables["resistance"])
 
 
-def summary(network: LocalModelNetwork) -> dict[str, Any]:
+def summary(network: LocalModelNetwork) -> Summary:
     """Give the read-outs of a fitted network in a few numbers.
 
     Returns
@@ -93,7 +124,7 @@ def summary(network: LocalModelNetwork) -> dict[str, Any]:
     }
 
 
-def _middle(table: ResistanceTable, sign: float) -> dict[str, Any]:
+def _middle(table: ResistanceTable, sign: float) -> MiddleResistance:
     """Resistance at the middle of the table's axes, in one direction."""
     own = np.flatnonzero(np.sign(table.current_A) == sign)
     at = (int(own[len(own) // 2]), len(table.temperature_degC) // 2, len(table.soc) // 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -21,7 +21,31 @@ from models.thermal.model import ThermalModel
 _START_SAMPLES = 5
 
 
-def thermal_record(network: LocalModelNetwork, runs: list[GridRun], initial_soc: list[float]) -> dict[str, Any] | None:
+class ThermalRecord(TypedDict):
+    """What a network's record says of its heat balance: the thermal model's document or None, and reservations."""
+
+    model: dict[str, Any] | None
+    reservations: list[str]
+
+
+class RunTemperature(TypedDict):
+    """Closed simulation of one run."""
+
+    run: str
+    rmse_K: float
+    voltage_rmse_mV: float | None
+
+
+class TemperatureComparison(TypedDict):
+    """Closed simulation of all runs; see `compare_temperature`."""
+
+    rmse_K: float | None
+    voltage_rmse_mV: float | None
+    runs: list[RunTemperature]
+    reservations: list[str]
+
+
+def thermal_record(network: LocalModelNetwork, runs: list[GridRun], initial_soc: list[float]) -> ThermalRecord | None:
     """Identify the heat balance of a cell whose network is known.
 
     Parameters
@@ -62,7 +86,7 @@ def thermal_of(network: LocalModelNetwork) -> tuple[ThermalModel, OcvTable] | No
 
 def compare_temperature(
     network: LocalModelNetwork, runs: list[GridRun], initial_soc: list[float]
-) -> dict[str, Any] | None:
+) -> TemperatureComparison | None:
     """Closed simulation of measured runs: voltage and temperature from current and ambient temperature alone.
 
     Parameters
@@ -82,7 +106,8 @@ def compare_temperature(
     if models is None or not usable:
         return None
     thermal, ocv = models
-    rows, reservations = [], []
+    rows: list[RunTemperature] = []
+    reservations: list[str] = []
     warm, electric = np.zeros(0), np.zeros(0)
     for run, soc in usable:
         try:

@@ -37,7 +37,7 @@ def _run(options: Namespace, output: Output) -> int:
     runs = read_runs(options.runs, options.current_sign, output)
     soc = initial_soc(runs, options.initial_soc, network, output)
     with output.progress("Simulating"):
-        result = compare(network, runs, soc)
+        result: dict[str, Any] = dict(compare(network, runs, soc))
     if options.report is not None:
         from bench_service.cli.report import comparison_page
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from models.identification.search.growing import Growing
 from models.identification.search.moved_constants import held_out_errors, moved
 from models.identification.search.samples import KeptSamples, SampleBank
 from models.identification.shared_poles import compare, output_coefficients, penalties
+from models.network.model_record import Json
 from models.network.partition import Partition
 from models.network.regression import VOLTAGE, SignalBank
 from models.network.structure import Structure
@@ -33,7 +33,7 @@ class Judge:
     """Judges candidates on the runs of a bank of signals."""
 
     bank: SignalBank
-    _rows: dict[Choice, dict[str, Any]] = field(default_factory=dict)
+    _rows: dict[Choice, Json] = field(default_factory=dict)
     _known: dict[Choice, float] = field(default_factory=dict)
     _boxes: dict[tuple[object, ...], Growing] = field(default_factory=dict)
     _strengths: dict[Choice, tuple[float, ...]] = field(default_factory=dict)
@@ -44,7 +44,7 @@ class Judge:
         return self.bank.runs[0].dt_s
 
     @property
-    def table(self) -> list[dict[str, Any]]:
+    def table(self) -> list[Json]:
         """Documents of what was tried, each with its held-out error."""
         return list(self._rows.values())
 

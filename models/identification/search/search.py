@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -21,6 +20,7 @@ from models.identification.search.fitted import Fitted, fitted_choice
 from models.identification.search.fixed_inputs import FixedInputsSearch
 from models.identification.search.given import GivenCandidate, pole_alternatives, poles_for, size_alternatives
 from models.identification.search.judge import Judge
+from models.network.model_record import Json
 from models.network.regression import CellContext, SignalBank
 from models.network.structure import Structure
 
@@ -43,7 +43,7 @@ class Search:
         return Judge(SignalBank(self.runs, self.initial_soc, self.cell))
 
     @property
-    def table(self) -> list[dict[str, Any]]:
+    def table(self) -> list[Json]:
         """Documents of what was tried, each with its held-out error."""
         return self.judge.table
 

@@ -7,7 +7,9 @@ import pytest
 
 from models.diagnosis.structure.extension import Extension, ExtensionSearch
 from models.effects import effect
+from models.identification.progress import silent
 from models.identification.search.given import GivenCandidate
+from models.identification.search.search import Search
 from models.network.structure import InputChannel, minimal_structure
 from tests.unit.models.diagnosis.hand_reference import SOC, steps_A, true_run
 from tests.unit.models.hand_network import CELL
@@ -18,7 +20,7 @@ PLAIN = minimal_structure(1.0, output_order=0)
 @pytest.fixture(scope="module")
 def search() -> ExtensionSearch:
     run = true_run(steps_A(600), noise_V=1e-3, temperature_degC=25.0 + np.sin(np.arange(600) / 50.0))
-    return ExtensionSearch([run], [SOC], CELL, lambda _share, _text: None)
+    return ExtensionSearch(Search([run], [SOC], CELL, silent))
 
 
 def extended(search: ExtensionSearch, name: str, *signals: str) -> Extension | None:
