@@ -79,7 +79,7 @@ async def test_a_second_master_is_noticed(transport):
         with joined(made) as bus:
             data = CanCodec(MAP.dbc).encode(SETPOINT, {"SetCurrent": 9.0, "Heartbeat": 1, "Tick": 1})
             bus.send(can.Message(arbitration_id=0x100, data=data, is_extended_id=False))
-            await holds(lambda: made.driver._link._foreign, "the other sender is heard")
+            await holds(lambda: made.driver._link._inbox.foreign, "the other sender is heard")
         with pytest.raises(CyclerProtocolError, match="another sender uses identifier 0x100"):
             await made.driver.sample()
         # Coming back forgets what was seen, as identifying the device begins anew.
