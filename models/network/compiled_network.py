@@ -58,7 +58,7 @@ class FlatNetwork(NamedTuple):
     voltage_span: float
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def bent(entry: int, x: float) -> float:
     """Return what enters the low-pass of a driven signal; the three ways that are not AS_IS."""
     if entry == MAGNITUDE:
@@ -66,7 +66,9 @@ def bent(entry: int, x: float) -> float:
     return x * abs(x) if entry == SIGNED_SQUARE else x * x
 
 
-@njit(cache=True)
+# Without counting references to the network's arrays, which takes longer than the signals of a small network where the
+# compiler does not inline the call; nothing inside allocates.
+@njit(cache=True, _nrt=False)
 def step_signals(
     net: FlatNetwork,
     filters: np.ndarray,
