@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -29,6 +29,9 @@ from models.network.signals.loop_form import (
 )
 from models.network.structure import KERNELS, Structure
 
+# Compiled without counting references to the network's arrays, which takes longer than the signals of a small network
+# where the call is not inlined; nothing inside allocates.
+_UNCOUNTED: dict[str, Any] = {"cache": True, "_nrt": False}
 _GAUSSIAN, _UNIFORM = KERNELS.index("gaussian"), KERNELS.index("uniform")
 
 
@@ -66,9 +69,7 @@ def bent(entry: int, x: float) -> float:
     return x * abs(x) if entry == SIGNED_SQUARE else x * x
 
 
-# Without counting references to the network's arrays, which takes longer than the signals of a small network where the
-# compiler does not inline the call; nothing inside allocates.
-@njit(cache=True, _nrt=False)
+@njit(**_UNCOUNTED)
 def step_signals(
     net: FlatNetwork,
     filters: np.ndarray,
