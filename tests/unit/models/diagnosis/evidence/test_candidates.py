@@ -17,7 +17,7 @@ from models.diagnosis.evidence.candidates import (
 from models.diagnosis.evidence.evidence import Evidence
 from models.diagnosis.reference.samples import Samples, choose_samples
 from models.effects import effect
-from models.network.signals import hysteresis_state
+from models.network.signals.direction import hysteresis_state
 from tests.unit.models.diagnosis.hand_reference import (
     RESISTANCE_OHM,
     SLOPE_V,

@@ -9,7 +9,7 @@ from models.diagnosis.evidence.forms import Form
 from models.diagnosis.evidence.joint import Named, best_form, named_effects, with_form
 from models.diagnosis.evidence.ranking import rank
 from models.effects import effect
-from models.network.signals import hysteresis_state
+from models.network.signals.direction import hysteresis_state
 from tests.unit.models.diagnosis.hand_reference import compared, steps_A, true_run
 from tests.unit.models.hand_network import CAPACITY_AH
 

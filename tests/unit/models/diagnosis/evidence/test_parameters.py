@@ -10,7 +10,8 @@ from models.diagnosis.evidence.evidence import Evidence
 from models.diagnosis.evidence.parameters import Value, parameters
 from models.diagnosis.reference.samples import Samples
 from models.effects import effect
-from models.network.signals import hysteresis_state, low_pass
+from models.network.signals.direction import hysteresis_state
+from models.network.signals.filters import low_pass
 from tests.unit.models.diagnosis.hand_reference import RESISTANCE_OHM, SLOPE_V, compared, steps_A, true_run
 from tests.unit.models.hand_network import CAPACITY_AH
 

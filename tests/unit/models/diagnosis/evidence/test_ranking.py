@@ -7,7 +7,7 @@ import pytest
 
 from models.diagnosis.evidence.candidates import Comparison, noise_V2, try_effect
 from models.diagnosis.evidence.ranking import Ranking, rank
-from models.network.signals import hysteresis_state
+from models.network.signals.direction import hysteresis_state
 from tests.unit.models.diagnosis.hand_reference import RESISTANCE_OHM, SLOPE_V, compared, steps_A, true_run
 from tests.unit.models.hand_network import CAPACITY_AH
 

@@ -11,7 +11,8 @@ from models.diagnosis.evidence.ranking import rank
 from models.diagnosis.evidence.reading import Readings
 from models.diagnosis.reference.samples import choose_samples
 from models.effects import effect
-from models.network.signals import hysteresis_state, low_pass
+from models.network.signals.direction import hysteresis_state
+from models.network.signals.filters import low_pass
 from tests.unit.models.diagnosis.hand_reference import SOC, reference, steps_A, true_run
 from tests.unit.models.hand_network import CAPACITY_AH
 
