@@ -14,6 +14,7 @@ from models.diagnosis.evidence.reading import Readings
 from models.diagnosis.reference.layout import Shape
 from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.reference.reference import fit_reference
+from models.diagnosis.reference.samples import visible
 from models.diagnosis.structure.extension import ExtensionSearch
 from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect, effect
@@ -74,11 +75,13 @@ def add_effect(
     Raises
     ------
     ModelError
-        Unknown effect, or one that the structure has already.
+        Unknown effect, one that the structure has already, or one that the training runs cannot show.
     """
     chosen = effect(name)
     before = make_record(network, validate, validate_soc)
     own = make_record(network, train, train_soc)
+    if chosen.regressors is not None and not visible(chosen, own.runs):
+        raise ModelError(f"{name}: the training runs cannot show it, their temperature is missing or hardly moves")
     train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))
     if chosen.extend is not None:
         values = _missing(network, chosen, own)

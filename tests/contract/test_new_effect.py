@@ -175,9 +175,9 @@ def test_the_command_line_adds_it_and_whoever_reads_a_run_corrects_it(
 
 
 def test_the_command_line_refuses_a_name_that_there_is_not(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["add-effect", "M.json", "made_up", "--train", "A.csv", "--validate", "B.csv", "--out", "N.json"]) == 2
+    assert main(["add-effect", "M.json", "gremlins", "--train", "A.csv", "--validate", "B.csv", "--out", "N.json"]) == 2
     said = capsys.readouterr().err
-    assert "effect 'made_up' is unknown; known are" in said
+    assert "effect 'gremlins' is unknown; known are" in said
     assert all(name in said for name in effects())
 
 

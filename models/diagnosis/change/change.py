@@ -35,7 +35,8 @@ class ChangeAnalysis:
     Attributes
     ----------
     reference : model that the runs were held against
-    comparison, ranking : of the voltage, single effects; None where no sample lies in the trained domain
+    comparison, ranking : of the voltage, single effects; None where too few samples lie in the trained domain, or none
+        of the effects shows in it
     named : effects on the voltage that are named, the larger first
     thermal : of the temperature; None where it cannot be judged
     warmth : effects on the temperature that are named, the larger first
@@ -131,9 +132,9 @@ def _voltage(
 ) -> tuple[Comparison | None, Ranking | None]:
     reference = memory.reference
     samples = choose_samples(reference, runs, soc, SAMPLES)
-    if len(samples.blocks) < _least_samples(reference):
-        return None, None
     usable = [effect for effect in effects if effect.name in memory.names and visible(effect, runs)]
+    if not usable or len(samples.blocks) < _least_samples(reference):
+        return None, None
     usable.sort(key=lambda effect: memory.names.index(effect.name))
     comparison = compare_samples(memory, samples, usable)
     candidates = [try_effect(comparison, effect) for effect in usable]
