@@ -67,7 +67,8 @@ function dependence({ variable, strength }) {
 /** A parameter as a person reads it: its unit in front of small numbers, its standard deviation behind. */
 export function parameterText(name, { value, std, unit }) {
   const [scale, shown] = PREFIX[unit] ?? [1, unit === "1" ? "" : unit];
-  const words = name.replace(/_(V_per_K|W_per_K|V|Ohm|s|A|Ah|K|per_Ah)$/, "").replaceAll("_", " ");
+  const suffix = `_${unit.replace("/", "_per_").replace(/^1_/, "")}`;
+  const words = (name.endsWith(suffix) ? name.slice(0, -suffix.length) : name).replaceAll("_", " ");
   const size = Number.isFinite(std) && std > 0 ? std * scale : Math.abs(value * scale) / 100;
   const digits = Math.min(4, Math.max(0, 1 - Math.floor(Math.log10(size || 1))));
   const band = Number.isFinite(std) ? ` ± ${fixed(std * scale, digits)}` : "";
