@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.answer.findings import Diagnosis
+from models.effects import effects
 from models.identification.search.given import GivenCandidate
 from models.identification.search.search import Search
 from models.network.local_model_network import LocalModelNetwork
@@ -31,7 +32,7 @@ from simulators.hidden_effect import Size
 
 NONE, UNKNOWN = "none", "unknown_effect"
 # Of these a log shows the sum only: each counts as right with the other as rival.
-TWINS = {"current_offset", "self_discharge"}
+TWINS = {name for name, effect in effects().items() if effect.twin is not None}
 # Sizes of the cases: of the voltage's change over its noise of 1 mV, and of the temperature's.
 TARGET_MV, TARGET_K = (2.0, 20.0), (0.3, 3.0)
 CLOSE, WORTH = 0.15, 1.15

@@ -11,6 +11,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray, TimeSeries
 from models.design import StepProfileRequest, step_profile
+from models.effects import effects
 from simulators.catalogue import cell_type
 from simulators.cell import Branch, Cell, CellParameters
 from simulators.effects import apply_effects
@@ -206,8 +207,8 @@ RIG_SIZES = {
     "ocv_shape": Size(0.02, 0.08, sign="either"),
 }
 ALL_SIZES = {**SIZES, **RIG_SIZES}
-THERMAL = ("heat_transfer", "reversible_heat", "temperature_sensor")
-CHAMBER_MOVES = ("entropic_voltage", "temperature_dependence")
+THERMAL = {name for name, effect in effects().items() if effect.warmth is not None}
+CHAMBER_MOVES = {name for name, effect in effects().items() if effect.needs_temperature}
 
 
 def changed(rig: Rig, name: str, x: float) -> Rig:

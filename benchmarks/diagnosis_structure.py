@@ -232,7 +232,7 @@ def _with(
         extend = effect(name).extend
         if extend is not None:
             structure = extend(structure, values, capacity_Ah)
-        train, held_out = corrected(train, name, values), corrected(held_out, name, values)
+        train, held_out = corrected(train, effect(name), values), corrected(held_out, effect(name), values)
     wider, _ = quick_network(to_grid(train, 1.0), INITIAL_SOC, capacity_Ah, structure, replace(choice, given=structure))
     run = to_grid(held_out, 1.0)
     return float(np.sqrt(np.mean((run.voltage_V - free_run_V(wider, run, INITIAL_SOC)) ** 2)))

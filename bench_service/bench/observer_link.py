@@ -6,7 +6,8 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from bench_service.bench.request import RunRequest
-from models.effects.input_correction import LiveCorrection, Reading, corrections_of
+from models.effects.input_correction import LiveCorrection, corrections_of
+from models.effects.reading import Reading
 
 if TYPE_CHECKING:
     from models.observer import FuzzyObserver

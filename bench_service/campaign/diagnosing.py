@@ -247,7 +247,10 @@ class Diagnosing:
 
 
 def catalogue() -> list[Json]:
-    """Give every effect that a diagnosis knows: name, title, how a person recognises it, parameters, source."""
+    """Give every effect that a diagnosis knows: name, title, how a person recognises it, parameters, source.
+
+    ``shows_over`` names the variables that its picture is drawn over, as the profiles of a comparison have them.
+    """
     from models.effects import effects
 
     return [
@@ -257,6 +260,7 @@ def catalogue() -> list[Json]:
             "recognise": each.recognise,
             "source": each.source,
             "parameters": [asdict(parameter) for parameter in each.parameters],
+            "shows_over": list(each.shows_over),
             "channel": each.channel,
             "absorbed": each.absorbed,
             "twin": each.twin,

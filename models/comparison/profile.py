@@ -8,6 +8,7 @@ import numpy as np
 
 from models.comparison.samples import REST_C_RATE, ErrorSamples, spread
 from models.data.timeseries import FloatArray
+from models.effects.effect import Variable
 
 _BINS = 20
 _FEWEST_SAMPLES = 8
@@ -62,7 +63,7 @@ def error_profiles(samples: ErrorSamples) -> list[ErrorProfile]:
 
 
 def _profile(
-    variable: str,
+    variable: Variable,
     unit: str,
     values: FloatArray,
     shown: FloatArray,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from dataclasses import replace
 from functools import cache
 
 from models.data.errors import ModelError
@@ -20,7 +21,14 @@ def effects() -> dict[str, Effect]:
         candidate = getattr(importlib.import_module(f"{__name__}.{module.name}"), "EFFECT", None)
         if isinstance(candidate, Effect):
             found.append(candidate)
-    return {each.name: each for each in sorted(found, key=lambda each: each.name)}
+    return {each.name: _related(each, found) for each in sorted(found, key=lambda each: each.name)}
+
+
+def _related(one: Effect, every: list[Effect]) -> Effect:
+    """The effect with what others say of it, so that a new one need not be written into the files of the old ones."""
+    parts = tuple(each.name for each in every if one.name in each.part_of and each.name not in one.contains)
+    twin = one.twin or next((each.name for each in every if each.twin == one.name), None)
+    return replace(one, contains=(*one.contains, *parts), twin=twin) if parts or twin != one.twin else one
 
 
 def effect(name: str) -> Effect:

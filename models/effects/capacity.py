@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
+from models.effects.reading import Assumption
 from models.effects.view import View
 
 _STEP = 0.01
@@ -28,6 +29,7 @@ EFFECT = Effect(
     recognise="the error grows with the charge taken out since the start and goes back when it is put in again",
     source="coulomb counting, ch. 2.6 of the method, eq. 2.32",
     parameters=(Parameter("capacity_Ah", "Ah", "capacity of the cell"),),
+    slow=True,
     regressors=_regressors,
     shift=Shift(
         _voltage,
@@ -37,4 +39,5 @@ EFFECT = Effect(
         _soc,
     ),
     absorbed=True,
+    assumption=Assumption(capacity_Ah=lambda values: values["capacity_Ah"]),
 )

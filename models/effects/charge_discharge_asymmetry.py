@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Lean, Parameter, Values
+from models.effects.effect import Effect, Lean, Parameter
+from models.effects.reading import Values
 from models.effects.view import View
 from models.network.structure import PartitionAxis, Structure
 
@@ -35,6 +36,7 @@ EFFECT = Effect(
     "state of charge",
     source="Plett, Battery Management Systems I, 2015, ch. 2.9",
     parameters=(Parameter("ratio", "1", "change of the resistance on charge relative to the model's"),),
+    shows_over=("current_A",),
     regressors=_regressors,
     overpotential=True,
     lean=Lean(_columns, lambda _view: (0.0,)),

@@ -7,13 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Lean, Parameter, Values, has_signal
+from models.effects.effect import Effect, Lean, Parameter, has_signal
+from models.effects.reading import Values
 from models.effects.view import View
+from models.effects.ways_in import Ground, WayIn, with_inputs
+from models.network.signals import parse_signal
 from models.network.structure import InputChannel, Structure
 
 _C_RATES = (0.1, 0.3, 1.0, 3.0)
 # Two electrodes with symmetric transfer have 2 R T / F each.
 _LARGEST_V = 0.12
+# In a measured cell it has more than one speed: at once, and slowed.
+_EXCHANGE_C_RATES = (0.02, 0.2, 0.6, 2.0)
+_SLOWED_S = 20.0
 _SHAPES = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0)
 
 
@@ -39,6 +45,25 @@ def _extend(structure: Structure, values: Values, capacity_Ah: float) -> Structu
     return replace(structure, inputs=(*structure.inputs, InputChannel(f"charge_transfer:{exchange_A:.4g}")))
 
 
+def _over_rates(structure: Structure, ground: Ground) -> list[Structure]:
+    """At once and slowed, over exchange currents."""
+    return [_at_two_speeds(structure, rate * ground.capacity_Ah, 0.0) for rate in _EXCHANGE_C_RATES]
+
+
+def _over_activations(structure: Structure, ground: Ground) -> list[Structure]:
+    """The same with the exchange current that was best, over what temperature does to it."""
+    signals = {channel.signal: parse_signal(channel.signal) for channel in structure.inputs}
+    own = {name: signal for name, signal in signals.items() if signal.kind == "charge_transfer"}
+    exchange_A = next(iter(own.values())).get("exchange_current_A")
+    bare = replace(structure, inputs=tuple(each for each in structure.inputs if each.signal not in own))
+    return [_at_two_speeds(bare, exchange_A, activation_K) for activation_K in ground.single_activations_K]
+
+
+def _at_two_speeds(structure: Structure, exchange_A: float, activation_K: float) -> Structure:
+    name = f"charge_transfer:{exchange_A:.4g}/{activation_K:g}"
+    return with_inputs(structure, (name, f"{name}/{_SLOWED_S:g}"))
+
+
 EFFECT = Effect(
     name="charge_transfer",
     title="Charge transfer (resistance falls with current)",
@@ -48,9 +73,12 @@ EFFECT = Effect(
         Parameter("amplitude_V", "V", "A in A asinh(I / 2 I0)"),
         Parameter("exchange_current_A", "A", "I0 in A asinh(I / 2 I0)"),
     ),
+    shows_over=("current_A",),
     regressors=_regressors,
     overpotential=True,
     lean=Lean(_columns, _shapes, largest=_LARGEST_V),
     contains=("series_resistance",),
+    reference_terms=("charge_transfer",),
     extend=_extend,
+    ways_in=(WayIn(_over_rates), WayIn(_over_activations)),
 )

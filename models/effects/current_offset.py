@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
+from models.effects.reading import InputCorrection, Reading, Values
 from models.effects.view import View
 
 _STEP_C_RATE = 2e-4
@@ -27,12 +28,18 @@ def _regressors(view: View) -> FloatArray:
     return _voltage(view, _step(view))[:, None] / _step(view)
 
 
+def _without(read: Reading, values: Values) -> Reading:
+    return read._replace(current_A=read.current_A - values["offset_A"])
+
+
 EFFECT = Effect(
     name="current_offset",
     title="Offset of the current sensor",
     recognise="the error grows with time, at rest too: counted charge drifts away from the cell's",
     source="sensor model, constant error",
     parameters=(Parameter("offset_A", "A", "what the sensor reads too much"),),
+    shows_over=("time_h",),
+    slow=True,
     regressors=_regressors,
     shift=Shift(
         _voltage,
@@ -41,4 +48,5 @@ EFFECT = Effect(
         soc=_soc,
     ),
     twin="self_discharge",
+    correction=InputCorrection(_without),
 )

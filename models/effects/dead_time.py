@@ -6,6 +6,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
+from models.effects.reading import InputCorrection
 from models.effects.view import View
 
 _LIMIT_SAMPLES = 6.0
@@ -44,6 +45,7 @@ EFFECT = Effect(
     recognise="spikes in the error at every step of the current, of opposite sign to the step, and nothing in between",
     source="sampling model, straight between two samples",
     parameters=(Parameter("delay_s", "s", "time by which the voltage comes after the current"),),
+    shows_over=("since_step_s",),
     regressors=_regressors,
     shift=Shift(
         _voltage,
@@ -52,4 +54,5 @@ EFFECT = Effect(
         searched=False,
     ),
     absorbed=True,
+    correction=InputCorrection(delay_s=lambda values: values["delay_s"]),
 )

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from typing import Literal
 
 from models.data.timeseries import FloatArray
+from models.effects.reading import Assumption, InputCorrection, Values
 from models.effects.thermal_view import ThermalView
-from models.effects.view import View
+from models.effects.view import ReferenceTerm, View
+from models.effects.ways_in import WayIn
 from models.network.signals import parse_signal
 from models.network.structure import Structure
 
 Regressors = Callable[[View], FloatArray]
-Values = dict[str, float]
+# What the error of a model is drawn over, `comparison.profile`.
+Variable = Literal["soc", "soc_at_rest", "since_step_s", "current_A", "throughput_Ah", "time_h", "temperature_degC"]
 
 
 @dataclass(frozen=True)
@@ -101,25 +104,38 @@ class Warmth:
 
 @dataclass(frozen=True)
 class Effect:
-    """One physical effect.
+    """One physical effect: everything that the rest of the program knows of it.
 
     Attributes
     ----------
-    name : as in the public contract
+    name : as in the public contract, and of its file
     title : what a person calls it
     recognise : how a person recognises it in a record
     source : where the equation comes from
     parameters : the first one is the primary one
+    shows_over : variables over which the error is drawn so that a person recognises it, as `error_profiles` names them:
+        the first of them that a record has
+    slow : it shows over hours only, so that an experiment for it has to be long
     regressors : how it shows in the voltage to first order, (m, k); None: it does not
     shift, lean, local : how the parameters are read from a record; at most one of them
     warmth : how it shows in the temperature; None: it does not
+    inner_heat_W : (n,) open-circuit voltage -> (n,) heat in the cell for a `shift` of 1, which no current at the
+        terminals tells of; it is named where voltage and temperature ask for the same value. None: there is none
+    heats_as : effect on the temperature by which the same cause shows, their first parameters being the same
     absorbed : a network that is refitted takes it in unseen, so that only a comparison with an earlier model shows it
     overpotential : it is a loss inside the cell, which warms it
     needs_temperature : it cannot be seen where the temperature is missing or does not move
-    twin : an effect that one log can hardly tell from it
+    twin : an effect that one log can hardly tell from it; one of the two has to say so
     contains : effects that are special cases of this one
+    part_of : effects that this one is a special case of: `contains`, said by the other
+    reference_terms : terms of the diagnosis' reference model that stand for it; they are left out where it is sized
+    activation_K : values of the parameters -> change of the activation temperature by which it scales every current,
+        that of other effects as well; None: it scales none
     extend : (structure, values of the parameters, capacity in Ah) -> structure that has the effect; None: it is put in
-        by correcting an input
+        by `correction` or `assumption`, or by a refit alone
+    ways_in : steps to a richer structure, tried beside `extend`
+    correction : how it is put right in a run's columns; None: it is not in the sensors
+    assumption : how it is put right in what a fit is told; None: it is not in that
     """
 
     name: str
@@ -127,17 +143,27 @@ class Effect:
     recognise: str
     source: str
     parameters: tuple[Parameter, ...]
+    shows_over: tuple[Variable, ...] = ("soc",)
+    slow: bool = False
     regressors: Regressors | None = None
     shift: Shift | None = None
     lean: Lean | None = None
     local: Local | None = None
     warmth: Warmth | None = None
+    inner_heat_W: Callable[[FloatArray], FloatArray] | None = None
+    heats_as: str | None = None
     absorbed: bool = False
     overpotential: bool = False
     needs_temperature: bool = False
     twin: str | None = None
     contains: tuple[str, ...] = ()
+    part_of: tuple[str, ...] = ()
+    reference_terms: tuple[ReferenceTerm, ...] = ()
+    activation_K: Callable[[Values], float] | None = None
     extend: Callable[[Structure, Values, float], Structure] | None = None
+    ways_in: tuple[WayIn, ...] = ()
+    correction: InputCorrection | None = None
+    assumption: Assumption | None = None
 
     @property
     def channel(self) -> Literal["voltage", "temperature"]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Lean, Parameter, Values, has_signal
+from models.effects.effect import Effect, Lean, Parameter, has_signal
+from models.effects.reading import Values
 from models.effects.view import View
 from models.network.structure import InputChannel, Structure
 
@@ -35,6 +36,8 @@ EFFECT = Effect(
     parameters=(Parameter("dU_dT_V_per_K", "V/K", "mean slope of the open-circuit voltage over temperature"),),
     regressors=_regressors,
     lean=Lean(_columns, lambda _view: (0.0,)),
+    heats_as="reversible_heat",
     needs_temperature=True,
+    reference_terms=("entropy",),
     extend=_extend,
 )

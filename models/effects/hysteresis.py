@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Lean, Parameter, Values, has_signal
+from models.effects.effect import Effect, Lean, Parameter, has_signal
+from models.effects.reading import Values
 from models.effects.view import View
 from models.network.structure import InputChannel, Structure
 
@@ -43,8 +44,11 @@ EFFECT = Effect(
         Parameter("amplitude_V", "V", "half the width of the loop"),
         Parameter("rate", "1", "the loop closes to 37 % after capacity / rate of charge"),
     ),
+    shows_over=("soc_at_rest", "soc"),
+    slow=True,
     regressors=_regressors,
     overpotential=True,
     lean=Lean(_columns, lambda _view: _SHAPES),
+    reference_terms=("hysteresis",),
     extend=_extend,
 )

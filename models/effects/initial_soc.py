@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
+from models.effects.reading import Assumption
 from models.effects.view import View
 
 
@@ -30,4 +31,5 @@ EFFECT = Effect(
         _voltage, lambda _view: 2e-3, lambda _view: (-0.25, 0.25), lambda view, value: view.initial_soc + value, _soc
     ),
     absorbed=True,
+    assumption=Assumption(soc_moved=lambda values, first: values["soc"] - first),
 )

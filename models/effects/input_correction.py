@@ -8,60 +8,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
+from models.effects import Effect, effects
+from models.effects.reading import InputCorrection, Reading, Values
 from models.network.cell_model import CellRecord
-
-Values = dict[str, float]
-
-
-class Reading(NamedTuple):
-    """What sensors say: one sample or arrays of them, NaN where missing."""
-
-    current_A: Any
-    voltage_V: Any
-    temperature_degC: Any
-    ambient_degC: Any
-
-
-def _current_offset(read: Reading, values: Values) -> Reading:
-    return read._replace(current_A=read.current_A - values["offset_A"])
-
-
-def _self_discharge(read: Reading, values: Values) -> Reading:
-    """What charges the cell is what the sensor reads less what leaks."""
-    return read._replace(current_A=read.current_A - values["leakage_A"])
-
-
-def _voltage_offset(read: Reading, values: Values) -> Reading:
-    return read._replace(voltage_V=read.voltage_V - values["offset_V"])
-
-
-def _temperature_sensor(read: Reading, values: Values) -> Reading:
-    rise_K = (read.temperature_degC - values["offset_K"] - read.ambient_degC) / values["gain"]
-    return read._replace(temperature_degC=read.ambient_degC + rise_K)
-
-
-# Sample by sample; a delay is the only one that looks at other samples.
-_IN_PLACE: dict[str, Callable[[Reading, Values], Reading]] = {
-    "current_offset": _current_offset,
-    "self_discharge": _self_discharge,
-    "voltage_offset": _voltage_offset,
-    "temperature_sensor": _temperature_sensor,
-}
-_NEEDED = {
-    "current_offset": ("offset_A",),
-    "self_discharge": ("leakage_A",),
-    "voltage_offset": ("offset_V",),
-    "temperature_sensor": ("gain", "offset_K"),
-    "dead_time": ("delay_s",),
-}
+from models.network.model_record import AddedEffect
 
 
 @dataclass(frozen=True)
@@ -78,18 +34,13 @@ class Correction:
     values: Values
 
 
-def corrects_inputs(effect: str) -> bool:
-    """Whether an effect is put right in a run's columns."""
-    return effect in _NEEDED
-
-
-def corrected(run: TimeSeries, effect: str, values: Values) -> TimeSeries:
-    """Return a run as it would have been measured without an effect in its sensors.
+def corrected(run: TimeSeries, effect: Effect, values: Values) -> TimeSeries:
+    """Return a run as it would have been measured without an effect, as far as that is in its sensors.
 
     Parameters
     ----------
     run : as measured
-    effect : name
+    effect : any
     values : of its parameters
 
     Raises
@@ -97,16 +48,17 @@ def corrected(run: TimeSeries, effect: str, values: Values) -> TimeSeries:
     ModelError
         The correction needs a column that the run does not have.
     """
-    if effect == "dead_time":
-        return _on_time(run, values["delay_s"])
-    if effect not in _IN_PLACE:
+    correction = effect.correction
+    if correction is None:
         return run
-    if effect == "temperature_sensor" and run.ambient_degC is None:
+    if correction.needs_ambient and run.ambient_degC is None:
         raise ModelError(
-            f"{run.name}: a temperature sensor's gain is corrected against ambient, which was not measured"
+            f"{run.name}: {effect.title.lower()} is corrected against ambient temperature, which was not measured"
         )
-    read = _IN_PLACE[effect](Reading(run.current_A, run.voltage_V, run.temperature_degC, run.ambient_degC), values)
-    return replace(run, current_A=read.current_A, voltage_V=read.voltage_V, temperature_degC=read.temperature_degC)
+    if correction.sample is not None:
+        read = Reading(run.current_A, run.voltage_V, run.temperature_degC, run.ambient_degC)
+        run = replace(run, **correction.sample(read, values)._asdict())
+    return run if correction.delay_s is None else _on_time(run, correction.delay_s(values))
 
 
 def _on_time(run: TimeSeries, delay_s: float) -> TimeSeries:
@@ -125,24 +77,33 @@ def corrections_of(record: CellRecord) -> tuple[Correction, ...]:
     """
     try:
         found = [each for each in record.effects if each.get("correction")]
-        corrections = tuple(
-            Correction(
-                each["effect"], {name: float(each["parameters"][name]["value"]) for name in _NEEDED[each["effect"]]}
-            )
-            for each in found
-        )
+        corrections = tuple(Correction(each["effect"], _values(each)) for each in found)
+        possible = [_way(each).possible(each.values) for each in corrections]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"the model's record of its corrections is damaged: {error!r}") from None
-    for each in corrections:
-        if not all(math.isfinite(value) for value in each.values.values()) or each.values.get("gain") == 0.0:
+    for each, sensible in zip(corrections, possible, strict=True):
+        if not sensible or not all(math.isfinite(value) for value in each.values.values()):
             raise ModelError(f"the model's record of its correction for {each.effect} holds {each.values}")
     return corrections
+
+
+def _values(entry: AddedEffect) -> Values:
+    parameters = effects()[entry["effect"]].parameters
+    return {each.name: float(entry["parameters"][each.name]["value"]) for each in parameters}
+
+
+def _way(correction: Correction) -> InputCorrection:
+    """How it is done; a KeyError where there is no such effect, or none in the sensors."""
+    way = effects()[correction.effect].correction
+    if way is None:
+        raise KeyError(correction.effect)
+    return way
 
 
 def as_read(record: CellRecord, run: TimeSeries) -> TimeSeries:
     """Return a run as a model with this record reads it: with the corrections that it was made with."""
     for each in corrections_of(record):
-        run = corrected(run, each.effect, each.values)
+        run = corrected(run, effects()[each.effect], each.values)
     return run
 
 
@@ -156,8 +117,9 @@ class LiveCorrection:
     """
 
     def __init__(self, corrections: tuple[Correction, ...], dt_s: float) -> None:
-        self._in_place = [each for each in corrections if each.effect in _IN_PLACE]
-        delay_s = sum(each.values["delay_s"] for each in corrections if each.effect == "dead_time")
+        ways = [(_way(each), each.values) for each in corrections]
+        self._in_place = [(way.sample, values) for way, values in ways if way.sample is not None]
+        delay_s = sum(way.delay_s(values) for way, values in ways if way.delay_s is not None)
         steps = delay_s / dt_s
         self._late = max(math.ceil(steps), 0)
         # The voltage is taken this many samples before the newest one.
@@ -166,8 +128,8 @@ class LiveCorrection:
 
     def step(self, read: Reading) -> Reading | None:
         """Take a sample as measured; give the newest one that can be put right, None where none can be yet."""
-        for each in self._in_place:
-            read = _IN_PLACE[each.effect](read, each.values)
+        for without, values in self._in_place:
+            read = without(read, values)
         self._kept.append(read)
         if len(self._kept) <= self._late:
             return None

@@ -20,6 +20,7 @@ EFFECT = Effect(
     "have slipped, lithium was lost",
     source="Dubarry, Truchot and Liaw, J. Power Sources 219, 2012",
     parameters=(Parameter("shift_mV", "mV", "change of the open-circuit voltage at the SoC in the name"),),
+    slow=True,
     regressors=_regressors,
     local=Local(_BUMPS, scale=1e3),
     absorbed=True,

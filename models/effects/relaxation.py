@@ -7,14 +7,21 @@ from dataclasses import replace
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Lean, Parameter, Values
+from models.effects.effect import Effect, Lean, Parameter
+from models.effects.reading import Values
 from models.effects.view import View
+from models.effects.ways_in import Ground, WayIn, with_inputs
+from models.network.signals import is_soc
 from models.network.structure import InputChannel, Structure
 
 _TIME_CONSTANTS_S = (100.0, 300.0, 1000.0, 3000.0)
 _SURFACE_S = (300.0, 1000.0, 3000.0)
 _SHAPES_S = (100.0, 150.0, 220.0, 330.0, 500.0, 750.0, 1100.0, 1600.0, 2400.0, 3600.0)
 _BUMPS = 5
+# In a measured cell diffusion has several time constants, and the state of charge at the surface sets the voltage.
+_SPREAD_S = (4.0, 40.0, 400.0)
+_SURFACES = ("0.02/400", "0.02/1500", "0.05/400", "0.05/1500", "0.05/4000")
+_SURFACE_K = 2500.0
 
 
 def _regressors(view: View) -> FloatArray:
@@ -34,6 +41,30 @@ def _extend(structure: Structure, values: Values, _capacity_Ah: float) -> Struct
     return replace(structure, inputs=(*structure.inputs, InputChannel(f"low_pass:{tau_s:.4g}")))
 
 
+def _spread(structure: Structure, ground: Ground) -> list[Structure]:
+    """Low-passes of the current in place of output feedback, whose poles all inputs share."""
+    fastest_s, slowest_s = ground.fastest_s, ground.slowest_s
+    constants_s = [tau_s for tau_s in _SPREAD_S if fastest_s <= tau_s <= slowest_s] or [slowest_s]
+    bare = replace(structure, output_order=0, inputs=tuple(replace(each, order=0) for each in structure.inputs))
+    found = []
+    for parts_K in ground.activations_K:
+        names = (f"low_pass:{tau_s:g}" + (f"/{k:g}" if k else "") for k in parts_K for tau_s in constants_s)
+        found.append(with_inputs(bare, tuple(names)))
+    return found
+
+
+def _at_surface(structure: Structure, ground: Ground) -> list[Structure]:
+    """The open-circuit curve over the state of charge at the particles' surface."""
+    activation_K = _SURFACE_K if len(ground.activations_K) > 1 else 0.0
+    found = []
+    for surface in _SURFACES:
+        name = f"surface_soc:{surface}/{activation_K:g}"
+        inputs = tuple(replace(each, signal=name) if is_soc(each.signal) else each for each in structure.inputs)
+        axes = tuple(replace(each, signal=name) if is_soc(each.signal) else each for each in structure.axes)
+        found.append(replace(structure, inputs=inputs, axes=axes))
+    return found
+
+
 EFFECT = Effect(
     name="relaxation",
     title="Slow relaxation (diffusion)",
@@ -44,8 +75,11 @@ EFFECT = Effect(
         Parameter("resistance_Ohm", "Ohm", "additional resistance in the end"),
         Parameter("time_constant_s", "s", "time in which it dies out to 37 %"),
     ),
+    shows_over=("since_step_s",),
     regressors=_regressors,
     overpotential=True,
     lean=Lean(_columns, lambda _view: _SHAPES_S),
+    reference_terms=("slow_current",),
     extend=_extend,
+    ways_in=(WayIn(_spread), WayIn(_at_surface, only_if_worth=True)),
 )

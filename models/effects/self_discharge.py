@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
+from models.effects.reading import InputCorrection, Reading, Values
 from models.effects.view import View
 
 _STEP_C_RATE = 2e-4
@@ -26,12 +27,24 @@ def _regressors(view: View) -> FloatArray:
     return _voltage(view, _step(view))[:, None] / _step(view)
 
 
+def _inner_heat_W(open_circuit_V: FloatArray) -> FloatArray:
+    """All that 1 A through the leak gives off stays in the cell."""
+    return open_circuit_V
+
+
+def _without(read: Reading, values: Values) -> Reading:
+    """What charges the cell is what the sensor reads less what leaks."""
+    return read._replace(current_A=read.current_A - values["leakage_A"])
+
+
 EFFECT = Effect(
     name="self_discharge",
     title="Self-discharge",
     recognise="the error grows with time, at rest too, and towards a lower state of charge",
     source="charge balance of a cell with an internal leak",
     parameters=(Parameter("leakage_A", "A", "internal current that discharges the cell"),),
+    shows_over=("time_h",),
+    slow=True,
     regressors=_regressors,
     shift=Shift(
         _voltage,
@@ -39,5 +52,7 @@ EFFECT = Effect(
         lambda view: (-_LIMIT_C_RATE * view.capacity_Ah, _LIMIT_C_RATE * view.capacity_Ah),
         soc=_soc,
     ),
+    inner_heat_W=_inner_heat_W,
     twin="current_offset",
+    correction=InputCorrection(_without),
 )

@@ -18,6 +18,7 @@ EFFECT = Effect(
     "and the jump is there at once",
     source="Plett, Battery Management Systems I, 2015, ch. 2.3",
     parameters=(Parameter("resistance_Ohm", "Ohm", "additional resistance"),),
+    shows_over=("current_A",),
     regressors=_regressors,
     absorbed=True,
 )

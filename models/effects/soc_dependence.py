@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Local, Parameter, Values
+from models.effects.effect import Effect, Local, Parameter
+from models.effects.reading import Values
 from models.effects.view import View
 from models.network.signals import is_soc
 from models.network.structure import PartitionAxis, Structure

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Parameter, Shift, Values
+from models.effects.effect import Effect, Parameter, Shift
+from models.effects.reading import Values
 from models.effects.view import View
 from models.network.signals import parse_signal
 from models.network.structure import InputChannel, PartitionAxis, Structure
@@ -63,9 +64,12 @@ EFFECT = Effect(
     recognise="the cold cell shows larger, the warm cell smaller overvoltages than the model",
     source="Plett, Battery Management Systems I, 2015, ch. 2; Arrhenius law",
     parameters=(Parameter("activation_K", "K", "change of the activation energy over the gas constant"),),
+    shows_over=("temperature_degC",),
     regressors=_regressors,
     overpotential=True,
     shift=Shift(_voltage, lambda _view: 50.0, lambda _view: (-7000.0, 9000.0), searched=False),
     needs_temperature=True,
+    reference_terms=("warm_current",),
+    activation_K=lambda values: values["activation_K"],
     extend=_extend,
 )

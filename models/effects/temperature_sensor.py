@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Warmth
+from models.effects.reading import InputCorrection, Reading, Values
 from models.effects.thermal_view import ThermalView
 
 _LEAST_GAIN = 0.02
@@ -13,6 +14,11 @@ def _temperature(view: ThermalView, values: tuple[float, ...]) -> FloatArray:
     gain, offset_K = max(values[0], _LEAST_GAIN), values[1]
     rise_K = view.simulated(initial_rise_K=(view.initial_rise_K - offset_K) / gain) - view.ambient_degC
     return view.ambient_degC + gain * rise_K + offset_K
+
+
+def _without(read: Reading, values: Values) -> Reading:
+    rise_K = (read.temperature_degC - values["offset_K"] - read.ambient_degC) / values["gain"]
+    return read._replace(temperature_degC=read.ambient_degC + rise_K)
 
 
 EFFECT = Effect(
@@ -25,6 +31,8 @@ EFFECT = Effect(
         Parameter("gain", "1", "reading over true rise above ambient"),
         Parameter("offset_K", "K", "what the sensor reads too much"),
     ),
+    shows_over=("temperature_degC",),
     warmth=Warmth(_temperature, (1.0, 0.0), (0.02, 0.1), lambda _view, values: values),
     absorbed=True,
+    correction=InputCorrection(_without, needs_ambient=True, possible=lambda values: values["gain"] != 0.0),
 )

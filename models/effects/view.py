@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.effects.spline import SplineBasis
 from models.network.signals import KELVIN, REFERENCE_K, direction, filters
+
+# Terms of the model that effects are judged against, beside its open-circuit curve and its quick currents.
+ReferenceTerm = Literal["slow_current", "charge_transfer", "hysteresis", "entropy", "warm_current"]
 
 _SMALL_SOC = 1e-3
 

@@ -6,11 +6,16 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter
+from models.effects.reading import InputCorrection, Reading, Values
 from models.effects.view import View
 
 
 def _regressors(view: View) -> FloatArray:
     return np.ones((len(view.index), 1))
+
+
+def _without(read: Reading, values: Values) -> Reading:
+    return read._replace(voltage_V=read.voltage_V - values["offset_V"])
 
 
 EFFECT = Effect(
@@ -21,4 +26,5 @@ EFFECT = Effect(
     parameters=(Parameter("offset_V", "V", "what the sensor reads too much"),),
     regressors=_regressors,
     absorbed=True,
+    correction=InputCorrection(_without),
 )

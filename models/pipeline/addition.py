@@ -14,10 +14,12 @@ from models.diagnosis.evidence.reading import Readings
 from models.diagnosis.reference.layout import Shape
 from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.reference.reference import fit_reference
+from models.diagnosis.reference.samples import visible
 from models.diagnosis.structure.extension import ExtensionSearch
 from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect, effect
-from models.effects.input_correction import as_read, corrected, corrects_inputs
+from models.effects.input_correction import as_read, corrected
+from models.effects.reading import Assumption
 from models.identification.progress import Progress, silent
 from models.identification.search.search import Search
 from models.network.lineage import version_of, with_version
@@ -73,11 +75,13 @@ def add_effect(
     Raises
     ------
     ModelError
-        Unknown effect, or one that the structure has already.
+        Unknown effect, one that the structure has already, or one that the training runs cannot show.
     """
     chosen = effect(name)
     before = make_record(network, validate, validate_soc)
     own = make_record(network, train, train_soc)
+    if chosen.regressors is not None and not visible(chosen, own.runs):
+        raise ModelError(f"{name}: the training runs cannot show it, their temperature is missing or hardly moves")
     train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))
     if chosen.extend is not None:
         values = _missing(network, chosen, own)
@@ -97,7 +101,7 @@ def add_effect(
             progress=progress,
         )
         after = make_record(fitted.network, validate, validate_soc)
-        return _addition(network, fitted.network, name, values, before, after, remark, train)
+        return _addition(network, fitted.network, chosen, values, before, after, remark, train)
     return _by_correction(network, chosen, own, train, validate, validate_soc, before, progress)
 
 
@@ -113,23 +117,24 @@ def _by_correction(
 ) -> Addition:
     values = _changed(chosen, own, network)
     plain = {key: each.value for key, each in values.items()}
-    capacity_Ah = plain.get("capacity_Ah", network.cell.capacity_Ah)
-    moved = plain["soc"] - own.soc[0] if chosen.name == "initial_soc" else 0.0
+    told = chosen.assumption or Assumption()
+    capacity_Ah = network.cell.capacity_Ah if told.capacity_Ah is None else told.capacity_Ah(plain)
+    moved = 0.0 if told.soc_moved is None else told.soc_moved(plain, own.soc[0])
     fitted = fit_network(
-        [corrected(run, chosen.name, plain) for run in train],
+        [corrected(run, chosen, plain) for run in train],
         capacity_Ah=capacity_Ah,
         structure=replace(network.structure, name=_name(network, chosen.name)),
         initial_soc=[soc + moved for soc in own.soc],
         dt_s=network.structure.dt_s,
         progress=progress,
     )
-    after = make_record(fitted.network, [corrected(run, chosen.name, plain) for run in validate], validate_soc)
+    after = make_record(fitted.network, [corrected(run, chosen, plain) for run in validate], validate_soc)
     remark = _REFITTED
-    if corrects_inputs(chosen.name):
+    if chosen.correction is not None:
         remark = "the runs' columns were corrected by it before the refit; correct further runs of this rig likewise"
-    elif chosen.name == "capacity":
+    elif told.capacity_Ah is not None:
         remark = f"the model counts charge on {capacity_Ah:.4g} Ah"
-    return _addition(network, fitted.network, chosen.name, values, before, after, remark, train)
+    return _addition(network, fitted.network, chosen, values, before, after, remark, train)
 
 
 def _missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[str, Value]:
@@ -162,7 +167,7 @@ def _name(network: LocalModelNetwork, effect_name: str) -> str:
 def _addition(
     parent: LocalModelNetwork,
     network: LocalModelNetwork,
-    name: str,
+    chosen: Effect,
     values: dict[str, Value],
     before: Record,
     after: Record,
@@ -170,9 +175,9 @@ def _addition(
     train: list[TimeSeries],
 ) -> Addition:
     entry: AddedEffect = {
-        "effect": name,
+        "effect": chosen.name,
         "parameters": {key: {"value": v.value, "std": v.std, "unit": v.unit} for key, v in values.items()},
-        "correction": corrects_inputs(name),
+        "correction": chosen.correction is not None,
         "error_before_mV": before.rms_mV,
         "error_after_mV": after.rms_mV,
     }
@@ -183,9 +188,9 @@ def _addition(
         "effect",
         train,
         parent=parent,
-        settings={"effect": name},
+        settings={"effect": chosen.name},
         errors={"parent_rmse_mV": before.rms_mV, "rmse_mV": after.rms_mV},
         code_version="unknown" if made_by is None else made_by.code_version,
         sums_sha256=None if made_by is None else made_by.sums_sha256,
     )
-    return Addition(versioned, name, values, before.rms_mV, after.rms_mV, remark)
+    return Addition(versioned, chosen.name, values, before.rms_mV, after.rms_mV, remark)

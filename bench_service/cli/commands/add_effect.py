@@ -28,9 +28,11 @@ def _run(options: Namespace, output: Output) -> int:
     from threadpoolctl import threadpool_limits
 
     from bench_service.exchange.atomic import check_writable
+    from models.effects import effect
     from models.observer.tuning.tuning import with_tuned_observer
     from models.pipeline.addition import add_effect
 
+    effect(options.effect)  # a name that there is not is told before anything is read
     check_writable(options.out)
     network = read_model(options.model)
     train = read_runs(options.train, options.current_sign, output)

@@ -7,7 +7,8 @@ import { MISSING, fixed, percent, quantity } from "./format.js";
 import { parameterText } from "./improve-which.js";
 import { overlayChart } from "./result-charts.js";
 
-export function compareStep(comparison, runs, keep) {
+/** `unitOf(effect, parameter)`: in what a correction's size is given. */
+export function compareStep(comparison, runs, unitOf, keep) {
   const { overall, noise_floor_mV: floor, outside_training: outside, outside: guessed, inside_training: known, temperature, band, whiteness, corrections = [] } = comparison.result;
   const times = Number.isFinite(floor) && floor > 0 ? `${(overall.rmse_mV / floor).toFixed(1)} times the noise floor of ${quantity(floor, 1, "mV")}` : "noise floor unknown";
   const names = new Map(runs.map((run) => [run.id, run.name ?? String(run.id).slice(0, 8)]));
@@ -20,7 +21,7 @@ export function compareStep(comparison, runs, keep) {
         ? `of the samples: there it only guesses, ${quantity(guessed.rmse_mV, 1, "mV")}; inside ${quantity(known.rmse_mV, 1, "mV")}` : "of the samples: there it only guesses"),
       band?.coverage_95_inside !== undefined && band?.coverage_95_inside !== null ? figure("Inside the 95 % band", percent(band.coverage_95_inside, 0), "of the samples that the model knows") : null,
       temperature?.rmse_K !== undefined ? figure("Temperature error", quantity(temperature.rmse_K, 2, "K"), "RMS in free run") : null),
-    corrections.length ? el("p", { class: "about", text: `The runs are read as the model was made: ${corrections.map(correctionWords).join(", ")}.` }) : null,
+    corrections.length ? el("p", { class: "about", text: `The runs are read as the model was made: ${corrections.map((each) => correctionWords(each, unitOf)).join(", ")}.` }) : null,
     overlay(comparison, names, keep),
   ];
 }
@@ -37,8 +38,8 @@ function roughly(time_s) {
   return quantity(time_s / unit_s, 0, unit);
 }
 
-function correctionWords({ effect, values }) {
-  return `${effect.replaceAll("_", " ")} (${Object.entries(values).map(([name, value]) => parameterText(name, { value, unit: UNITS[name] ?? "1" })).join(", ")})`;
+function correctionWords({ effect, values }, unitOf) {
+  return `${effect.replaceAll("_", " ")} (${Object.entries(values).map(([name, value]) => parameterText(name, { value, unit: unitOf(effect, name) })).join(", ")})`;
 }
 
 function overlay(comparison, names, keep) {
@@ -59,7 +60,6 @@ function overlay(comparison, names, keep) {
 }
 
 const WHITE = 0.9;
-const UNITS = { offset_A: "A", leakage_A: "A", offset_V: "V", offset_K: "K", delay_s: "s", gain: "1" };
 const AXES = { current_A: "current", temperature_degC: "temperature" };
 const KINDS = [["rmse_mV", "size of the error"], ["bias_mV", "mean error with its sign"]];
 

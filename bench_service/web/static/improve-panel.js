@@ -27,7 +27,7 @@ class Improve {
     this.state = state;
     // `said`: what somebody has set by hand; `roles`: what every run is used for.
     this.view = { models: [], runs: [], modelId: null, said: new Map(), roles: new Map(), mode: "structure" };
-    this.titles = new Map();
+    this.effects = new Map(); // what the service knows of each, by name
     this.charts = new Map();
     this.busy = null;
     this.round = 0; // answers of an earlier choice are not shown
@@ -41,7 +41,11 @@ class Improve {
     this.form = chooseForm(this.view, { chosen: () => this.compare(), changed: () => this.chooseAnew() });
   }
 
-  titleOf = (effect) => this.titles.get(effect) ?? effect.replaceAll("_", " ");
+  titleOf = (effect) => this.effects.get(effect)?.title ?? effect.replaceAll("_", " ");
+
+  shownOver = (effect) => this.effects.get(effect)?.shows_over ?? ["soc"];
+
+  unitOf = (effect, parameter) => this.effects.get(effect)?.parameters.find(({ name }) => name === parameter)?.unit ?? "1";
 
   async load() {
     this.naming ??= this.name();
@@ -63,10 +67,10 @@ class Improve {
     this.seals.draw();
   }
 
-  /** What effects are called; the first question after the service's start takes it seconds, and nothing waits for it. */
+  /** What effects are called, and what else there is to know of them; the first question after the service's start takes it seconds, and nothing waits for it. */
   async name() {
     try {
-      for (const each of await api.effects()) this.titles.set(each.name, each.title);
+      for (const each of await api.effects()) this.effects.set(each.name, each);
       this.seals.draw();
     } catch (error) {
       this.naming = null;
@@ -152,9 +156,13 @@ class Improve {
     this.clearFrom("compare");
     this.watch();
     const { looked } = usedRuns(this.view);
-    const found = await this.work("compare", "Simulating the runs with the model", () => api.compare({ model_id: this.view.modelId, run_ids: looked }));
+    const found = await this.work("compare", "Simulating the runs with the model", async () => {
+      const compared = await api.compare({ model_id: this.view.modelId, run_ids: looked });
+      await this.naming;
+      return compared;
+    });
     if (!found) return;
-    this.fill("compare", compareStep(found, this.view.runs, this.keep("compare"))).scrollIntoView({ block: "start" });
+    this.fill("compare", compareStep(found, this.view.runs, this.unitOf, this.keep("compare"))).scrollIntoView({ block: "start" });
     const where = await this.work("where", "Looking where the error is", () => api.where(found.id));
     const ask = el("button", { type: "button", class: "primary", text: this.view.mode === "change" ? "Find out what has changed" : "Find out what is missing", on: { click: () => this.diagnose() } });
     this.profiles = where?.profiles ?? [];
@@ -177,7 +185,7 @@ class Improve {
     const named = namedBy(found.result);
     if (named) this.named = [...this.named.filter(({ effect }) => effect !== named.effect), named];
     this.seals.draw();
-    this.fill("which", whichStep(found, this.titleOf, this.keep("which"), { add: (effect) => this.add(effect), addNote: this.addNote(), profiles: this.profiles ?? [], play: () => playBox(this.state, found.id, (run) => this.useAlso(run)) })).scrollIntoView({ block: "start" });
+    this.fill("which", whichStep(found, this.titleOf, this.keep("which"), { add: (effect) => this.add(effect), addNote: this.addNote(), profiles: this.profiles ?? [], shownOver: this.shownOver, play: () => playBox(this.state, found.id, (run) => this.useAlso(run)) })).scrollIntoView({ block: "start" });
   }
 
   /** Why nothing can be added now; empty where it can. */

@@ -7,19 +7,13 @@ import { duration, fixed, percent, quantity } from "./format.js";
 // An error that is larger than so many times the noise is more than noise to anybody.
 const FAR_ABOVE_NOISE = 2;
 const TONE = { missing: "active", nothing_missing: "good", ambiguous: "warn", unknown_effect: "warn" };
-// Over what an effect shows best; the first of these that the runs have.
-const OVER = {
-  hysteresis: ["soc_at_rest", "soc"], relaxation: ["since_step_s"], dead_time: ["since_step_s"], charge_transfer: ["current_A"], charge_discharge_asymmetry: ["current_A"],
-  series_resistance: ["current_A"], temperature_dependence: ["temperature_degC"], temperature_sensor: ["temperature_degC"], current_offset: ["time_h"],
-  self_discharge: ["time_h"], resistance_growth: ["throughput_Ah", "time_h"],
-};
 const PREFIX = { V: [1e3, "mV"], Ohm: [1e3, "mΩ"], "V/K": [1e3, "mV/K"], "W/K": [1, "W/K"] };
 
 /** A title inside a sentence; an abbreviation stays as it is. */
 export const inText = (title) => (/^[A-Z][a-z]/.test(title) ? title[0].toLowerCase() + title.slice(1) : title);
 
-/** `titleOf(effect)` names an effect for people. */
-export function whichStep(record, titleOf, keep, { add, addNote, play, profiles }) {
+/** `titleOf(effect)` names an effect for people; `shownOver(effect)` names the variables it shows best over: the first that the runs have. */
+export function whichStep(record, titleOf, keep, { add, addNote, play, profiles, shownOver }) {
   const { verdict, findings, noise_floor_mV: floor, unexplained_mV: left, depends_on: depends, next_experiment: next, remarks = [] } = record.result;
   return [
     el("div", { class: "notice verdict", role: "status", data: { tone: TONE[verdict] ?? "neutral", verdict } },
@@ -27,7 +21,7 @@ export function whichStep(record, titleOf, keep, { add, addNote, play, profiles 
       el("span", { text: leftWords(record.result) }),
       remarks.map((text) => el("span", { class: "about", text: `Note: ${text}.` }))),
     depends.length ? el("div", {}, el("h4", { text: "What the rest depends on" }), el("ul", { class: "regions" }, depends.map(dependence))) : null,
-    findings.length ? el("div", { class: "which" }, el("ol", { class: "findings", "aria-label": "Findings" }, findings.map((each) => finding(each, titleOf, add, addNote, picture(each.effect, profiles, keep)))),
+    findings.length ? el("div", { class: "which" }, el("ol", { class: "findings", "aria-label": "Findings" }, findings.map((each) => finding(each, titleOf, add, addNote, picture(shownOver(each.effect), profiles, keep)))),
       leftChart(findings, titleOf, floor, keep)) : null,
     next ? experiment(next, titleOf, play()) : null,
   ];
@@ -73,7 +67,8 @@ function dependence({ variable, strength }) {
 /** A parameter as a person reads it: its unit in front of small numbers, its standard deviation behind. */
 export function parameterText(name, { value, std, unit }) {
   const [scale, shown] = PREFIX[unit] ?? [1, unit === "1" ? "" : unit];
-  const words = name.replace(/_(V_per_K|W_per_K|V|Ohm|s|A|Ah|K|per_Ah)$/, "").replaceAll("_", " ");
+  const suffix = `_${unit.replace("/", "_per_").replace(/^1_/, "")}`;
+  const words = (name.endsWith(suffix) ? name.slice(0, -suffix.length) : name).replaceAll("_", " ");
   const size = Number.isFinite(std) && std > 0 ? std * scale : Math.abs(value * scale) / 100;
   const digits = Math.min(4, Math.max(0, 1 - Math.floor(Math.log10(size || 1))));
   const band = Number.isFinite(std) ? ` ± ${fixed(std * scale, digits)}` : "";
@@ -87,8 +82,8 @@ export function sizeText(value, unit) {
 }
 
 /** The error of the model as it is, over the variable by which one tells the effect. */
-function picture(effect, profiles, keep) {
-  const profile = (OVER[effect] ?? ["soc"]).map((name) => profiles.find((each) => each.variable === name)).find(Boolean);
+function picture(variables, profiles, keep) {
+  const profile = variables.map((name) => profiles.find((each) => each.variable === name)).find(Boolean);
   if (!profile) return null;
   const plot = el("div", { class: "plot small", role: "img", "aria-label": `Error of the model as it is over ${profile.variable.replaceAll("_", " ")}` });
   requestAnimationFrame(() => { if (plot.isConnected) keep(profileChart(plot, profile)); });

@@ -62,9 +62,8 @@ def _listed(values: dict[str, Value]) -> str:
 
 
 def _one(name: str, each: Value) -> str:
-    label = name.replace("_", " ")
-    for unit in ("Ohm", "V per K", "K", "V", "A", "Ah", "s", "mV", "per Ah"):
-        label = label.removesuffix(f" {unit}")
+    in_words = each.unit.replace("/", " per ").removeprefix("1 ")
+    label = name.replace("_", " ").removesuffix(f" {in_words}")
     unit = "" if each.unit == "1" else f" {each.unit}"
     band = "" if each.std is None else f" +- {each.std:.1g}"
     return f"{label} {each.value:.3g}{band}{unit}"

@@ -6,10 +6,10 @@ from typing import Any
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.reference.reference import Reference
+from models.effects import effect
 
 _DURATION_S = 4 * 3600.0
-# Effects that show over hours only.
-_SLOW = ("current_offset", "self_discharge", "capacity", "ocv_shape", "resistance_growth", "hysteresis")
+# For effects that show over hours only.
 _SLOW_DURATION_S = 10 * 3600.0
 _REST_RATIO = 8.0
 _VOLTAGE_MARGIN_V = 0.02
@@ -35,7 +35,7 @@ def discriminating_request(
     }
     if "temperature_degC" in domain:
         limits["temperature_degC"] = list(domain["temperature_degC"])
-    slow = any(name in _SLOW for name in rivals)
+    slow = any(effect(name).slow for name in rivals)
     return {
         "capacity_Ah": reference.capacity_Ah,
         "duration_s": _SLOW_DURATION_S if slow else _DURATION_S,

@@ -17,6 +17,7 @@ from models.diagnosis.reference.reference import Reference
 from models.diagnosis.reference.samples import choose_samples, visible
 from models.diagnosis.thermal.channel import ThermalComparison, WarmthTrial, compare_temperature
 from models.effects import Effect
+from models.effects.reading import Reading
 from models.effects.view import View
 
 # An effect on the SoC that explains this share of the best decides which samples are looked at.
@@ -34,7 +35,8 @@ class ChangeAnalysis:
     Attributes
     ----------
     reference : model that the runs were held against
-    comparison, ranking : of the voltage, single effects; None where no sample lies in the trained domain
+    comparison, ranking : of the voltage, single effects; None where too few samples lie in the trained domain, or none
+        of the effects shows in it
     named : effects on the voltage that are named, the larger first
     thermal : of the temperature; None where it cannot be judged
     warmth : effects on the temperature that are named, the larger first
@@ -71,32 +73,48 @@ def analyse_change(memory: Memory, runs: list[GridRun], soc: list[float], effect
         cold = [0.0 * part for part in heatless]
         again = _named_warmth(compare_temperature(reference, memory.balance, runs, soc, effects, cold))
         warmth = tuple(each for each in warmth if any(each.effect is other.effect for other in again))
-    sensor, reversible = (_of(warmth, name) for name in ("temperature_sensor", "reversible_heat"))
-    if sensor is not None:
-        comparison, ranking = _voltage(memory, [_true_temperature(run, sensor) for run in runs], soc, effects)
+    misread = [each for each in warmth if each.effect.correction is not None]
+    if misread:
+        comparison, ranking = _voltage(memory, [_true_temperature(run, misread) for run in runs], soc, effects)
     named = _named(comparison, ranking)
-    if reversible is not None and comparison is not None:
-        # A voltage that moves with temperature makes reversible heat: one effect, not two.
-        named, entropic = _with_entropic(comparison, named, reversible.values[0])
-        warmth = tuple(each for each in warmth if not (entropic and each is reversible))
+    if comparison is not None:
+        named, warmth = _causes_for_heat(comparison, named, warmth)
     return ChangeAnalysis(reference, comparison, ranking, named, thermal, warmth)
 
 
-def _with_entropic(
-    comparison: Comparison, named: tuple[Named, ...], dU_dT_V_per_K: float
-) -> tuple[tuple[Named, ...], bool]:
-    """Add the entropic voltage where the voltage moves as the reversible heat asks for, rather than not at all."""
-    if any(each.effect_name == "entropic_voltage" for each in named):
-        return named, True
-    effect = next((each for each in comparison.effects if each.name == "entropic_voltage"), None)
-    if effect is None or effect.lean is None:
-        return named, False
+def _causes_for_heat(
+    comparison: Comparison, named: tuple[Named, ...], warmth: tuple[WarmthTrial, ...]
+) -> tuple[tuple[Named, ...], tuple[WarmthTrial, ...]]:
+    """Put the cause of a heat in its place: a voltage that moves with temperature makes reversible heat, and is one."""
+    for heat in warmth:
+        cause = next((each for each in comparison.effects if each.heats_as == heat.effect.name), None)
+        both = None if cause is None else _with_cause(comparison, named, cause, heat.values[0])
+        if both is not None:
+            named, warmth = both, tuple(each for each in warmth if each is not heat)
+    return named, warmth
+
+
+def _with_cause(
+    comparison: Comparison, named: tuple[Named, ...], cause: Effect, value: float
+) -> tuple[Named, ...] | None:
+    """Name the cause of a heat where the voltage moves as the heat asks for, rather than not at all; else None.
+
+    Parameters
+    ----------
+    comparison, named : of the voltage
+    cause : effect whose first parameter is that of the heat
+    value : of the parameter
+    """
+    if any(each.effect is cause for each in named):
+        return named
+    if cause.lean is None:
+        return None
     beside = comparison if not named else with_form(comparison, best_form(named[0].ranking))
     evidence = beside.evidence
-    moved_V = dU_dT_V_per_K * lean_columns(beside, effect.lean, 0.0)[:, 0]
+    moved_V = value * lean_columns(beside, cause.lean, 0.0)[:, 0]
     if evidence.cost_of(evidence.error_V - moved_V) >= evidence.cost:
-        return named, False
-    return (*named, Named(beside, rank(beside, [try_effect(beside, effect)]))), True
+        return None
+    return (*named, Named(beside, rank(beside, [try_effect(beside, cause)])))
 
 
 def _named(comparison: Comparison | None, ranking: Ranking | None) -> tuple[Named, ...]:
@@ -114,9 +132,9 @@ def _voltage(
 ) -> tuple[Comparison | None, Ranking | None]:
     reference = memory.reference
     samples = choose_samples(reference, runs, soc, SAMPLES)
-    if len(samples.blocks) < _least_samples(reference):
-        return None, None
     usable = [effect for effect in effects if effect.name in memory.names and visible(effect, runs)]
+    if not usable or len(samples.blocks) < _least_samples(reference):
+        return None, None
     usable.sort(key=lambda effect: memory.names.index(effect.name))
     comparison = compare_samples(memory, samples, usable)
     candidates = [try_effect(comparison, effect) for effect in usable]
@@ -163,10 +181,6 @@ def _least_samples(reference: Reference) -> int:
     return 2 * len(reference.coefficients)
 
 
-def _of(warmth: tuple[WarmthTrial, ...], name: str) -> WarmthTrial | None:
-    return next((each for each in warmth if each.effect.name == name), None)
-
-
 def _named_warmth(thermal: ThermalComparison | None) -> tuple[WarmthTrial, ...]:
     """One effect that explains nearly all of what is new, or two where the second takes most of what one leaves."""
     if thermal is None or not thermal.trials or not thermal.large:
@@ -179,13 +193,14 @@ def _named_warmth(thermal: ThermalComparison | None) -> tuple[WarmthTrial, ...]:
     return (best,) if thermal.share_of_new(best) >= _WARMTH_SHARE else ()
 
 
-def _true_temperature(run: GridRun, trial: WarmthTrial) -> GridRun:
+def _true_temperature(run: GridRun, misread: list[WarmthTrial]) -> GridRun:
     """What the sensor should have read."""
-    gain, offset_K = trial.values
-    if run.ambient_degC is None:
-        return run
-    rise = (run.temperature_degC - offset_K - run.ambient_degC) / gain
-    return replace(run, temperature_degC=run.ambient_degC + rise)
+    read = Reading(run.current_A, run.voltage_V, run.temperature_degC, run.ambient_degC)
+    for trial in misread:
+        correction = trial.effect.correction
+        if correction is not None and correction.sample is not None:
+            read = correction.sample(read, trial.named_values)
+    return replace(run, temperature_degC=read.temperature_degC)
 
 
 def contribution_V(reference: Reference, candidate: Candidate, run: GridRun, initial_soc: float) -> FloatArray:

@@ -5,6 +5,7 @@ A temperature sensor with an offset warms just so, and a sensor of the current d
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -37,15 +38,23 @@ def named_leak(
     comparison, ranking : of the voltage, single effects
     runs, soc : to be diagnosed, with their SoC at the start
     """
-    effect = next((each for each in comparison.effects if each.name == "self_discharge"), None)
     cold: list[FloatArray] = [np.zeros(len(run)) for run in runs]
     thermal = compare_temperature(memory.reference, memory.balance, runs, soc, [], cold)
-    if effect is None or effect.shift is None or thermal is None:
+    if thermal is None:
         return ()
-    leak_A = _leak_A(memory, thermal, runs, soc)
-    low, high = effect.shift.limits(comparison.runs.views[0])
-    if leak_A is None or not low < leak_A < high:
-        return ()
+    for effect in comparison.effects:
+        if effect.inner_heat_W is not None and effect.shift is not None:
+            leak_A = _leak_A(memory, thermal, runs, soc, effect.inner_heat_W)
+            low, high = effect.shift.limits(comparison.runs.views[0])
+            if leak_A is not None and low < leak_A < high:
+                found = _agreed(comparison, ranking, effect, leak_A)
+                if found:
+                    return found
+    return ()
+
+
+def _agreed(comparison: Comparison, ranking: Ranking, effect: Effect, leak_A: float) -> tuple[Named, ...]:
+    """The leak that the temperature asks for, where the voltage asks for about as much; else nothing."""
     evidence = comparison.evidence
     left_V = evidence.error_V - comparison.runs.shifted(effect, leak_A)
     rest = replace(comparison, evidence=Evidence(left_V, evidence.regressors, evidence.information, evidence.blocks))
@@ -70,12 +79,19 @@ def _ahead_of_twin(ranking: Ranking, effect: Effect) -> Ranking:
     return replace(ranking, candidates=ordered, rivals=tuple(each.effect.name for each in ordered[1:]))
 
 
-def _leak_A(memory: Memory, thermal: ThermalComparison, runs: list[GridRun], soc: list[float]) -> float | None:
+def _leak_A(
+    memory: Memory,
+    thermal: ThermalComparison,
+    runs: list[GridRun],
+    soc: list[float],
+    inner_heat_W: Callable[[FloatArray], FloatArray],
+) -> float | None:
     """The leak whose power explains the temperature; None where none does."""
     reference, warm = memory.reference, []
     for view, run, s in zip(thermal.views, runs, soc, strict=True):
         open_circuit_V = reference.open_circuit_V(s + run.charge_Ah / reference.capacity_Ah)
-        warm.append(view.resistance_K_per_W * low_pass(open_circuit_V, view.time_constant_s, view.dt_s))
+        heat_W = inner_heat_W(open_circuit_V)
+        warm.append(view.resistance_K_per_W * low_pass(heat_W, view.time_constant_s, view.dt_s))
     for_one_A = np.concatenate(warm)
     error_K = np.concatenate([view.temperature_degC - view.simulated() for view in thermal.views])
     leak_A = float(for_one_A @ error_K / (for_one_A @ for_one_A))

@@ -28,9 +28,14 @@ class Named:
     ranking: Ranking
 
     @property
+    def effect(self) -> Effect:
+        """The effect."""
+        return self.ranking.candidates[0].effect
+
+    @property
     def effect_name(self) -> str:
         """Name of the effect."""
-        return self.ranking.candidates[0].effect.name
+        return self.effect.name
 
 
 def named_effects(comparison: Comparison, ranking: Ranking) -> tuple[Named, ...]:

@@ -26,7 +26,6 @@ from models.effects.view import View
 # believed where it knows the parameter to this share of it.
 _CLEARLY_BETTER, _KNOWN_TO = 0.5, 0.2
 _RIDGE = 1e-9
-_ACTIVATED = "temperature_dependence"
 
 
 @dataclass(frozen=True)
@@ -60,27 +59,29 @@ class Readings:
         """The measured voltage against the reference model without an effect, with others that it does not have."""
         others = [each for each in self.named if each is not named]
         # Where resistances change with temperature, those of every other effect do.
-        activated = effect.name != _ACTIVATED and any(each.effect_name == _ACTIVATED for each in others)
+        activated = effect.activation_K is None and any(each.effect.activation_K is not None for each in others)
         runs = self._activated if activated else named.comparison.runs
         reference = runs.views[0].model
         assert isinstance(reference, Reference)
         voltage_V = np.concatenate([view.run.voltage_V[view.index] for view in runs.views])
-        kept = ~reference.layout.places_of(effect.name)
+        kept = ~reference.layout.places_of(effect.reference_terms)
         information = len(voltage_V) * reference.penalty[np.ix_(kept, kept)]
         information += _RIDGE * np.eye(len(information))
         evidence = Evidence(voltage_V, runs.own_regressors(reference)[:, kept], information, runs.blocks)
         columns = {effect.name: runs.regressors(effect)}
         found = replace(named.comparison, runs=runs, effects=(effect,), columns=columns, evidence=evidence)
         for each in others:
-            if not reference.layout.places_of(each.effect_name).any():
+            if not reference.layout.places_of(each.effect.reference_terms).any():
                 found = with_form(found, best_form(each.ranking))
         return found
 
     @cached_property
     def _activated(self) -> Samples:
         """The samples with a reference model whose currents are scaled by temperature, fitted to the same runs."""
-        warm = next(each for each in self.named if each.effect_name == _ACTIVATED)
-        change_K = parameters(warm.comparison, warm.ranking.candidates[0])["activation_K"].value
+        warm = next(each for each in self.named if each.effect.activation_K is not None)
+        assert warm.effect.activation_K is not None
+        found = parameters(warm.comparison, warm.ranking.candidates[0])
+        change_K = warm.effect.activation_K({name: each.value for name, each in found.items()})
         samples, views = warm.comparison.runs, warm.comparison.runs.views
         model = fit_reference(
             [view.run for view in views],

@@ -9,7 +9,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.spline import SplineBasis
-from models.effects.view import ModelInputs
+from models.effects.view import ModelInputs, ReferenceTerm
 from models.network.signals import KELVIN, REFERENCE_K, RunSignals, arrhenius
 from models.network.signals.filters import low_pass
 
@@ -19,12 +19,14 @@ EXCHANGE_C_RATES = (0.2, 1.0)
 TRANSFER_S = 20.0
 _GAIN_BUMPS, _COARSE_BUMPS = 8, 4
 _HYSTERESIS_RATES = (10.0, 40.0, 150.0)
-# A low-pass from this time constant on is what relaxation is looked for with.
+# A low-pass from this time constant on is a slow current, which diffusion shows in.
 _SLOW_S = 100.0
 _REFERENCE_DEGC = 25.0
 # Scales that bring the signals to the size of the current over the capacity.
 _PER_10_K, _ACTIVATION_UNIT_K = 0.1, 3000.0
 _SOC_MARGIN = 0.03
+# Size, scale and term of a block.
+_Kind = tuple[int, float, ReferenceTerm | None]
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,12 @@ class Shape:
 
 @dataclass(frozen=True)
 class Block:
-    """Coefficients of one signal's spline: where they are, the size that a gain of the signal has, and its effect."""
+    """Coefficients of one signal's spline: where they are, the size that a gain of the signal has, and its term."""
 
     start: int
     size: int
     scale: float
-    effect: str | None
+    term: ReferenceTerm | None
 
     @property
     def part(self) -> slice:
@@ -78,25 +80,25 @@ class Layout:
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Open-circuit curve, currents, charge transfer, hysteresis, temperature."""
-        slow = ["relaxation" if tau_s >= _SLOW_S else None for tau_s in TIME_CONSTANTS_S]
-        kinds: list[tuple[int, float, str | None]] = [(OCV_BUMPS, 1.0, None)]
-        kinds += [(_GAIN_BUMPS, self.capacity_Ah, effect) for effect in (None, *slow)]
-        kinds += [(_COARSE_BUMPS, 1.0, "charge_transfer")] * (2 * len(EXCHANGE_C_RATES))
-        kinds += [(_COARSE_BUMPS, 1.0, "hysteresis")] * len(_HYSTERESIS_RATES)
+        kinds = _alike(OCV_BUMPS, 1.0, None) + _alike(_GAIN_BUMPS, self.capacity_Ah, None)
+        for tau_s in TIME_CONSTANTS_S:
+            kinds += _alike(_GAIN_BUMPS, self.capacity_Ah, "slow_current" if tau_s >= _SLOW_S else None)
+        kinds += _alike(_COARSE_BUMPS, 1.0, "charge_transfer", 2 * len(EXCHANGE_C_RATES))
+        kinds += _alike(_COARSE_BUMPS, 1.0, "hysteresis", len(_HYSTERESIS_RATES))
         if self.with_temperature:
-            kinds.append((_COARSE_BUMPS, 1.0, "entropic_voltage"))
-            kinds += [(_COARSE_BUMPS, self.capacity_Ah, "temperature_dependence")] * 2
+            kinds += _alike(_COARSE_BUMPS, 1.0, "entropy")
+            kinds += _alike(_COARSE_BUMPS, self.capacity_Ah, "warm_current", 2)
         blocks, start = [], 0
-        for size, scale, effect in kinds:
-            blocks.append(Block(start, size, scale, effect))
+        for size, scale, term in kinds:
+            blocks.append(Block(start, size, scale, term))
             start += size
         return tuple(blocks)
 
-    def places_of(self, effect: str) -> np.ndarray:
-        """(size,) whether a coefficient stands for an effect."""
+    def places_of(self, terms: tuple[ReferenceTerm, ...]) -> np.ndarray:
+        """(size,) whether a coefficient belongs to one of some terms."""
         out = np.zeros(self.size, dtype=bool)
         for block in self.blocks:
-            out[block.part] = block.effect == effect
+            out[block.part] = block.term in terms
         return out
 
     @property
@@ -169,3 +171,7 @@ class Layout:
             forms[1][block.part, block.part] = block.scale**2 * SplineBasis(0.0, 1.0, block.size).roughness(2)
             forms[2][block.part, block.part] = block.scale**2 * np.eye(block.size)
         return forms
+
+
+def _alike(size: int, scale: float, term: ReferenceTerm | None, count: int = 1) -> list[_Kind]:
+    return [(size, scale, term)] * count

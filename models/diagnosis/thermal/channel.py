@@ -13,6 +13,7 @@ from models.diagnosis.reference.reference import Reference
 from models.diagnosis.thermal.heat_balance import HeatBalance, has_temperature, thermal_view
 from models.effects import Effect
 from models.effects.effect import Warmth
+from models.effects.reading import Values
 from models.effects.thermal_view import ThermalView
 
 _ITERATIONS = 12
@@ -36,6 +37,11 @@ class WarmthTrial:
     values: tuple[float, ...]
     std: tuple[float, ...]
     mse_K2: float
+
+    @property
+    def named_values(self) -> Values:
+        """Values by the names of the parameters."""
+        return {each.name: value for each, value in zip(self.effect.parameters, self.values, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -110,8 +116,14 @@ def compare_temperature(
     found = ThermalComparison(views, balance.mse_K2, mse, tuple(trials), ())
     if not found.large:
         return found
-    pairs = sorted((_fit(views, pair) for pair in combinations(warm, 2)), key=lambda pair: pair[0].mse_K2)
+    # Two errors of the reading cannot be told apart in it.
+    told = [pair for pair in combinations(warm, 2) if not all(_of_reading(effect) for effect in pair)]
+    pairs = sorted((_fit(views, pair) for pair in told), key=lambda pair: pair[0].mse_K2)
     return replace(found, pairs=tuple(pairs))
+
+
+def _of_reading(effect: Effect) -> bool:
+    return effect.warmth is not None and effect.warmth.moved is None
 
 
 def _fit(views: tuple[ThermalView, ...], effects: tuple[Effect, ...]) -> tuple[WarmthTrial, ...]:

@@ -1,95 +1,22 @@
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
 from models.data.errors import ModelError
-from models.data.resampling import GridRun, to_grid
-from models.data.timeseries import TimeSeries
-from models.effects import effect, effects
+from models.effects import effect
 from models.effects.spline import SplineBasis
-from models.effects.thermal_view import ThermalView
-from models.effects.view import ModelInputs, View
+from models.effects.view import View
 from models.network.structure import full_structure, minimal_structure
-
-CONTRACT = {
-    "hysteresis", "relaxation", "temperature_dependence", "charge_transfer", "soc_dependence",
-    "charge_discharge_asymmetry", "entropic_voltage", "current_offset", "capacity", "initial_soc", "ocv_shape",
-    "self_discharge", "series_resistance", "resistance_growth", "voltage_offset", "temperature_sensor", "dead_time",
-    "heat_transfer", "reversible_heat",
-}  # fmt: skip
-SLOPE_V, RESISTANCE_OHM, CAPACITY_AH = 0.8, 0.03, 2.0
-
-
-@dataclass(frozen=True)
-class LinearCell:
-    """V = 3 + 0.8 SoC + 30 mOhm I."""
-
-    capacity_Ah: float = CAPACITY_AH
-    soc_range: tuple[float, float] = (0.1, 0.9)
-    activation_K: float = 0.0
-
-    def inputs(self, run, index, current_A, temperature_degC):
-        return ModelInputs(np.zeros(len(index)), current_A[index][None, :])
-
-    def voltage_V(self, inputs, soc):
-        return 3.0 + SLOPE_V * soc + RESISTANCE_OHM * inputs.signals[0]
-
-    def overvoltage_V(self, run, soc, index, drive_A):
-        return RESISTANCE_OHM * drive_A[index]
-
-
-def run(n: int = 2000) -> GridRun:
-    rng = np.random.default_rng(1)
-    current = np.repeat(rng.uniform(-2.0, 2.0, n // 50), 50)
-    temperature = 25.0 + 10.0 * np.sin(np.arange(n) / 300.0)
-    series = TimeSeries(np.arange(n) * 1.0, current, np.full(n, 3.5), temperature, np.full(n, 25.0))
-    return to_grid(series, 1.0)
+from tests.unit.models.effects.linear_cell import CAPACITY_AH, RESISTANCE_OHM, SLOPE_V, linear_view, thermal_view
 
 
 @pytest.fixture(scope="module")
 def view() -> View:
-    return View(LinearCell(), run(), 0.5, np.arange(0, 2000, 3))
-
-
-def test_all_names_of_the_contract_are_there_and_no_other() -> None:
-    assert set(effects()) == CONTRACT
+    return linear_view()
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ModelError, match=r"'gremlins' is unknown.*hysteresis"):
         effect("gremlins")
-
-
-@pytest.mark.parametrize("name", sorted(CONTRACT))
-def test_every_effect_says_what_a_person_needs(name: str) -> None:
-    found = effect(name)
-    assert found.title and len(found.recognise) > 30 and found.source
-    assert found.parameters and all(each.unit and each.meaning for each in found.parameters)
-    assert (found.regressors is None) == (found.channel == "temperature")
-    assert set(found.contains) <= CONTRACT
-    assert found.twin is None or effect(found.twin).twin == name
-    assert sum(form is not None for form in (found.lean, found.local)) <= 1
-
-
-@pytest.mark.parametrize("name", sorted(name for name in CONTRACT if effect(name).regressors is not None))
-def test_regressors_are_finite_and_not_empty(name: str, view: View) -> None:
-    regressors = effect(name).regressors
-    assert regressors is not None
-    x = regressors(view)
-    assert x.shape[0] == len(view.index)
-    assert np.isfinite(x).all()
-    assert np.abs(x).max() > 0.0
-
-
-@pytest.mark.parametrize("name", sorted(name for name in CONTRACT if effect(name).extend is not None))
-def test_an_extended_structure_differs_and_reads_back(name: str) -> None:
-    extend = effect(name).extend
-    assert extend is not None
-    before = minimal_structure(1.0, output_order=0)
-    after = extend(before, {}, CAPACITY_AH)
-    assert after != before
-    assert type(after).from_json(after.to_json()) == after
 
 
 def test_temperature_scales_every_current_of_a_structure_without_feedback() -> None:
@@ -162,11 +89,6 @@ def test_warmer_cells_resist_less_with_a_positive_activation(view: View) -> None
     warm = (temperature > 26.0) & (np.abs(current) > 0.1)
     assert (change[warm] * current[warm] < 0.0).all()
     assert abs(shift.voltage(view, 0.0)).max() == 0.0
-
-
-def thermal_view(heat_W: float = 2.0, n: int = 6000) -> ThermalView:
-    still = np.full(n, 20.0)
-    return ThermalView(np.full(n, heat_W), np.full(n, -3.0), still, still.copy(), 1.0, 5.0, 400.0)
 
 
 def test_heat_balance_settles_at_heat_times_resistance() -> None:

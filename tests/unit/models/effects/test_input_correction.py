@@ -10,7 +10,8 @@ from bench_service.cli.observation import observe
 from models.comparison.figures import compare
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
-from models.effects.input_correction import Correction, LiveCorrection, Reading, as_read, corrections_of
+from models.effects.input_correction import Correction, LiveCorrection, as_read, corrections_of
+from models.effects.reading import Reading
 from models.network.model_record import ModelRecord
 from models.network.signals import soc_by_counting
 from models.observer import FuzzyObserver

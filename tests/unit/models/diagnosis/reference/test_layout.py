@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from models.diagnosis.reference.layout import EXCHANGE_C_RATES, OCV_BUMPS, TIME_CONSTANTS_S, Shape
+from models.effects import effect
 from tests.unit.models.diagnosis.hand_reference import layout
 from tests.unit.models.hand_network import CAPACITY_AH
 
@@ -20,7 +21,7 @@ def test_a_measured_temperature_brings_the_entropic_voltage_and_a_warm_resistanc
 
 
 @pytest.mark.parametrize(
-    ("effect", "count"),
+    ("name", "count"),
     [
         ("relaxation", 4 * 8),  # the low-passes of 100 s and slower
         ("charge_transfer", 4 * 4),
@@ -30,21 +31,21 @@ def test_a_measured_temperature_brings_the_entropic_voltage_and_a_warm_resistanc
         ("series_resistance", 0),  # the resistance itself stands for no effect
     ],
 )
-def test_coefficients_stand_for_the_effects_that_the_model_has(effect: str, count: int) -> None:
-    places = layout(with_temperature=True).places_of(effect)
+def test_coefficients_stand_for_the_effects_that_the_model_has(name: str, count: int) -> None:
+    places = layout(with_temperature=True).places_of(effect(name).reference_terms)
     assert np.count_nonzero(places) == count
     # The open-circuit curve and the current itself belong to no effect.
     assert not places[: OCV_BUMPS + 8].any()
 
 
 def test_without_a_temperature_nothing_stands_for_what_it_does() -> None:
-    assert not layout().places_of("entropic_voltage").any()
+    assert not layout().places_of(effect("entropic_voltage").reference_terms).any()
 
 
 def test_relaxation_begins_at_a_hundred_seconds() -> None:
     plan = layout()
     fast = sum(tau_s < 100.0 for tau_s in TIME_CONSTANTS_S)
-    assert np.flatnonzero(plan.places_of("relaxation"))[0] == plan.blocks[2 + fast].start
+    assert np.flatnonzero(plan.places_of(effect("relaxation").reference_terms))[0] == plan.blocks[2 + fast].start
 
 
 def test_the_current_is_scaled_by_temperature_only_where_the_shape_asks() -> None:

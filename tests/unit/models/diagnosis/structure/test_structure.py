@@ -69,6 +69,28 @@ def test_a_sensor_error_is_added_as_a_correction() -> None:
     assert added.network.record.effects[0]["correction"] is True
 
 
+def test_an_effect_on_the_temperature_alone_is_added_as_a_correction() -> None:
+    network, train, run = fitted(CELL)
+
+    def misread(true: TimeSeries) -> TimeSeries:
+        assert true.ambient_degC is not None
+        rise_K = true.temperature_degC - true.ambient_degC
+        return replace(true, temperature_degC=true.ambient_degC + 1.3 * rise_K + 2.0)
+
+    added = add_effect(network, "temperature_sensor", [misread(train)], [SOC], [misread(run)], [SOC])
+    assert [each["correction"] for each in added.network.record["effects"]] == [True]
+    # The heat balance is that of the same runs, and takes in a part of it.
+    assert 1.0 < added.parameters["offset_K"].value < 2.0
+    assert added.error_after_mV == pytest.approx(added.error_before_mV, rel=0.05)
+
+
+def test_what_the_runs_cannot_show_is_not_added() -> None:
+    network, train, run = fitted(CELL)
+    blind = [replace(each, temperature_degC=np.full(len(each), np.nan)) for each in (train, run)]
+    with pytest.raises(ModelError, match="temperature is missing or hardly moves"):
+        add_effect(network, "temperature_dependence", [blind[0]], [SOC], [blind[1]], [SOC])
+
+
 def test_an_unknown_effect_is_not_added() -> None:
     network = simple_network(CELL.capacity_Ah)
     runs = [measured(CELL, 3, n=1200)]

@@ -1,0 +1,47 @@
+"""A cell that is linear, and runs of it, for effects to be looked at alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.data.resampling import GridRun, to_grid
+from models.data.timeseries import TimeSeries
+from models.effects.thermal_view import ThermalView
+from models.effects.view import ModelInputs, View
+
+SLOPE_V, RESISTANCE_OHM, CAPACITY_AH = 0.8, 0.03, 2.0
+
+
+@dataclass(frozen=True)
+class LinearCell:
+    """V = 3 + 0.8 SoC + 30 mOhm I."""
+
+    capacity_Ah: float = CAPACITY_AH
+    soc_range: tuple[float, float] = (0.1, 0.9)
+    activation_K: float = 0.0
+
+    def inputs(self, run, index, current_A, temperature_degC):
+        return ModelInputs(np.zeros(len(index)), current_A[index][None, :])
+
+    def voltage_V(self, inputs, soc):
+        return 3.0 + SLOPE_V * soc + RESISTANCE_OHM * inputs.signals[0]
+
+    def overvoltage_V(self, run, soc, index, drive_A):
+        return RESISTANCE_OHM * drive_A[index]
+
+
+def run(n: int = 2000) -> GridRun:
+    rng = np.random.default_rng(1)
+    current = np.repeat(rng.uniform(-2.0, 2.0, n // 50), 50)
+    temperature = 25.0 + 10.0 * np.sin(np.arange(n) / 300.0)
+    series = TimeSeries(np.arange(n) * 1.0, current, np.full(n, 3.5), temperature, np.full(n, 25.0))
+    return to_grid(series, 1.0)
+
+
+def linear_view() -> View:
+    return View(LinearCell(), run(), 0.5, np.arange(0, 2000, 3))
+
+
+def thermal_view(heat_W: float = 2.0, n: int = 6000) -> ThermalView:
+    still = np.full(n, 20.0)
+    return ThermalView(np.full(n, heat_W), np.full(n, -3.0), still, still.copy(), 1.0, 5.0, 400.0)
