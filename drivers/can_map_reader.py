@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import cast
 
 from drivers.can_map import (
     ARGUMENTS,
@@ -30,7 +30,7 @@ DEFAULT_WORST_REPLY_S = 0.2
 DEFAULT_MAX_AGE_S = 0.5
 
 
-def read_can_map(file: Path, content: Mapping[str, Any]) -> CanMap:
+def read_can_map(file: Path, content: Mapping[str, object]) -> CanMap:
     """Build a map from parsed TOML.
 
     Raises
@@ -61,18 +61,18 @@ def read_can_map(file: Path, content: Mapping[str, Any]) -> CanMap:
         positive_current=top.choose("positive_current", ("charge", "discharge")),
         identity=(_signal(identity, "signal"), _identity(identity)),
         constants=constants,
-        capabilities=_intervals(capabilities, constants),
-        asks=_named(top.table("ask"), lambda name, table: _ask(name, table, constants)),
-        commands=_named(top.table("command"), lambda name, table: _command(name, table, constants)),
-        roles=_named(top.table("role"), lambda name, table: _role(name, table, constants)),
+        capabilities=capabilities.intervals(("current", "voltage", "watchdog"), constants),
+        asks=top.table("ask").named(lambda name, table: _ask(name, table, constants)),
+        commands=top.table("command").named(lambda name, table: _command(name, table, constants)),
+        roles=top.table("role").named(lambda name, table: _role(name, table, constants)),
         status=_flags(top.table("status")),
         alarms=_flags(top.table("alarms")),
         sequences={key: tuple(_step(table) for table in sequence.tables(key)) for key in SEQUENCES},
         unlimited_ramp=top.take("unlimited_ramp", float, None),
         refusal=_refusal(refusal),
-        token=MappingProxyType(top.table("token").values()),
-        shared=_names(top, "shared"),
-        views=_named(top.table("view"), _view),
+        token=MappingProxyType(cast(dict[str, str], top.table("token").values())),
+        shared=top.names("shared"),
+        views=top.table("view").named(_view),
         frames=tuple(_frame(table) for table in top.tables("frame")),
     )
     for table in (identity, capabilities, sequence, refusal, top):
@@ -80,20 +80,11 @@ def read_can_map(file: Path, content: Mapping[str, Any]) -> CanMap:
     return result
 
 
-def _named(table: Table, build: Any) -> Mapping[str, Any]:
-    """Build one value from each table of a table of tables."""
-    result: dict[str, Any] = {}
-    for name, child in table.children().items():
-        result[name] = build(name, child)
-        child.finish()
-    return MappingProxyType(result)
-
-
 def _signal(table: Table, key: str) -> SignalName:
     return _parsed(table, key, table.take(key, str))
 
 
-def _parsed(table: Table, key: str, text: Any) -> SignalName:
+def _parsed(table: Table, key: str, text: object) -> SignalName:
     message, _, signal = text.partition(".") if isinstance(text, str) else ("", "", "")
     if not message or not signal:
         table.fail(key, f"must be written Message.Signal, not {text!r}")
@@ -104,12 +95,7 @@ def _signals(table: Table) -> Mapping[str, SignalName]:
     return MappingProxyType({key: _parsed(table, key, text) for key, text in table.values().items()})
 
 
-def _intervals(table: Table, names: Mapping[str, Any]) -> Mapping[str, Any]:
-    found = {key: table.interval(key, names) for key in ("current", "voltage", "watchdog")}
-    return MappingProxyType({key: value for key, value in found.items() if value is not None})
-
-
-def _send(table: Table, constants: Mapping[str, Any]) -> Send:
+def _send(table: Table, constants: Mapping[str, SignalName]) -> Send:
     message, values = table.take("send", str), table.table("values")
     names = ARGUMENTS | set(constants)
     expressions = {signal: values.needed_expression(signal, names) for signal in values.keys()}
@@ -117,9 +103,10 @@ def _send(table: Table, constants: Mapping[str, Any]) -> Send:
 
 
 def _view(_name: str, table: Table) -> View:
-    where = table.table("where").values()
-    if not where or any(type(value) is not int for value in where.values()):
-        table.fail("where", f"must name signals and the whole raw numbers that they have, not {where!r}")
+    told = table.table("where").values()
+    where = {signal: value for signal, value in told.items() if type(value) is int}
+    if not where or len(where) < len(told):
+        table.fail("where", f"must name signals and the whole raw numbers that they have, not {told!r}")
     return View(table.take("message", str), MappingProxyType(where), table.integer("length", 1, 64, None))
 
 
@@ -127,38 +114,32 @@ def _identity(table: Table) -> tuple[float, ...]:
     value = table.any_value("equals")
     if value == "node":
         return ()
-    numbers = value if isinstance(value, list) else [value]
-    if not numbers or any(type(number) not in (int, float) for number in numbers):
+    values: list[object] = value if isinstance(value, list) else [value]
+    numbers = [number for number in values if isinstance(number, int | float) and not isinstance(number, bool)]
+    if not numbers or len(numbers) < len(values):
         reason = f'must be a number, a list of numbers, or "node" for the node\'s own number, not {value!r}'
         table.fail("equals", reason)
     return tuple(float(number) for number in numbers)
 
 
-def _names(table: Table, key: str) -> tuple[str, ...]:
-    names = table.take(key, list, [])
-    if not all(isinstance(name, str) for name in names):
-        table.fail(key, f"must be a list of names, not {names!r}")
-    return tuple(names)
-
-
-def _ask(name: str, table: Table, constants: Mapping[str, Any]) -> Ask:
-    ask = Ask(name, _send(table, constants), _names(table, "replies"))
+def _ask(name: str, table: Table, constants: Mapping[str, SignalName]) -> Ask:
+    ask = Ask(name, _send(table, constants), table.names("replies"))
     if not ask.replies:
         table.fail("replies", "must name at least one message")
     return ask
 
 
-def _command(name: str, table: Table, constants: Mapping[str, Any]) -> Command:
+def _command(name: str, table: Table, constants: Mapping[str, SignalName]) -> Command:
     return Command(
         name=name,
         send=_send(table, constants),
         echo=table.take("echo", str, None),
         ask=table.take("ask", str, None),
-        same=_names(table, "same"),
+        same=table.names("same"),
     )
 
 
-def _role(name: str, table: Table, constants: Mapping[str, Any]) -> Role:
+def _role(name: str, table: Table, constants: Mapping[str, SignalName]) -> Role:
     if name not in ROLES:
         table.fail("", f"is no role; roles are {', '.join(sorted(ROLES))}")
     invalid = table.take("invalid", list, [])
@@ -176,7 +157,7 @@ def _flags(table: Table) -> Mapping[str, Flag]:
     return MappingProxyType({key: _flag(table, key, value) for key, value in table.values().items()})
 
 
-def _flag(table: Table, key: str, value: Any) -> Flag:
+def _flag(table: Table, key: str, value: object) -> Flag:
     if isinstance(value, str):
         return Flag(_parsed(table, key, value))
     inner = Table(table.file, f"{table.key}.{key}", value)
@@ -190,27 +171,31 @@ def _flag(table: Table, key: str, value: Any) -> Flag:
 
 def _step(table: Table) -> Step:
     command = table.take("command", str)
-    arguments = table.values()
-    for name, value in arguments.items():
-        if name not in ARGUMENTS or type(value) not in (int, float, bool):
+    arguments: dict[str, float] = {}
+    for name, value in table.values().items():
+        if name not in ARGUMENTS or not isinstance(value, int | float):
             table.fail(name, f"must be one of {', '.join(sorted(ARGUMENTS))} and a number, true or false")
-    return Step(command, MappingProxyType({name: float(value) for name, value in arguments.items()}))
+        arguments[name] = float(value)
+    return Step(command, MappingProxyType(arguments))
 
 
 def _refusal(table: Table) -> Refusal | None:
     if not table.keys():
         return None
-    name, reasons = _signal(table, "code"), table.table("reasons").values()
-    if not all(code.isdecimal() and isinstance(text, str) for code, text in reasons.items()):
-        table.fail("reasons", "must be texts by decimal code")
-    return Refusal(name, MappingProxyType({int(code): text for code, text in reasons.items()}))
+    name, reasons = _signal(table, "code"), dict[int, str]()
+    for code, text in table.table("reasons").values().items():
+        if not code.isdecimal() or not isinstance(text, str):
+            table.fail("reasons", "must be texts by decimal code")
+        reasons[int(code)] = text
+    return Refusal(name, MappingProxyType(reasons))
 
 
 def _frame(table: Table) -> CanFrame:
-    values = table.table("values").values()
-    for name, value in values.items():
-        if type(value) not in (int, float):
+    values: dict[str, float] = {}
+    for name, value in table.table("values").values().items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
             table.fail(f"values.{name}", f"must be a number, not {value!r}")
+        values[name] = value
     frame = CanFrame(
         meaning=table.take("meaning", str),
         message=table.take("message", str),

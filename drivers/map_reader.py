@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import cast
 
 from drivers.device_map import (
     COIL_ROLES,
@@ -18,7 +18,9 @@ from drivers.device_map import (
     Identity,
     Register,
     Step,
+    Transport,
     Verify,
+    WordOrder,
 )
 from drivers.map_table import Table
 
@@ -28,7 +30,7 @@ SEQUENCES = ("acquire", "safe", "release", "clear_fault")
 KNOWN_FUNCTIONS = frozenset((1, 3, 4, 5, 6, 15, 16, 23))
 
 
-def read_device_map(file: Path, content: Mapping[str, Any]) -> DeviceMap:
+def read_device_map(file: Path, content: Mapping[str, object]) -> DeviceMap:
     """Build a map from parsed TOML.
 
     Raises
@@ -39,11 +41,11 @@ def read_device_map(file: Path, content: Mapping[str, Any]) -> DeviceMap:
     top = Table(file, "", content)
     if (schema := top.take("schema", int)) != SCHEMA:
         top.fail("schema", f"is {schema}; this version reads schema {SCHEMA}")
-    transport = top.choose("transport", ("modbus",))
+    transport: Transport = top.choose("transport", ("modbus",))
     identity = top.table("identity")
-    constants = top.table("const").values()
+    constants = cast(Mapping[str, str], top.table("const").values())  # `map_checks` looks at each
     capabilities = top.table("capabilities")
-    word_order = top.choose("word_order", ("big", "little"))
+    word_order: WordOrder = top.choose("word_order", ("big", "little"))
     result = DeviceMap(
         file=file,
         name=top.take("name", str),
@@ -61,12 +63,12 @@ def read_device_map(file: Path, content: Mapping[str, Any]) -> DeviceMap:
         positive_current=top.choose("positive_current", ("charge", "discharge")),
         identity=Identity(identity.take("register", str), _scalars(identity, "equals")),
         constants=MappingProxyType(constants),
-        capabilities=_intervals(capabilities, ("current", "voltage"), constants),
+        capabilities=capabilities.intervals(("current", "voltage"), constants),
         blocks=tuple(_block(table) for table in top.tables("block")),
-        registers=_named(top.table("reg"), lambda n, t: _register(n, t, word_order, constants)),
-        coils=_named(top.table("coil"), _coil),
-        bits=_named(top.table("bits"), _bits),
-        alarm_bits=_names(top, "alarm_bits"),
+        registers=top.table("reg").named(lambda name, table: _register(name, table, word_order, constants)),
+        coils=top.table("coil").named(_coil),
+        bits=top.table("bits").named(_bits),
+        alarm_bits=top.names("alarm_bits"),
         sequences=_sequences(top.table("sequence")),
         frames=tuple(_frame(table) for table in top.tables("frame")),
     )
@@ -86,24 +88,11 @@ def _functions(top: Table) -> frozenset[int]:
 def _scalars(table: Table, key: str) -> tuple[float | str, ...]:
     """Take a number, a string, or a list of such."""
     value = table.any_value(key)
-    values = value if isinstance(value, list) else [value]
-    if not values or any(type(part) not in (int, float, str) for part in values):
+    values: list[object] = value if isinstance(value, list) else [value]
+    known = tuple(part for part in values if isinstance(part, int | float | str) and not isinstance(part, bool))
+    if not known or len(known) < len(values):
         table.fail(key, f"must be a number or a string, or a list of such, not {value!r}")
-    return tuple(values)
-
-
-def _intervals(table: Table, keys: tuple[str, ...], names: Mapping[str, Any]) -> Mapping[str, Any]:
-    found = {key: table.interval(key, names) for key in keys}
-    return MappingProxyType({key: value for key, value in found.items() if value is not None})
-
-
-def _named(table: Table, build: Any) -> Mapping[str, Any]:
-    """Build one value from each table of a table of tables."""
-    result: dict[str, Any] = {}
-    for name, child in table.children().items():
-        result[name] = build(name, child)
-        child.finish()
-    return MappingProxyType(result)
+    return known
 
 
 def _block(table: Table) -> Block:
@@ -118,7 +107,7 @@ def _block(table: Table) -> Block:
     return block
 
 
-def _register(name: str, table: Table, word_order: str, constants: Mapping[str, Any]) -> Register:
+def _register(name: str, table: Table, word_order: WordOrder, constants: Mapping[str, str]) -> Register:
     kind = table.choose("type", (*TYPE_WORDS, "string"))
     words = table.integer("length", 1, 125) if kind == "string" else TYPE_WORDS[kind]
     register = Register(
@@ -165,18 +154,12 @@ def _coil(name: str, table: Table) -> Coil:
     )
 
 
-def _names(table: Table, key: str) -> tuple[str, ...]:
-    names = table.take(key, list, [])
-    if not all(isinstance(name, str) for name in names):
-        table.fail(key, f"must be a list of names, not {names!r}")
-    return tuple(names)
-
-
 def _bits(_name: str, table: Table) -> Mapping[str, int]:
-    bits = table.values()
-    for bit, position in bits.items():
+    bits: dict[str, int] = {}
+    for bit, position in table.values().items():
         if type(position) is not int or not 0 <= position <= 31:
             table.fail(bit, f"must be a bit position within 0 and 31, not {position!r}")
+        bits[bit] = position
     if len(set(bits.values())) != len(bits):
         table.fail("", "two names have the same bit position")
     return MappingProxyType(bits)
@@ -197,7 +180,7 @@ def _step(table: Table) -> Step:
         if not value.startswith("$"):
             table.fail("value", f"must be a number, true, false or $NAME, not {value!r}")
         step = Step(write, None, value[1:])
-    elif type(value) in (int, float, bool):
+    elif isinstance(value, int | float):  # true and false are whole numbers too
         step = Step(write, value)
     else:
         table.fail("value", f"must be a number, true, false or $NAME, not {value!r}")
@@ -206,10 +189,11 @@ def _step(table: Table) -> Step:
 
 
 def _frame(table: Table) -> Frame:
-    values = table.table("values").values()
-    for name, value in values.items():
-        if type(value) not in (int, float, bool, str):
+    values: dict[str, float | bool | str] = {}
+    for name, value in table.table("values").values().items():
+        if not isinstance(value, int | float | str):
             table.fail(f"values.{name}", f"must be a number, a string, true or false, not {value!r}")
+        values[name] = value
     missing = table.take("missing", list, [])
     frame = Frame(
         meaning=table.take("meaning", str),

@@ -5,30 +5,32 @@ A schema says what a map may hold; whether its parts fit together only the reade
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
 
 from drivers.can_map import ARGUMENTS, ROLES
 from drivers.can_map import SEQUENCES as CAN_SEQUENCES
 from drivers.device_map import COIL_ROLES, REGISTER_ROLES, TYPE_WORDS
 from drivers.map_reader import KNOWN_FUNCTIONS, SCHEMA, SEQUENCES
 
-_TEXT: dict[str, Any] = {"type": "string"}
-_NUMBER: dict[str, Any] = {"type": "number"}
-_TIME: dict[str, Any] = {"type": "number", "minimum": 0}
-_FLAG: dict[str, Any] = {"type": "boolean"}
-_HEX: dict[str, Any] = {"type": "string", "pattern": "^[0-9A-Fa-f ]*$"}
-_EXPRESSION: dict[str, Any] = {
+Schema = Mapping[str, object]  # one node of a JSON schema
+
+_TEXT: Schema = {"type": "string"}
+_NUMBER: Schema = {"type": "number"}
+_TIME: Schema = {"type": "number", "minimum": 0}
+_FLAG: Schema = {"type": "boolean"}
+_HEX: Schema = {"type": "string", "pattern": "^[0-9A-Fa-f ]*$"}
+_EXPRESSION: Schema = {
     "description": "a number, or arithmetic of numbers, names from [const] and + - * / ( )",
     "type": ["string", "number"],
     "maxLength": 200,
 }
-_INTERVAL: dict[str, Any] = {"type": "array", "items": _EXPRESSION, "minItems": 2, "maxItems": 2}
-_SIGNAL: dict[str, Any] = {"type": "string", "pattern": r"^\w+\.\w+$", "description": "Message.Signal of the DBC file"}
+_INTERVAL: Schema = {"type": "array", "items": _EXPRESSION, "minItems": 2, "maxItems": 2}
+_SIGNAL: Schema = {"type": "string", "pattern": r"^\w+\.\w+$", "description": "Message.Signal of the DBC file"}
 _ACCESS = {"enum": ["r", "w", "rw"]}
 _SPACE = {"enum": ["holding", "input"]}
 
 
-def map_schema() -> dict[str, Any]:
+def map_schema() -> Schema:
     """Return the schema of both kinds of maps, as JSON Schema 2020-12."""
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -37,7 +39,7 @@ def map_schema() -> dict[str, Any]:
     }
 
 
-def _object(required: tuple[str, ...] = (), **properties: Any) -> dict[str, Any]:
+def _object(required: tuple[str, ...] = (), **properties: Schema) -> Schema:
     return {
         "type": "object",
         "properties": properties,
@@ -46,19 +48,19 @@ def _object(required: tuple[str, ...] = (), **properties: Any) -> dict[str, Any]
     }
 
 
-def _table_of(entry: dict[str, Any]) -> dict[str, Any]:
+def _table_of(entry: Schema) -> Schema:
     return {"type": "object", "additionalProperties": entry}
 
 
-def _whole(low: int, high: int) -> dict[str, Any]:
+def _whole(low: int, high: int) -> Schema:
     return {"type": "integer", "minimum": low, "maximum": high}
 
 
-def _list(items: dict[str, Any]) -> dict[str, Any]:
+def _list(items: Schema) -> Schema:
     return {"type": "array", "items": items}
 
 
-_HEAD: dict[str, Any] = {
+_HEAD: Mapping[str, Schema] = {
     "schema": {"const": SCHEMA},
     "name": _TEXT,
     "title": _TEXT,
@@ -68,29 +70,11 @@ _HEAD: dict[str, Any] = {
     "worst_reply_s": _TIME,
     "positive_current": {"enum": ["charge", "discharge"]},
 }
+_ADDRESS = _whole(0, 0xFFFF)
 _NEEDED = ("schema", "name", "title", "source", "verified_on_hardware", "transport", "positive_current", "identity")
 
 
-def _modbus() -> dict[str, Any]:
-    address = _whole(0, 0xFFFF)
-    register = _object(
-        ("address", "type", "access"),
-        address=address,
-        type={"enum": [*TYPE_WORDS, "string"]},
-        length=_whole(1, 125),
-        space=_SPACE,
-        access=_ACCESS,
-        word_order={"enum": ["big", "little"]},
-        unit=_TEXT,
-        role={"enum": sorted(REGISTER_ROLES)},
-        scale=_EXPRESSION,
-        range=_INTERVAL,
-        raw_max=_whole(0, 0xFFFFFFFF),
-        invalid=_list({"type": "integer", "minimum": 0}),
-        unlimited=_NUMBER,
-        verify={"type": "string", "pattern": r"^(none|echo|readback(:\w+)?)$"},
-        negative=_TEXT,
-    )
+def _modbus() -> Schema:
     step = _object(("write", "value"), write=_TEXT, value={"type": ["number", "boolean", "string"]})
     scalar = {"type": ["number", "string"]}
     return _object(
@@ -106,27 +90,50 @@ def _modbus() -> dict[str, Any]:
         identity=_object(("register", "equals"), register=_TEXT, equals={"anyOf": [scalar, _list(scalar)]}),
         const=_table_of(_TEXT),
         capabilities=_object(current=_INTERVAL, voltage=_INTERVAL),
-        block=_list(_object(("first", "last"), space=_SPACE, first=address, last=address, one_type=_FLAG)),
-        reg=_table_of(register),
+        block=_list(_object(("first", "last"), space=_SPACE, first=_ADDRESS, last=_ADDRESS, one_type=_FLAG)),
+        reg=_table_of(_register()),
         coil=_table_of(
-            _object(("address", "access"), address=address, access=_ACCESS, role={"enum": sorted(COIL_ROLES)})
+            _object(("address", "access"), address=_ADDRESS, access=_ACCESS, role={"enum": sorted(COIL_ROLES)})
         ),
         bits=_table_of(_table_of(_whole(0, 31))),
         sequence=_object(("safe",), **{name: _list(step) for name in SEQUENCES}),
-        frame=_list(
-            _object(
-                ("meaning", "request", "reply"),
-                meaning=_TEXT,
-                request=_HEX,
-                reply=_HEX,
-                values=_table_of({"type": ["number", "boolean", "string"]}),
-                missing=_list(_TEXT),
-            )
-        ),
+        frame=_list(_modbus_frame()),
     )
 
 
-def _can() -> dict[str, Any]:
+def _register() -> Schema:
+    return _object(
+        ("address", "type", "access"),
+        address=_ADDRESS,
+        type={"enum": [*TYPE_WORDS, "string"]},
+        length=_whole(1, 125),
+        space=_SPACE,
+        access=_ACCESS,
+        word_order={"enum": ["big", "little"]},
+        unit=_TEXT,
+        role={"enum": sorted(REGISTER_ROLES)},
+        scale=_EXPRESSION,
+        range=_INTERVAL,
+        raw_max=_whole(0, 0xFFFFFFFF),
+        invalid=_list({"type": "integer", "minimum": 0}),
+        unlimited=_NUMBER,
+        verify={"type": "string", "pattern": r"^(none|echo|readback(:\w+)?)$"},
+        negative=_TEXT,
+    )
+
+
+def _modbus_frame() -> Schema:
+    return _object(
+        ("meaning", "request", "reply"),
+        meaning=_TEXT,
+        request=_HEX,
+        reply=_HEX,
+        values=_table_of({"type": ["number", "boolean", "string"]}),
+        missing=_list(_TEXT),
+    )
+
+
+def _can() -> Schema:
     length = _whole(1, 64)
     send = {"send": _TEXT, "values": _table_of(_EXPRESSION), "length": length}
     view = _object(("message", "where"), message=_TEXT, where=_table_of({"type": "integer"}), length=length)
@@ -162,14 +169,16 @@ def _can() -> dict[str, Any]:
             ("tick", "output", "safe"),
             **{name: _list(_object(("command",), command=_TEXT, **arguments)) for name in CAN_SEQUENCES},
         ),
-        frame=_list(
-            _object(
-                ("meaning", "message", "id", "data"),
-                meaning=_TEXT,
-                message=_TEXT,
-                id=_whole(0, 0x1FFFFFFF),
-                data=_HEX,
-                values=_table_of(_NUMBER),
-            )
-        ),
+        frame=_list(_can_frame()),
+    )
+
+
+def _can_frame() -> Schema:
+    return _object(
+        ("meaning", "message", "id", "data"),
+        meaning=_TEXT,
+        message=_TEXT,
+        id=_whole(0, 0x1FFFFFFF),
+        data=_HEX,
+        values=_table_of(_NUMBER),
     )

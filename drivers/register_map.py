@@ -6,8 +6,8 @@ Pure data. Drivers, simulators and contract tests read the same file through `lo
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from drivers.can_map import Ask, CanMap, Command, Flag, Send
 from drivers.can_map_checks import check_can_map
@@ -105,7 +105,7 @@ def _is_path(name_or_path: str | Path) -> bool:
     return isinstance(name_or_path, Path) or "/" in text or text.endswith(".toml")
 
 
-def _content(name_or_path: str | Path) -> tuple[Path, dict[str, Any]]:
+def _content(name_or_path: str | Path) -> tuple[Path, Mapping[str, object]]:
     """Find and parse a map's file."""
     text, is_path = str(name_or_path), _is_path(name_or_path)
     path = Path(text) if is_path else MAPS / f"{text}.toml"

@@ -6,7 +6,6 @@ import socket
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import can
 
@@ -99,7 +98,7 @@ class CanPort:
         self._fd = fd
         self._on_message = on_message
         self._loop = asyncio.get_running_loop()
-        self._bus = can.Bus(**_arguments(settings, fd))
+        self._bus = _joined(settings, fd)
         self._open = True
         self._file = -1
         with contextlib.suppress(NotImplementedError, can.CanError):
@@ -158,10 +157,11 @@ def free_udp_port() -> int:
         return probe.getsockname()[1]
 
 
-def _arguments(settings: CanBusSettings, fd: bool) -> dict[str, Any]:
-    common: dict[str, Any] = {"interface": settings.interface, "channel": settings.channel}
-    if settings.interface == "udp_multicast":
-        return common | {"port": settings.port, "hop_limit": 0, "fd": fd}
-    if settings.interface == "virtual":
-        return common | {"protocol": can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20}
-    return common | {"fd": fd}
+def _joined(settings: CanBusSettings, fd: bool) -> can.BusABC:
+    interface, channel = settings.interface, settings.channel
+    if interface == "udp_multicast":
+        return can.Bus(interface=interface, channel=channel, port=settings.port, hop_limit=0, fd=fd)
+    if interface == "virtual":
+        protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
+        return can.Bus(interface=interface, channel=channel, protocol=protocol)
+    return can.Bus(interface=interface, channel=channel, fd=fd)
