@@ -161,15 +161,15 @@ def unacknowledged(store: MetadataStore, bench: str) -> str | None:
 
     Control processes forget with their end; a fault must not vanish because the service was restarted.
     """
-    last = next(iter(store.runs(bench=bench, limit=1)), None)
+    last = next(iter(store.runs.page(bench=bench, limit=1)), None)
     if last is None or last.state not in ("fault", "interrupted"):
         return None
-    if any(event.code == "refused" for event in store.events(run_id=last.id)):
+    if any(event.code == "refused" for event in store.events.page(run_id=last.id)):
         return None  # it never began
     ended_utc = last.ended_utc or last.created_utc
     acknowledged = any(
         event.bench == bench and event.code == ACKNOWLEDGED and event.created_utc >= ended_utc
-        for event in store.events(limit=_LATEST_EVENTS)
+        for event in store.events.page(limit=_LATEST_EVENTS)
     )
     return None if acknowledged else f"run {last.id} ended as {last.state}: {last.reason}"
 

@@ -62,7 +62,7 @@ class Journal:
         kind = (event["severity"], event["code"], event["text"])
         about = {"bench": bench, "run_id": event["run_id"], "campaign_id": campaign_id}
         self.post(
-            lambda: self._store.add_event(*kind, **about),
+            lambda: self._store.events.add(*kind, **about),
             lambda record: self._broadcaster.publish({"type": "event"} | asdict(record)),
         )
 

@@ -15,7 +15,7 @@ from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.journal import Journal
 from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import RunRecord, RunState, Severity
+from bench_service.store.records import RunIntent, RunRecord, RunState, Severity
 from bench_service.store.samples import SampleReader
 
 _log = logging.getLogger(__name__)
@@ -122,7 +122,7 @@ class Runs:
         """Wait until a run has ended and is written down."""
         if run_id in self._open:
             await self._open[run_id].wait()
-        return await asyncio.to_thread(self._store.run, run_id)
+        return await asyncio.to_thread(self._store.runs.get, run_id)
 
     def on_state(self, bench: Bench) -> None:
         """Repeat a stop that came before the control process had begun the run."""
@@ -142,13 +142,13 @@ class Runs:
     def _check(self, bench: Bench, order: RunOrder) -> RunRequest:
         """Build the request of an order, or refuse it; reads the store, so it runs in a thread."""
         limits = narrowed(bench.limits, order.limits)
-        time_s, current_A = self._store.profile_points(order.profile_id)
+        time_s, current_A = self._store.profiles.points(order.profile_id)
         capacity_Ah = bench.config.capacity_Ah
         admit(time_s, current_A, limits, dt_s=order.dt_s, initial_soc=order.initial_soc, capacity_Ah=capacity_Ah)
         observer = None
         if order.model_id is not None:
             start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
-            document = self._store.model_document(order.model_id)
+            document = self._store.models.document(order.model_id)
             observer = {"model": document, "settings": {"initial_soc": start_soc}}
         return RunRequest(
             run_id="",
@@ -175,30 +175,32 @@ class Runs:
             bench.supervisor.start_run(replace(request, run_id=record.id))
         except ServiceError as error:
             end = (record.id, "fault", f"not started: {error}")
-            self._note_end(await self._journal.write(self._store.end_run, *end, n_samples=0))
+            self._note_end(await self._journal.write(self._store.runs.end, *end, n_samples=0))
             self._forget(record.id)
             raise
         # Queued before the run's end can be: the journal keeps the order.
-        started = await self._journal.write(self._store.start_run, record.id)
+        started = await self._journal.write(self._store.runs.start, record.id)
         duration_s = float(request.time_s[-1])
         text = f"{_called(started)} started: {duration_s:g} s, a sample each {order.dt_s:g} s, from SoC "
         self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}")
         return started
 
     def _write_intent(self, order: RunOrder, request: RunRequest) -> RunRecord:
-        return self._store.add_run(
-            bench=order.bench,
-            profile_id=order.profile_id,
-            dt_s=order.dt_s,
-            initial_soc=order.initial_soc,
-            capacity_Ah=request.capacity_Ah,
-            limits=request.limits.to_json(),
-            code_version=self._code_version,
-            name=order.name,
-            model_id=order.model_id,
-            observer_initial_soc=order.observer_initial_soc,
-            seed=order.seed,
-            campaign_id=order.campaign_id,
+        return self._store.runs.add(
+            RunIntent(
+                bench=order.bench,
+                profile_id=order.profile_id,
+                dt_s=order.dt_s,
+                initial_soc=order.initial_soc,
+                capacity_Ah=request.capacity_Ah,
+                limits=request.limits.to_json(),
+                code_version=self._code_version,
+                name=order.name,
+                model_id=order.model_id,
+                observer_initial_soc=order.observer_initial_soc,
+                seed=order.seed,
+                campaign_id=order.campaign_id,
+            ),
         )
 
     async def _end(self, ended: dict[str, Any]) -> None:
@@ -216,7 +218,7 @@ class Runs:
 
     async def _write_end(self, run_id: str, state: RunState, reason: str | None, counts: dict[str, Any]) -> bool:
         try:
-            self._note_end(await self._journal.write(self._store.end_run, run_id, state, reason, **counts))
+            self._note_end(await self._journal.write(self._store.runs.end, run_id, state, reason, **counts))
         except ServiceError:
             _log.exception("the end of run %s (%s: %s) could not be written down", run_id, state, reason)
             return False

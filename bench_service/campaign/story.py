@@ -99,7 +99,7 @@ class Story:
     async def stop(self) -> None:
         """Bring what runs to rest, and wait a moment for that."""
         runs = self._workshop.runs
-        found = self._workshop.store.runs(campaign_id=self._id, limit=10)
+        found = self._workshop.store.runs.page(campaign_id=self._id, limit=10)
         for run in found:
             runs.stop(self._workshop.benches, run, "the campaign was stopped")
         endings = [asyncio.create_task(runs.wait(run.id)) for run in found]
@@ -122,7 +122,7 @@ class Story:
         planned = await asyncio.to_thread(plan_profiles, self._request, initial_soc, played=bool(self._done.rounds))
         for role, profile in planned.items():
             record = await asyncio.to_thread(
-                self._workshop.store.add_profile, f"{self._request.name}: {role}", profile.time_s, profile.current_A
+                self._workshop.store.profiles.add, f"{self._request.name}: {role}", profile.time_s, profile.current_A
             )
             self._done.profiles[role] = record.id
 
