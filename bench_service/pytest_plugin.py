@@ -256,7 +256,7 @@ def _prepared(request: Any, driver: Any, range_A: tuple[float, float], recording
     """Build plan and parts of a run in lock-step."""
     from bench_service.bench.clock import LockStepClock
     from bench_service.bench.player import make_player
-    from bench_service.bench.run_loop import RunParts, RunPlan
+    from bench_service.bench.run import RunParts, RunPlan
     from bench_service.bench.safety import Rules
     from bench_service.bench.stop import StopSignal
 

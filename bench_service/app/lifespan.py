@@ -11,6 +11,7 @@ from pathlib import Path
 
 from bench_service.app.recorder import RecorderKeeper
 from bench_service.bench.limits import Limits
+from bench_service.bench.messages import EventMessage
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import ACKNOWLEDGED, Bench, Benches
@@ -174,10 +175,10 @@ def unacknowledged(store: MetadataStore, bench: str) -> str | None:
     return None if acknowledged else f"run {last.id} ended as {last.state}: {last.reason}"
 
 
-def _recorder_event(text: str) -> dict[str, str | None]:
-    return {"severity": "error", "code": "recorder", "text": text, "run_id": None}
+def _recorder_event(text: str) -> EventMessage:
+    return EventMessage(severity="error", code="recorder", text=text, run_id=None)
 
 
-def _interrupted_event(run_id: str, state: str) -> dict[str, str | None]:
+def _interrupted_event(run_id: str, state: str) -> EventMessage:
     text = f"the service ended in the middle of the run; it is listed as {state}"
-    return {"severity": "warning", "code": "service_restarted", "text": text, "run_id": run_id}
+    return EventMessage(severity="warning", code="service_restarted", text=text, run_id=run_id)

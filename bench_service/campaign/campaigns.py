@@ -9,6 +9,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
+from bench_service.bench.messages import EventMessage
 from bench_service.campaign.benches import Bench
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
@@ -231,5 +232,6 @@ def _note_end(journal: Journal, record: CampaignRecord) -> None:
 
 
 def _note(journal: Journal, record: CampaignRecord, severity: Severity, code: str, text: str) -> None:
-    event = {"severity": severity, "code": code, "text": f"campaign {record.name!r}: {text}", "run_id": None}
+    text = f"campaign {record.name!r}: {text}"
+    event = EventMessage(severity=severity, code=code, text=text, run_id=None)
     journal.note(record.bench, event, record.id)

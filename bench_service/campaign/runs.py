@@ -9,13 +9,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from bench_service.bench.request import RunRequest
+from bench_service.bench.messages import EndedMessage, EventMessage
+from bench_service.bench.request import ObserverOrder, RunRequest
 from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.journal import Journal
 from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import RunIntent, RunRecord, RunState, Severity
+from bench_service.store.records import RunIntent, RunRecord, Severity
 from bench_service.store.samples import SampleReader
 
 _log = logging.getLogger(__name__)
@@ -130,7 +131,7 @@ class Runs:
         if status.state == "running" and status.run_id in self._to_stop:
             bench.supervisor.stop(self._to_stop.pop(status.run_id))
 
-    def on_ended(self, ended: dict[str, Any]) -> None:
+    def on_ended(self, ended: EndedMessage) -> None:
         """Write down the end of a run; returns at once."""
         self._ends[ended["run_id"]] = asyncio.get_running_loop().create_task(self._end(ended))
 
@@ -149,7 +150,7 @@ class Runs:
         if order.model_id is not None:
             start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
             document = self._store.models.document(order.model_id)
-            observer = {"model": document, "settings": {"initial_soc": start_soc}}
+            observer = ObserverOrder(model=document, settings={"initial_soc": start_soc})
         return RunRequest(
             run_id="",
             dt_s=order.dt_s,
@@ -203,20 +204,21 @@ class Runs:
             ),
         )
 
-    async def _end(self, ended: dict[str, Any]) -> None:
-        run_id, state, reason = ended["run_id"], ended["state"], ended["reason"]
-        counts = {name: ended[name] for name in ("n_samples", "missed_ticks", "sha256")}
+    async def _end(self, ended: EndedMessage) -> None:
+        run_id = ended["run_id"]
         try:
             if ended["n_samples"] is None:
-                counts |= await self._stored(run_id)
-            while not await self._write_end(run_id, state, reason, counts) and not self._closing.is_set():
+                ended = await self._counted(ended)
+            while not await self._write_end(ended) and not self._closing.is_set():
                 # A full disk has room again some day; until then nobody may read that the run never ended.
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(self._closing.wait(), _RETRY_S)
         finally:
             self._forget(run_id)
 
-    async def _write_end(self, run_id: str, state: RunState, reason: str | None, counts: dict[str, Any]) -> bool:
+    async def _write_end(self, ended: EndedMessage) -> bool:
+        run_id, state, reason = ended["run_id"], ended["state"], ended["reason"]
+        counts = {"n_samples": ended["n_samples"], "missed_ticks": ended["missed_ticks"], "sha256": ended["sha256"]}
         try:
             self._note_end(await self._journal.write(self._store.runs.end, run_id, state, reason, **counts))
         except ServiceError:
@@ -230,18 +232,19 @@ class Runs:
         self._note(run, _SEVERITY.get(run.state, "error"), f"run_{run.state}", text)
 
     def _note(self, run: RunRecord, severity: Severity, code: str, text: str) -> None:
-        event = {"severity": severity, "code": code, "text": text, "run_id": run.id}
+        event = EventMessage(severity=severity, code=code, text=text, run_id=run.id)
         self._journal.note(run.bench, event, run.campaign_id)
 
-    async def _stored(self, run_id: str) -> dict[str, Any]:
-        """What the recorder has of a run whose control process has died; it closes the run a moment later."""
+    async def _counted(self, ended: EndedMessage) -> EndedMessage:
+        """Count what the recorder has of a run whose control process has died; it closes the run a moment later."""
+        run_id = ended["run_id"]
         deadline_s = asyncio.get_running_loop().time() + _RECORDER_S
         while asyncio.get_running_loop().time() < deadline_s:
             closed = await asyncio.to_thread(self._samples.closed, run_id)
             if closed is not None:
-                return {"n_samples": closed.n_samples, "sha256": closed.sha256}
+                return {**ended, "n_samples": closed.n_samples, "sha256": closed.sha256}
             await asyncio.sleep(_LOOK_S)
-        return {"n_samples": await asyncio.to_thread(self._samples.n_rows, run_id)}
+        return {**ended, "n_samples": await asyncio.to_thread(self._samples.n_rows, run_id)}
 
     def _forget(self, run_id: str) -> None:
         self._to_stop.pop(run_id, None)
