@@ -24,7 +24,7 @@ from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.seal import Seal
 from bench_service.campaign.services import Services
-from bench_service.campaign.story import Workshop
+from bench_service.campaign.workshop import Workshop
 from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
 from bench_service.jobs.runner import JobRunner
 from bench_service.simulation import SimulatorProcess
@@ -54,21 +54,17 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
     SimulationError
         A simulator cannot start.
     """
+    code_version = version("bench-service")
     async with AsyncExitStack() as stack:
         live = Broadcaster()
         samples = stack.enter_context(closing(SampleReader(config.data_dir)))
         journal = Journal(store, live)
         stack.push_async_callback(journal.close)
-        recorder = RecorderKeeper(config.data_dir, lambda text: journal.note(None, _recorder_event(text)))
-        await recorder.start()
-        stack.push_async_callback(recorder.stop)
-        await close_left_open(store, journal)
-        for run in await asyncio.to_thread(mark_interrupted_runs, store, samples):
-            journal.note(run.bench, _interrupted_event(run.id, run.state))
+        recorder = await _recorder(stack, config.data_dir, journal)
+        await _end_what_was_left_open(store, samples, journal)
         jobs = JobRunner(config.workers)
         await jobs.start()
         stack.push_async_callback(jobs.stop)
-        code_version = version("bench-service")
         runs = Runs(store, samples, journal, code_version)
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
@@ -99,6 +95,20 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
             live=live,
             recorder_state=lambda: recorder.state,
         )
+
+
+async def _recorder(stack: AsyncExitStack, data_dir: Path, journal: Journal) -> RecorderKeeper:
+    recorder = RecorderKeeper(data_dir, lambda text: journal.note(None, _recorder_event(text)))
+    await recorder.start()
+    stack.push_async_callback(recorder.stop)
+    return recorder
+
+
+async def _end_what_was_left_open(store: MetadataStore, samples: SampleReader, journal: Journal) -> None:
+    """Write down what an earlier service left open; after the recorder has stored the last rows of the one before."""
+    await close_left_open(store, journal)
+    for run in await asyncio.to_thread(mark_interrupted_runs, store, samples):
+        journal.note(run.bench, _interrupted_event(run.id, run.state))
 
 
 async def _bench(

@@ -17,7 +17,8 @@ from bench_service.campaign.plan import check_plan
 from bench_service.campaign.request import CampaignRequest, complete, standing_of
 from bench_service.campaign.stages import overall_progress, stages_of
 from bench_service.campaign.standing import Standing, last_standing
-from bench_service.campaign.story import Story, Workshop
+from bench_service.campaign.story import Story
+from bench_service.campaign.workshop import Workshop
 from bench_service.errors import BenchBusyError, ServiceError
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import CampaignRecord, CampaignState, Severity, Stage
