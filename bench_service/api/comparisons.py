@@ -40,13 +40,13 @@ def list_comparisons(
     offset: Offset = 0,
 ) -> dict[str, Any]:
     """List comparisons, newest first."""
-    return {"comparisons": [_as_json(record) for record in services.store.comparisons(model_id, limit, offset)]}
+    return {"comparisons": [_as_json(record) for record in services.store.comparisons.page(model_id, limit, offset)]}
 
 
 @router.get("/{comparison_id}")
 def get_comparison(comparison_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Give one comparison."""
-    return _as_json(services.store.comparison(comparison_id))
+    return _as_json(services.store.comparisons.get(comparison_id))
 
 
 @router.get("/{comparison_id}/series")

@@ -15,11 +15,11 @@ router = APIRouter(tags=["events"])
 @router.get("/events")
 def list_events(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> dict[str, Any]:
     """List the newest events."""
-    return {"events": [asdict(event) for event in services.store.events(limit=limit, offset=offset)]}
+    return {"events": [asdict(event) for event in services.store.events.page(limit=limit, offset=offset)]}
 
 
 @router.get("/runs/{run_id}/events")
 def list_run_events(run_id: PathId, services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> dict[str, Any]:
     """List the newest events of one run."""
-    services.store.run(run_id)
-    return {"events": [asdict(event) for event in services.store.events(run_id, limit, offset)]}
+    services.store.runs.get(run_id)
+    return {"events": [asdict(event) for event in services.store.events.page(run_id, limit, offset)]}

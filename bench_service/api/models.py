@@ -54,19 +54,19 @@ def import_model(
 @router.get("")
 def list_models(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> dict[str, Any]:
     """List models, newest first, without their documents."""
-    return {"models": [asdict(model) for model in services.store.models(limit, offset)]}
+    return {"models": [asdict(model) for model in services.store.models.page(limit, offset)]}
 
 
 @router.get("/{model_id}")
 def get_model(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Give one model with its metrics."""
-    return asdict(services.store.model(model_id))
+    return asdict(services.store.models.get(model_id))
 
 
 @router.get("/{model_id}/document")
 def get_document(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Give the model itself, MODEL.json."""
-    return services.store.model_document(model_id)
+    return services.store.models.document(model_id)
 
 
 @router.get("/{model_id}/tables")

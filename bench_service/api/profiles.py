@@ -60,20 +60,20 @@ async def add_profile(
         profile = await asyncio.to_thread(read_csv_profile, await request.body())
         time_s, current_A = profile.time_s, profile.current_A
     check_profile(time_s, current_A)
-    return asdict(await services.journal.write(services.store.add_profile, name, time_s, current_A))
+    return asdict(await services.journal.write(services.store.profiles.add, name, time_s, current_A))
 
 
 @router.get("")
 def list_profiles(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> dict[str, Any]:
     """List profiles, newest first."""
-    return {"profiles": [asdict(profile) for profile in services.store.profiles(limit, offset)]}
+    return {"profiles": [asdict(profile) for profile in services.store.profiles.page(limit, offset)]}
 
 
 @router.get("/{profile_id}")
 def get_profile(profile_id: PathId, services: ServicesOf, points: bool = False) -> dict[str, Any]:
     """Give one profile, with ``points=true`` also its rows."""
-    profile = asdict(services.store.profile(profile_id))
+    profile = asdict(services.store.profiles.get(profile_id))
     if points:
-        time_s, current_A = services.store.profile_points(profile_id)
+        time_s, current_A = services.store.profiles.points(profile_id)
         profile |= {"time_s": time_s.tolist(), "current_A": current_A.tolist()}
     return profile

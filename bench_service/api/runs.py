@@ -59,18 +59,18 @@ def list_runs(
     offset: Offset = 0,
 ) -> dict[str, Any]:
     """List runs, newest first."""
-    return {"runs": [asdict(run) for run in services.store.runs(bench, state, campaign_id, limit, offset)]}
+    return {"runs": [asdict(run) for run in services.store.runs.page(bench, state, campaign_id, limit, offset)]}
 
 
 @router.get("/{run_id}")
 def get_run(run_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Give one run."""
-    return asdict(services.store.run(run_id))
+    return asdict(services.store.runs.get(run_id))
 
 
 @router.post("/{run_id}/stop")
 async def stop_run(run_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Stop a run: rest, output off. One that has ended stays as it is."""
-    run = await asyncio.to_thread(services.store.run, run_id)
+    run = await asyncio.to_thread(services.store.runs.get, run_id)
     services.runs.stop(services.benches, run, "stopped by a client")
     return asdict(run)

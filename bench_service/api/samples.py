@@ -48,7 +48,7 @@ def export_run(
     run_id: PathId, services: ServicesOf, format_name: Annotated[str, Query(alias="format", max_length=20)] = "bdf"
 ) -> Response:
     """Give a run as a file."""
-    run = services.store.run(run_id)
+    run = services.store.runs.get(run_id)
     formats = export_formats()
     if format_name not in formats:
         raise UnknownFormatError(f"format {format_name!r} is not known; choose from {', '.join(sorted(formats))}")
@@ -65,7 +65,7 @@ def export_run(
 def _columns(
     services: Services, run_id: str, stream: str, from_s: float | None, to_s: float | None, max_points: int | None
 ) -> Response:
-    services.store.run(run_id)
+    services.store.runs.get(run_id)
     if from_s is not None and to_s is not None and from_s > to_s:
         raise BadRequestError("from_s is after to_s", ("from_s",), value=from_s, unit="s", limit=to_s)
     data = services.samples.read(run_id, stream, from_s, to_s)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from bench_service.app.recorder import RecorderKeeper
 from bench_service.bench.limits import Limits
+from bench_service.bench.messages import EventMessage
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import ACKNOWLEDGED, Bench, Benches
@@ -23,7 +24,7 @@ from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.seal import Seal
 from bench_service.campaign.services import Services
-from bench_service.campaign.story import Workshop
+from bench_service.campaign.workshop import Workshop
 from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
 from bench_service.jobs.runner import JobRunner
 from bench_service.simulation import SimulatorProcess
@@ -53,21 +54,17 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
     SimulationError
         A simulator cannot start.
     """
+    code_version = version("bench-service")
     async with AsyncExitStack() as stack:
         live = Broadcaster()
         samples = stack.enter_context(closing(SampleReader(config.data_dir)))
         journal = Journal(store, live)
         stack.push_async_callback(journal.close)
-        recorder = RecorderKeeper(config.data_dir, lambda text: journal.note(None, _recorder_event(text)))
-        await recorder.start()
-        stack.push_async_callback(recorder.stop)
-        await close_left_open(store, journal)
-        for run in await asyncio.to_thread(mark_interrupted_runs, store, samples):
-            journal.note(run.bench, _interrupted_event(run.id, run.state))
+        recorder = await _recorder(stack, config.data_dir, journal)
+        await _end_what_was_left_open(store, samples, journal)
         jobs = JobRunner(config.workers, nice=config.worker_nice)
         await jobs.start()
         stack.push_async_callback(jobs.stop)
-        code_version = version("bench-service")
         runs = Runs(store, samples, journal, code_version)
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
@@ -98,6 +95,20 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
             live=live,
             recorder_state=lambda: recorder.state,
         )
+
+
+async def _recorder(stack: AsyncExitStack, data_dir: Path, journal: Journal) -> RecorderKeeper:
+    recorder = RecorderKeeper(data_dir, lambda text: journal.note(None, _recorder_event(text)))
+    await recorder.start()
+    stack.push_async_callback(recorder.stop)
+    return recorder
+
+
+async def _end_what_was_left_open(store: MetadataStore, samples: SampleReader, journal: Journal) -> None:
+    """Write down what an earlier service left open; after the recorder has stored the last rows of the one before."""
+    await close_left_open(store, journal)
+    for run in await asyncio.to_thread(mark_interrupted_runs, store, samples):
+        journal.note(run.bench, _interrupted_event(run.id, run.state))
 
 
 async def _bench(
@@ -161,23 +172,23 @@ def unacknowledged(store: MetadataStore, bench: str) -> str | None:
 
     Control processes forget with their end; a fault must not vanish because the service was restarted.
     """
-    last = next(iter(store.runs(bench=bench, limit=1)), None)
+    last = next(iter(store.runs.page(bench=bench, limit=1)), None)
     if last is None or last.state not in ("fault", "interrupted"):
         return None
-    if any(event.code == "refused" for event in store.events(run_id=last.id)):
+    if any(event.code == "refused" for event in store.events.page(run_id=last.id)):
         return None  # it never began
     ended_utc = last.ended_utc or last.created_utc
     acknowledged = any(
         event.bench == bench and event.code == ACKNOWLEDGED and event.created_utc >= ended_utc
-        for event in store.events(limit=_LATEST_EVENTS)
+        for event in store.events.page(limit=_LATEST_EVENTS)
     )
     return None if acknowledged else f"run {last.id} ended as {last.state}: {last.reason}"
 
 
-def _recorder_event(text: str) -> dict[str, str | None]:
-    return {"severity": "error", "code": "recorder", "text": text, "run_id": None}
+def _recorder_event(text: str) -> EventMessage:
+    return EventMessage(severity="error", code="recorder", text=text, run_id=None)
 
 
-def _interrupted_event(run_id: str, state: str) -> dict[str, str | None]:
+def _interrupted_event(run_id: str, state: str) -> EventMessage:
     text = f"the service ended in the middle of the run; it is listed as {state}"
-    return {"severity": "warning", "code": "service_restarted", "text": text, "run_id": run_id}
+    return EventMessage(severity="warning", code="service_restarted", text=text, run_id=run_id)

@@ -11,22 +11,22 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 from bench_service.bench.admission import RefusedError
+from bench_service.bench.cycler_keeper import CyclerKeeper
 from bench_service.bench.links import FrameLink
 from bench_service.bench.live import LiveFeed
+from bench_service.bench.messages import EndedMessage, EventMessage, StateMessage
 from bench_service.bench.recording import RecorderError, Recording
 from bench_service.bench.request import RunRequest
-from bench_service.bench.run_loop import RunEnd, RunLoop, RunParts, bring_to_rest, uncancelled
+from bench_service.bench.rest import bring_to_rest, uncancelled
+from bench_service.bench.run import RunEnd, RunParts
+from bench_service.bench.run_loop import RunLoop
 from bench_service.bench.run_setup import PreparedRun, prepare
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.stop import StopSignal, StopState
 from drivers.cycler import Capabilities, Cycler, CyclerError, Reading
-from drivers.factory import open_cycler
 
 _log = logging.getLogger(__name__)
 _IDLE_PERIOD_S = 0.5
-_FIRST_RETRY_S = 0.2
-_LAST_RETRY_S = 5.0
-_CONNECT_TIMEOUT_S = 10.0
 _SEAL_TIMEOUT_S = 30.0
 _SAY_GOODBYE_S = 2.0
 
@@ -49,11 +49,8 @@ class BenchControl:
         self._link = FrameLink(command_sock, self._commanded, self._orphaned)
         self._recording = Recording(sample_sock, self._recorder_failed)
         self._feed = LiveFeed(self._link)
-        self._cycler: Cycler | None = None
-        self._capabilities: Capabilities | None = None
+        self._keeper = CyclerKeeper(settings, self._cycler_changed)
         self._latched = settings.latched
-        self._offline_reason: str | None = "not connected yet"
-        self._retry_s = 0.0
         self._commands: deque[Command] = deque()
         self._wake = asyncio.Event()
         self._quit: str | None = None
@@ -76,16 +73,16 @@ class BenchControl:
         self._wake.set()
 
     async def _turn(self) -> None:
-        if self._cycler is None:
-            await self._connect()
+        if self._keeper.cycler is None:
+            await self._keeper.connect()
         if self._quit is None and not self._commands:
-            await self._wait(self._retry_s if self._cycler is None else _IDLE_PERIOD_S)
+            await self._wait(self._keeper.retry_s if self._keeper.cycler is None else _IDLE_PERIOD_S)
         if self._quit is not None:
             return
         if self._commands:
             await self._obey(*self._commands.popleft())
-        elif self._cycler is not None:
-            await self._idle_sample(self._cycler)
+        elif self._keeper.cycler is not None:
+            await self._idle_sample(self._keeper.cycler)
 
     async def _wait(self, seconds: float) -> None:
         try:
@@ -134,43 +131,11 @@ class BenchControl:
 
     # --- the cycler ----------------------------------------------------------------------------------------
 
-    async def _connect(self) -> None:
-        """Connect, identify, make safe; on failure leave a longer wait before the next attempt."""
-        cycler: Cycler | None = None
-        try:
-            settings = self._settings
-            cycler = open_cycler(settings.url, settings.map, settings.timeout_s)
-            capabilities = await asyncio.wait_for(cycler.connect(), _CONNECT_TIMEOUT_S)
-            if reason := await bring_to_rest(cycler):
-                raise CyclerError(f"connected, but rest was not confirmed: {reason}")
-        except (CyclerError, TimeoutError) as error:
-            if cycler is not None:
-                await cycler.close()
-            self._retry_s = min(_LAST_RETRY_S, max(_FIRST_RETRY_S, 2 * self._retry_s))
-            self._offline(str(error) or "no answer while connecting")
-            return
-        self._cycler, self._capabilities = cycler, capabilities
-        self._offline_reason, self._retry_s = None, 0.0
-        self._event("info", "connected", f"{capabilities.name} {capabilities.serial} connected, at rest")
-        self._tell_state()
-
-    async def _disconnect(self, reason: str) -> None:
-        if self._cycler is not None:
-            await self._cycler.close()
-        self._cycler, self._capabilities = None, None
-        self._offline(reason)
-
-    def _offline(self, reason: str) -> None:
-        if reason != self._offline_reason:
-            self._offline_reason = reason
-            self._event("warning", "offline", f"{self._settings.name} is offline: {reason}")
-            self._tell_state()
-
     async def _idle_sample(self, cycler: Cycler) -> None:
         try:
             reading = await cycler.sample()
         except CyclerError as error:
-            await self._disconnect(str(error))
+            await self._keeper.disconnect(str(error))
             return
         if self._feed.due:
             self._feed.send(reading)
@@ -184,14 +149,14 @@ class BenchControl:
         )
         unrested = await bring_to_rest(cycler)
         if unrested is not None:
-            await self._disconnect(unrested)
+            await self._keeper.disconnect(unrested)
         if text != self._latched:
             self._latch(text, "unexpected_output")
 
     async def _acknowledge(self) -> None:
-        if self._cycler is not None:
+        if self._keeper.cycler is not None:
             try:
-                await self._cycler.clear_fault()
+                await self._keeper.cycler.clear_fault()
             except CyclerError as error:
                 self._event("error", "fault_stays", f"{self._settings.name}: the fault stays: {error}")
                 self._tell_state()
@@ -237,14 +202,16 @@ class BenchControl:
         self._run_id = None
         self._event("error", "refused", text, run_id)
         self._tell_state()
-        self._tell_ended(run_id, "fault", text, 0, 0, None)
+        self._tell_ended(
+            EndedMessage(run_id=run_id, state="fault", reason=text, n_samples=0, missed_ticks=0, sha256=None)
+        )
 
     def _ready(self) -> tuple[Cycler, Capabilities]:
         if self._latched is not None:
             raise RefusedError(f"a fault is latched ({self._latched}); acknowledge it first")
-        if self._cycler is None or self._capabilities is None:
-            raise RefusedError(f"the bench is offline: {self._offline_reason}")
-        return self._cycler, self._capabilities
+        if self._keeper.cycler is None or self._keeper.capabilities is None:
+            raise RefusedError(f"the bench is offline: {self._keeper.offline_reason}")
+        return self._keeper.cycler, self._keeper.capabilities
 
     async def _finish(self, run_id: str, end: RunEnd) -> None:
         if end.state == "fault":
@@ -264,25 +231,21 @@ class BenchControl:
                 run_id,
             )
         if not end.at_rest:
-            await self._disconnect("the cycler did not confirm rest after the run")
-        elif self._cycler is not None:
-            await self._release(self._cycler)
+            await self._keeper.disconnect("the cycler did not confirm rest after the run")
+        else:
+            await self._keeper.release()
         self._run_id = None
         # The state first: who hears of the end may start the next run at once.
         self._tell_state()
-        self._tell_ended(run_id, end.state, end.reason, n_samples, end.missed_ticks, sha256)
-
-    async def _release(self, cycler: Cycler) -> None:
-        try:
-            await cycler.release()
-        except CyclerError as error:
-            await self._disconnect(str(error))
+        counts = {"n_samples": n_samples, "missed_ticks": end.missed_ticks}
+        self._tell_ended(EndedMessage(run_id=run_id, state=end.state, reason=end.reason, sha256=sha256, **counts))
 
     async def _leave(self) -> None:
-        if self._cycler is not None:
-            if reason := await bring_to_rest(self._cycler):
+        cycler = self._keeper.cycler
+        if cycler is not None:
+            if reason := await bring_to_rest(cycler):
                 _log.error("%s: rest not confirmed at the end: %s", self._settings.name, reason)
-            await self._cycler.close()
+            await cycler.close()
         self._recording.shut()
         await self._link.drain(_SAY_GOODBYE_S)
         self._link.close()
@@ -296,44 +259,33 @@ class BenchControl:
             return "running" if self._stop.order is None else "stopping"
         if self._latched is not None:
             return "fault"
-        return "offline" if self._cycler is None else "idle"
+        return "offline" if self._keeper.cycler is None else "idle"
 
     def _latch(self, text: str, code: str) -> None:
         self._latched = text
         self._event("error", code, text)
         self._tell_state()
 
+    def _cycler_changed(self, severity: str, code: str, text: str) -> None:
+        self._event(severity, code, text)
+        self._tell_state()
+
     def _tell_state(self) -> None:
-        capabilities = None if self._capabilities is None else asdict(self._capabilities)
-        reason = self._latched or self._offline_reason
+        capabilities = self._keeper.capabilities
+        reason = self._latched or self._keeper.offline_reason
         if self._run_id is not None:
             reason = None if self._stop.order is None else self._stop.order.reason
-        self._link.send(
-            {
-                "op": "state",
-                "state": self.state,
-                "reason": reason,
-                "run_id": self._run_id,
-                "capabilities": capabilities,
-            }
+        message = StateMessage(
+            state=self.state,
+            reason=reason,
+            run_id=self._run_id,
+            capabilities=None if capabilities is None else asdict(capabilities),
         )
+        self._link.send({"op": "state", **message})
 
-    def _tell_ended(
-        self, run_id: str, state: str, reason: str | None, n_samples: int, missed_ticks: int, sha256: str | None
-    ) -> None:
-        self._link.send(
-            {
-                "op": "ended",
-                "run_id": run_id,
-                "state": state,
-                "reason": reason,
-                "n_samples": n_samples,
-                "missed_ticks": missed_ticks,
-                "sha256": sha256,
-            }
-        )
+    def _tell_ended(self, ended: EndedMessage) -> None:
+        self._link.send({"op": "ended", **ended})
 
     def _event(self, severity: str, code: str, text: str, run_id: str | None = None) -> None:
-        self._link.send(
-            {"op": "event", "severity": severity, "code": code, "text": text, "run_id": run_id or self._run_id}
-        )
+        message = EventMessage(severity=severity, code=code, text=text, run_id=run_id or self._run_id)
+        self._link.send({"op": "event", **message})

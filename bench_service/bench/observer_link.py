@@ -1,23 +1,9 @@
 """The live observer as the run loop sees it. Its state of charge is shown and stored; no limit uses it."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from bench_service.bench.request import RunRequest
-from models.effects.input_correction import LiveCorrection, corrections_of
-from models.effects.reading import Reading
-
-if TYPE_CHECKING:
-    from models.observer import FuzzyObserver
-    from models.observer.filter.fuzzy_observer import ObserverState
-    from models.observer.health import Watcher
-
-# Outside of this a state of charge is no estimate any more.
-_PLAUSIBLE_SOC = (-0.2, 1.2)
-# Mean and standard deviation of "anything between 0 and 1".
-_UNKNOWN_SOC, _UNKNOWN_SOC_STD = 0.5, 0.29
 
 
 class ObserverError(Exception):
@@ -56,45 +42,6 @@ class ObserverLink(Protocol):
         ...
 
 
-class FuzzyObserverLink:
-    """A fuzzy observer with its memory, and with a watch over whether it can be believed.
-
-    It gets the samples as its model reads them, see `effects.input_correction`; before the first it says nothing.
-    """
-
-    def __init__(
-        self, observer: FuzzyObserver, state: ObserverState, watcher: Watcher, correction: LiveCorrection
-    ) -> None:
-        self._observer = observer
-        self._state = state
-        self._watcher = watcher
-        self._correction = correction
-
-    def step(
-        self, current_A: float, voltage_V: float, temperature_degC: float, ambient_degC: float = math.nan
-    ) -> ObserverRow:
-        """Return the estimate after one sample; see `ObserverLink`."""
-        read = self._correction.step(Reading(current_A, voltage_V, temperature_degC, ambient_degC))
-        if read is None:
-            return NO_ESTIMATE
-        try:
-            self._state, out = self._observer.step(self._state, read.current_A, read.voltage_V, read.temperature_degC)
-        except Exception as error:  # whatever a model does, the run must not depend on it
-            raise ObserverError(f"the observer failed: {error!r}") from error
-        low, high = _PLAUSIBLE_SOC
-        if not (low <= out.soc <= high and math.isfinite(out.soc_std) and math.isfinite(out.model_voltage_V)):
-            raise ObserverError(
-                f"the observer has diverged: state of charge {out.soc:.3g} +- {out.soc_std:.2g}, "
-                f"model voltage {out.model_voltage_V:.4g} V"
-            )
-        self._watcher.step(out, read.voltage_V)
-        return ObserverRow(out.soc, out.soc_std, out.model_voltage_V, out.innovation_V)
-
-    def new_alarms(self) -> list[str]:
-        """Return what is wrong since the last sample and was not before; see `ObserverLink`."""
-        return self._watcher.new_alarms()
-
-
 def build_observer(request: RunRequest) -> ObserverLink | None:
     """Build the observer that a request asks for, compiled and at its initial state; None if it asks for none.
 
@@ -105,30 +52,7 @@ def build_observer(request: RunRequest) -> ObserverLink | None:
     """
     if request.observer is None:
         return None
-    # Here, because loading the compiler takes longer than everything else a control process does at its start.
-    from models.network.local_model_network import LocalModelNetwork
-    from models.observer import FuzzyObserver, ObserverSettings
-    from models.observer.health import Watcher
+    # Lazy: the observer, with the compiler, takes 1.2 s, longer than all else that a control process does at its start.
+    from bench_service.bench.fuzzy_observer_link import fuzzy_link
 
-    try:
-        network = LocalModelNetwork.from_json(request.observer["model"])
-        settings: dict[str, Any] = dict(request.observer.get("settings") or {})
-        soc = settings.pop("initial_soc", None)
-        observer = FuzzyObserver(network)
-        if settings:
-            merged = observer.settings.to_json() | settings
-            observer = FuzzyObserver(network, ObserverSettings.from_json(merged))
-        if not math.isclose(observer.dt_s, request.dt_s, rel_tol=1e-9):
-            raise ValueError(f"the model's period is {observer.dt_s:g} s, the run's {request.dt_s:g} s; use one")
-        soc, std = _initial_soc(soc if soc is not None else request.initial_soc)
-        _, out = observer.step(observer.initial(soc, std), 0.0, math.nan, math.nan)  # compiles
-        Watcher().step(out, math.nan)
-        correction = LiveCorrection(corrections_of(network.record), observer.dt_s)
-        return FuzzyObserverLink(observer, observer.initial(soc, std), Watcher(), correction)
-    except Exception as error:
-        raise ObserverError(f"the observer cannot start: {error}") from error
-
-
-def _initial_soc(soc: float | None) -> tuple[float, float | None]:
-    """Return initial state of charge and its standard deviation (None: the settings')."""
-    return (_UNKNOWN_SOC, _UNKNOWN_SOC_STD) if soc is None else (float(soc), None)
+    return fuzzy_link(request, request.observer)

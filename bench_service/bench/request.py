@@ -2,12 +2,23 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench_service.bench.limits import Limits
+
+
+class ObserverOrder(TypedDict):
+    """An observer that is to run live: its model, as MODEL.json, and its settings.
+
+    ``settings`` are `models.observer.ObserverSettings` as far as they differ from the model's own, and
+    ``initial_soc`` where the observer does not start at the run's.
+    """
+
+    model: dict[str, Any]
+    settings: dict[str, Any] | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,9 +37,7 @@ class RunRequest:
         Profile with forward hold; the last row ends it. Positive current charges.
     initial_soc : float or None
         None: the state of charge is not known and its limits cannot be checked.
-    observer : dict or None
-        ``{"model": MODEL.json, "settings": {...} or None}``: `models.observer.ObserverSettings` as far as they differ
-        from the model's own, and ``initial_soc`` where the observer does not start at the run's.
+    observer : ObserverOrder or None
     settle_s : float
         Time after a change of the set-point in which measured and commanded current are not compared.
     stale_limit : int
@@ -42,7 +51,7 @@ class RunRequest:
     time_s: NDArray[np.float64]
     current_A: NDArray[np.float64]
     initial_soc: float | None = None
-    observer: dict[str, Any] | None = None
+    observer: ObserverOrder | None = None
     settle_s: float = 0.0
     stale_limit: int = 3
 

@@ -4,100 +4,23 @@ However it ends - done, tripped, stopped, cancelled, link or recorder lost - the
 its output off.
 """
 
-import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
 
-from bench_service.bench.clock import Clock, Tick
-from bench_service.bench.live import LiveFeed
-from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverLink, ObserverRow
-from bench_service.bench.player import Player
-from bench_service.bench.recording import RecorderError, Recording
-from bench_service.bench.request import RunRequest
-from bench_service.bench.safety import Context, Rules, Track, Trip, check, check_age, check_at_rest, follow
+from bench_service.bench.clock import Tick
+from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverRow
+from bench_service.bench.quality import sample_flags
+from bench_service.bench.recording import RecorderError
+from bench_service.bench.rest import bring_to_rest, uncancelled
+from bench_service.bench.run import EndState, RunEnd, RunParts, RunPlan
+from bench_service.bench.safety import Context, Track, Trip, check, check_age, check_at_rest, follow
 from bench_service.bench.soc import count_charge
-from bench_service.bench.stop import StopSignal
-from bench_service.streams import OBSERVER, SAMPLES, Flag
-from drivers.cycler import Cycler, CyclerError, DeviceLimits, Reading, SetPointRefusedError
+from bench_service.streams import OBSERVER, SAMPLES
+from drivers.cycler import CyclerError, DeviceLimits, Reading, SetPointRefusedError
 
 _log = logging.getLogger(__name__)
 _TIME_TOLERANCE_S = 1e-9
 _KEEP_ALIVE_S = 0.5
-_REST_ATTEMPTS = 2
-_REST_TIMEOUT_S = 2.0
-
-T = TypeVar("T")
-EndState = Literal["completed", "stopped", "fault", "interrupted"]
-
-
-@dataclass(frozen=True, slots=True)
-class RunEnd:
-    """How a run ended.
-
-    Parameters
-    ----------
-    state : str
-    code : str
-        Kind of the cause, for programs.
-    reason : str or None
-        For people; None if the profile was played to its end.
-    at_rest : bool
-        Whether the cycler has confirmed rest and output off; if not, the device's watchdog must have done it.
-    missed_ticks : int
-    """
-
-    state: EndState
-    code: str
-    reason: str | None
-    at_rest: bool
-    missed_ticks: int
-
-
-@dataclass(frozen=True, slots=True)
-class RunParts:
-    """What a run works with.
-
-    Parameters
-    ----------
-    cycler, clock, recording, feed, stop
-    observer : ObserverLink or None
-    notify : callable
-        Takes severity, code and text of an event.
-    """
-
-    cycler: Cycler
-    clock: Clock
-    recording: Recording
-    feed: LiveFeed
-    stop: StopSignal
-    observer: ObserverLink | None
-    notify: Callable[[str, str, str], None]
-
-
-@dataclass(frozen=True, slots=True)
-class RunPlan:
-    """What a run does.
-
-    Parameters
-    ----------
-    request : RunRequest
-    player : Player
-        On the grid of ticks.
-    rules : Rules
-    watchdog_s : float
-        To set in the device.
-    every : int
-        Ticks per recorded sample.
-    """
-
-    request: RunRequest
-    player: Player
-    rules: Rules
-    watchdog_s: float
-    every: int
 
 
 class TripError(Exception):
@@ -237,6 +160,7 @@ class RunLoop:
 
     def _record(self, tick: Tick, reading: Reading, *, suspect: bool) -> None:
         parts, time_s = self._parts, self._track.time_s
+        settling = time_s < self._settled_from_s - _TIME_TOLERANCE_S
         self._next_record = (tick.index // self._plan.every + 1) * self._plan.every
         row = (
             time_s,
@@ -246,7 +170,7 @@ class RunLoop:
             reading.ambient_degC,
             self._commanded_A,
             reading.sequence,
-            self._flags(reading, suspect=suspect),
+            sample_flags(reading, self._track, settling=settling, gap=self._gap, suspect=suspect),
             tick.lateness_s,
         )
         parts.recording.put(SAMPLES, row)
@@ -254,26 +178,6 @@ class RunLoop:
         if parts.observer is not None:
             self._observed = self._observe(reading)
             parts.recording.put(OBSERVER, (time_s, *self._observed))
-
-    def _flags(self, reading: Reading, *, suspect: bool) -> int:
-        flags = 0
-        if math.isnan(reading.voltage_V):
-            flags |= Flag.VOLTAGE_MISSING.value
-        if math.isnan(reading.current_A):
-            flags |= Flag.CURRENT_MISSING.value
-        if math.isnan(reading.temperature_degC):
-            flags |= Flag.TEMPERATURE_MISSING.value
-        if self._track.stale:
-            flags |= Flag.STALE.value
-        if self._track.time_s < self._settled_from_s - _TIME_TOLERANCE_S:
-            flags |= Flag.SETTLING.value
-        if "current_limited" in reading.status:
-            flags |= Flag.DEVICE_CURRENT_LIMIT.value
-        if self._gap:
-            flags |= Flag.GAP_BEFORE.value
-        if suspect or self._track.mismatched or self._track.doubtful:
-            flags |= Flag.SUSPECT.value
-        return flags
 
     def _observe(self, reading: Reading) -> ObserverRow:
         if self._observer is None:
@@ -318,35 +222,3 @@ class RunLoop:
             self._settled_from_s = now_s + self._plan.request.settle_s + ramp_s
         await self._parts.cycler.apply(setpoint_A)
         self._commanded_A = setpoint_A
-
-
-async def bring_to_rest(cycler: Cycler) -> str | None:
-    """Bring the cycler to rest with its output off.
-
-    Returns
-    -------
-    None when the cycler has confirmed it, else why not.
-    """
-    reason = None
-    for _ in range(_REST_ATTEMPTS):
-        try:
-            await asyncio.wait_for(cycler.safe(), _REST_TIMEOUT_S)
-        except Exception as error:  # whatever went wrong, the next attempt may succeed
-            reason = str(error) or repr(error)
-        else:
-            return None
-    return reason
-
-
-async def uncancelled(work: Coroutine[Any, Any, T]) -> T:
-    """Finish `work` even if the caller is cancelled meanwhile; the cancellation is passed on afterwards."""
-    task = asyncio.ensure_future(work)
-    cancelled: asyncio.CancelledError | None = None
-    while not task.done():
-        try:
-            await asyncio.shield(task)
-        except asyncio.CancelledError as error:
-            cancelled = error
-    if cancelled is not None:
-        raise cancelled
-    return task.result()

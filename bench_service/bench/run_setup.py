@@ -12,7 +12,7 @@ from bench_service.bench.player import make_player
 from bench_service.bench.realtime import no_garbage_collection, real_time_priority
 from bench_service.bench.recording import queue_rows
 from bench_service.bench.request import RunRequest
-from bench_service.bench.run_loop import RunPlan
+from bench_service.bench.run import RunPlan
 from bench_service.bench.safety import Rules
 from bench_service.bench.settings import BenchSettings
 from bench_service.streams import OBSERVER, SAMPLES

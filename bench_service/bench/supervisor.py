@@ -5,13 +5,15 @@ import contextlib
 import logging
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any
 
-from bench_service.bench.links import FrameLink
+from bench_service.bench.control_process import end_of, start_control
+from bench_service.bench.links import FrameLink, Header
+from bench_service.bench.listener import BenchListener, BenchStatus
+from bench_service.bench.messages import EndedMessage, EventMessage
 from bench_service.bench.request import RunRequest
 from bench_service.bench.settings import BenchSettings
 from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError
@@ -25,53 +27,6 @@ _LAST_RESTART_S = 10.0
 _SILENCE_S = 90.0
 _LOOK_S = 1.0
 _QUIT_S = 40.0
-_END_S = 5.0
-
-Message = dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class BenchStatus:
-    """What is known of a bench.
-
-    Parameters
-    ----------
-    state : str
-        ``offline``, ``idle``, ``running``, ``stopping`` or ``fault``.
-    reason : str or None
-    run_id : str or None
-    capabilities : dict or None
-        Of the connected cycler; see `drivers.cycler.Capabilities`.
-    """
-
-    state: str
-    reason: str | None = None
-    run_id: str | None = None
-    capabilities: Message | None = None
-
-
-class BenchListener(Protocol):
-    """Told what happens on a bench, in the event loop of the API; must not block and not raise."""
-
-    def on_state(self, bench: str, status: BenchStatus) -> None:
-        """Take a new state."""
-        ...
-
-    def on_live(self, bench: str, live: Message) -> None:
-        """Take a live sample: the fields of the command link's ``live`` message without ``op``."""
-        ...
-
-    def on_event(self, bench: str, event: Message) -> None:
-        """Take an event: ``severity``, ``code``, ``text``, ``run_id``."""
-        ...
-
-    def on_ended(self, bench: str, ended: Message) -> None:
-        """Take the end of a run: ``run_id``, ``state``, ``reason``, ``n_samples``, ``missed_ticks``, ``sha256``.
-
-        Called exactly once for each run that `BenchSupervisor.start_run` accepted. State ``interrupted`` with
-        ``n_samples`` None: the control process died, and the recorder knows what is stored.
-        """
-        ...
 
 
 class BenchSupervisor:
@@ -210,21 +165,7 @@ class BenchSupervisor:
 
     def _spawn(self) -> None:
         self._died.clear()
-        samples = self._attach(self.name)
-        ours, theirs = socket.socketpair()
-        command = [sys.executable, "-m", "bench_service.bench", "--fd", str(theirs.fileno())]
-        command += ["--samples-fd", str(samples.fileno()), "--settings", self._settings.to_json()]
-        with samples, theirs:
-            try:
-                self._process = subprocess.Popen(
-                    command,
-                    pass_fds=(theirs.fileno(), samples.fileno()),
-                    stdin=subprocess.DEVNULL,
-                    process_group=0,  # Ctrl-C is for the service, also before the process can ignore it
-                )
-            except OSError:
-                ours.close()
-                raise
+        self._process, ours = start_control(self._settings, self._attach(self.name))
         self._heard_s = time.monotonic()
         self._link = FrameLink(ours, self._received, self._lost)
 
@@ -246,12 +187,14 @@ class BenchSupervisor:
         if link is not None:
             link.close()
         if process is not None:
-            reason = f"{reason} (exit status {await _end_of(process)})"
+            reason = f"{reason} (exit status {await end_of(process)})"
         if self._run_id is not None:
             run_id, self._run_id = self._run_id, None
             # What the cycler went through is unknown; a person or the campaign looks before the next run.
             self._settings = replace(self._settings, latched=f"run {run_id} was interrupted: {reason}")
-            self._listener.on_ended(self.name, _interrupted(run_id, reason))
+            counts = {"n_samples": None, "missed_ticks": None, "sha256": None}
+            ended = EndedMessage(run_id=run_id, state="interrupted", reason=reason, **counts)
+            self._listener.on_ended(self.name, ended)
         elif self._status.state == "fault":
             self._settings = replace(self._settings, latched=self._status.reason)
         if self._settings.latched is not None and not self._closing:
@@ -262,7 +205,7 @@ class BenchSupervisor:
 
     # --- what the process says -------------------------------------------------------------------------------
 
-    def _received(self, header: Message, _body: bytes) -> None:
+    def _received(self, header: Header, _body: bytes) -> None:
         self._heard_s = time.monotonic()
         try:
             self._pass_on(header)
@@ -270,8 +213,8 @@ class BenchSupervisor:
             # A listener's defect must not cost the messages that follow.
             _log.exception("bench %s: message %r", self.name, header.get("op"))
 
-    def _pass_on(self, header: Message) -> None:
-        message = {name: value for name, value in header.items() if name != "op"}
+    def _pass_on(self, header: Header) -> None:
+        message: Any = {name: value for name, value in header.items() if name != "op"}
         match header.get("op"):
             case "live":
                 self._listener.on_live(self.name, message)
@@ -297,29 +240,5 @@ class BenchSupervisor:
         self._changed.set()
 
     def _tell(self, severity: str, code: str, text: str) -> None:
-        event = {"severity": severity, "code": code, "text": text, "run_id": None}
+        event = EventMessage(severity=severity, code=code, text=text, run_id=None)
         self._listener.on_event(self.name, event)
-
-
-def _interrupted(run_id: str, reason: str) -> Message:
-    return {
-        "run_id": run_id,
-        "state": "interrupted",
-        "reason": reason,
-        "n_samples": None,
-        "missed_ticks": None,
-        "sha256": None,
-    }
-
-
-async def _end_of(process: "subprocess.Popen[bytes]") -> int:
-    """Wait a moment for the end of a process whose link is closed; kill it if it does not come.
-
-    It has that long to bring its cycler to rest; if it hangs, the device's watchdog has done so.
-    """
-    deadline_s = time.monotonic() + _END_S
-    while process.poll() is None:
-        if time.monotonic() > deadline_s:
-            process.kill()
-        await asyncio.sleep(0.02)
-    return process.returncode

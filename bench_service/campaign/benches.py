@@ -5,17 +5,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any
 
 from bench_service.bench.limits import Limits
-from bench_service.bench.supervisor import BenchStatus, BenchSupervisor
+from bench_service.bench.listener import BenchStatus
+from bench_service.bench.messages import EndedMessage, EventMessage, LiveMessage
+from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.seal import Seal
 from bench_service.config import BenchConfig
 from bench_service.errors import NotFoundError
 from bench_service.store.records import Json
 
-Message = dict[str, Any]
 ACKNOWLEDGED = "acknowledged"  # the event's code, as control processes send it too
 _ACKNOWLEDGE_S = 2.0
 
@@ -51,14 +51,14 @@ class Bench:
         self.supervisor = supervisor
         self.cell_since_utc = cell_since_utc
         self.seal = seal
-        self.live: Message | None = None
+        self.live: LiveMessage | None = None
 
     @property
     def name(self) -> str:
         """The bench's name."""
         return self.supervisor.name
 
-    def summary(self) -> Message:
+    def summary(self) -> Json:
         """Give the JSON object of the live feed: everything but the limits."""
         status = self.supervisor.status
         capabilities = status.capabilities
@@ -76,7 +76,7 @@ class Bench:
             "seal": None if self.seal is None else self.seal.to_json(),
         }
 
-    def to_json(self) -> Message:
+    def to_json(self) -> Json:
         """Give the JSON object of the REST API."""
         return self.summary() | {"limits": self.limits.to_json()}
 
@@ -89,7 +89,7 @@ class Benches:
     broadcaster : Broadcaster
         Gets states and live values.
     on_event : callable
-        Takes the bench's name and an event: ``severity``, ``code``, ``text``, ``run_id``.
+        Takes the bench's name and an event.
     on_ended : callable
         Takes the end of a run, see `BenchListener.on_ended`.
     on_state : callable
@@ -99,8 +99,8 @@ class Benches:
     def __init__(
         self,
         broadcaster: Broadcaster,
-        on_event: Callable[[str, Message], None],
-        on_ended: Callable[[Message], None],
+        on_event: Callable[[str, EventMessage], None],
+        on_ended: Callable[[EndedMessage], None],
         on_state: Callable[[Bench], None],
     ) -> None:
         self._broadcaster = broadcaster
@@ -131,7 +131,7 @@ class Benches:
         bench.supervisor.acknowledge()
         if bench.supervisor.status.state != "fault":  # no control process there to say so
             text = "acknowledged while the bench was offline"
-            self._on_event(name, {"severity": "info", "code": ACKNOWLEDGED, "text": text, "run_id": None})
+            self._on_event(name, EventMessage(severity="info", code=ACKNOWLEDGED, text=text, run_id=None))
         with contextlib.suppress(TimeoutError):
             await bench.supervisor.wait_for("idle", "offline", timeout_s=_ACKNOWLEDGE_S)
         return bench
@@ -149,7 +149,7 @@ class Benches:
             raise NotFoundError(f"bench {name} has no sealed effect", ("bench", name))
         if bench.seal.opened is None:
             bench.seal = await asyncio.to_thread(bench.seal.open)
-            event = {"severity": "info", "code": "seal_opened", "text": _words(bench.seal), "run_id": None}
+            event = EventMessage(severity="info", code="seal_opened", text=_words(bench.seal), run_id=None)
             self._on_event(name, event)
             self._broadcaster.publish({"type": "bench"} | bench.summary())
         return bench.seal.to_json()
@@ -161,16 +161,16 @@ class Benches:
         self._on_state(self.get(bench))
         self._broadcaster.publish({"type": "bench"} | self.get(bench).summary())
 
-    def on_live(self, bench: str, live: Message) -> None:
+    def on_live(self, bench: str, live: LiveMessage) -> None:
         """Keep and publish live values."""
         self.get(bench).live = live
         self._broadcaster.publish({"type": "live", "bench": bench} | live)
 
-    def on_event(self, bench: str, event: Message) -> None:
+    def on_event(self, bench: str, event: EventMessage) -> None:
         """Pass an event on."""
         self._on_event(bench, event)
 
-    def on_ended(self, bench: str, ended: Message) -> None:
+    def on_ended(self, bench: str, ended: EndedMessage) -> None:
         """Pass the end of a run on."""
         self._on_ended(ended)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
+from bench_service.bench.messages import EventMessage
 from bench_service.campaign.benches import Bench
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
@@ -17,10 +17,11 @@ from bench_service.campaign.plan import check_plan
 from bench_service.campaign.request import CampaignRequest, complete, standing_of
 from bench_service.campaign.stages import overall_progress, stages_of
 from bench_service.campaign.standing import Standing, last_standing
-from bench_service.campaign.story import Story, Workshop
+from bench_service.campaign.story import Story
+from bench_service.campaign.workshop import Workshop
 from bench_service.errors import BenchBusyError, ServiceError
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import CampaignRecord, CampaignState, Json, Severity
+from bench_service.store.records import CampaignRecord, CampaignState, Severity, Stage
 from models.data.errors import ModelError
 
 _log = logging.getLogger(__name__)
@@ -101,12 +102,12 @@ class CampaignRunner:
         for telling in self._running.values():
             if telling.record is not None and telling.record.id == campaign_id:
                 return telling.record
-        return await asyncio.to_thread(self._workshop.store.campaign, campaign_id)
+        return await asyncio.to_thread(self._workshop.store.campaigns.get, campaign_id)
 
     async def list(self, limit: int = 100, offset: int = 0) -> list[CampaignRecord]:
         """Return campaigns, the newest first, as they stand now."""
         current = {t.record.id: t.record for t in self._running.values() if t.record is not None}
-        stored = await asyncio.to_thread(self._workshop.store.campaigns, limit, offset)
+        stored = await asyncio.to_thread(self._workshop.store.campaigns.page, limit, offset)
         return [current.get(record.id, record) for record in stored]
 
     async def close(self) -> None:
@@ -132,7 +133,7 @@ class CampaignRunner:
 
     def _add(self, request: CampaignRequest) -> CampaignRecord:
         stages = stages_of(request)
-        return self._workshop.store.add_campaign(
+        return self._workshop.store.campaigns.add(
             name=request.name,
             bench=request.bench,
             stage=stages[0],
@@ -145,7 +146,7 @@ class CampaignRunner:
         assert telling.record is not None
         telling.record = telling.moved(stage, share, message)
         if share in (0.0, 1.0):  # what is done is found again after a crash
-            self._journal.post(partial(self._workshop.store.save_campaign, telling.record))
+            self._journal.post(partial(self._workshop.store.campaigns.save, telling.record))
         self._live.publish({"type": "campaign"} | campaign_json(telling.record))
 
     async def _tell(self, telling: _Telling, story: Story) -> None:
@@ -168,7 +169,7 @@ class CampaignRunner:
         # Event and record are stored, in this order, before anybody sees that it has ended.
         _note_end(self._journal, ended)
         try:
-            telling.record = await self._journal.write(self._workshop.store.save_campaign, ended)
+            telling.record = await self._journal.write(self._workshop.store.campaigns.save, ended)
         finally:
             self._running.pop(telling.key, None)
             self._live.publish({"type": "campaign"} | campaign_json(telling.record))
@@ -214,15 +215,15 @@ def campaign_json(record: CampaignRecord) -> dict[str, Any]:
 
 async def close_left_open(store: MetadataStore, journal: Journal) -> None:
     """Write the campaigns down as interrupted that the end of an earlier service has cut off."""
-    for record in await asyncio.to_thread(store.campaigns, _LATEST_CAMPAIGNS):
+    for record in await asyncio.to_thread(store.campaigns.page, _LATEST_CAMPAIGNS):
         if record.state == "running":
             ended = _ended(record, "interrupted", "the service ended in the middle of it")
-            _note_end(journal, await journal.write(store.save_campaign, ended))
+            _note_end(journal, await journal.write(store.campaigns.save, ended))
 
 
 def _ended(record: CampaignRecord, state: CampaignState, message: str) -> CampaignRecord:
     """Return the record of a campaign that did not reach its end; so did the stage that it was in."""
-    stages: Sequence[Json] = [s | {"state": state} if s["state"] == "running" else s for s in record.stages]
+    stages: list[Stage] = [{**s, "state": state} if s["state"] == "running" else s for s in record.stages]
     return replace(record, state=state, message=message, stages=tuple(stages))
 
 
@@ -232,5 +233,6 @@ def _note_end(journal: Journal, record: CampaignRecord) -> None:
 
 
 def _note(journal: Journal, record: CampaignRecord, severity: Severity, code: str, text: str) -> None:
-    event = {"severity": severity, "code": code, "text": f"campaign {record.name!r}: {text}", "run_id": None}
+    text = f"campaign {record.name!r}: {text}"
+    event = EventMessage(severity=severity, code=code, text=text, run_id=None)
     journal.note(record.bench, event, record.id)

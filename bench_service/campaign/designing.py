@@ -62,7 +62,7 @@ class Designing:
 
         def keep(result: Json) -> Json:
             time_s, current_A = np.array(result["time_s"]), np.array(result["current_A"])
-            record = self._store.add_profile(name, time_s, current_A)
+            record = self._store.profiles.add(name, time_s, current_A)
             return {"profile_id": record.id, "name": name, "figures": result["figures"]}
 
         return self._jobs.submit(
@@ -75,16 +75,16 @@ class Designing:
         from models.design.rivals import is_effect
 
         written = read_request(request)
-        document = None if written.model is None else self._store.model_document(written.model)
+        document = None if written.model is None else self._store.models.document(written.model)
         cycle = None
         if written.load_cycle is not None:
-            time_s, current_A = self._store.profile_points(written.load_cycle)
+            time_s, current_A = self._store.profiles.points(written.load_cycle)
             cycle = (time_s.tolist(), current_A.tolist())
-        rivals = [rival if is_effect(rival) else self._store.model_document(rival) for rival in written.rivals]
+        rivals = [rival if is_effect(rival) else self._store.models.document(rival) for rival in written.rivals]
         return document, [self._run(run_id) for run_id in written.runs], cycle, rivals
 
     def _run(self, run_id: str) -> RunInput:
-        run = self._store.run(run_id)
+        run = self._store.runs.get(run_id)
         if run.state in OPEN_RUN_STATES:
             raise ConflictError(f"run {run_id} has not ended; wait for its end or stop it", ("runs", run_id))
         return RunInput(run_id, run.initial_soc)

@@ -20,7 +20,7 @@ from bench_service.jobs.modelling import RunInput
 from bench_service.jobs.refitting import refit_to
 from bench_service.jobs.runner import Job, JobRunner
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import Json, ModelRecord
+from bench_service.store.records import Json, ModelOrigin, ModelRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,11 +71,11 @@ class Diagnosing:
         def keep(result: Json) -> Json:
             record = self._store.diagnoses.add(
                 order.model_id,
-                self._store.references([run.run_id for run in runs]),
+                self._store.runs.references([run.run_id for run in runs]),
                 result,
                 mode=order.mode,
                 code_version=self._code_version,
-                train=self._store.references([run.run_id for run in train]),
+                train=self._store.runs.references([run.run_id for run in train]),
                 initial_soc=order.initial_soc,
             )
             return {"diagnosis_id": record.id, "verdict": result["verdict"]}
@@ -127,17 +127,19 @@ class Diagnosing:
         self, parent: ModelRecord, name: str, train: list[RunInput], validate: list[RunInput], result: Json
     ) -> Json:
         metrics = result["metrics"]
-        record = self._store.add_model(
+        record = self._store.models.add(
             result["document"],
-            name=name,
-            structure=result["structure"],
-            capacity_Ah=result["capacity_Ah"],
-            code_version=self._code_version,
-            train=self._store.references([run.run_id for run in train]),
-            validate=self._store.references([run.run_id for run in validate]),
-            metrics=metrics,
-            seed=parent.seed,
-            parent_id=parent.id,
+            ModelOrigin(
+                name=name,
+                structure=result["structure"],
+                capacity_Ah=result["capacity_Ah"],
+                code_version=self._code_version,
+                train=self._store.runs.references([run.run_id for run in train]),
+                validate=self._store.runs.references([run.run_id for run in validate]),
+                metrics=metrics,
+                seed=parent.seed,
+                parent_id=parent.id,
+            ),
         )
         return {"model": record.id, "parent": parent.id} | metrics
 
@@ -166,7 +168,7 @@ class Diagnosing:
 
         def keep(result: Json) -> Json:
             points = np.array(result["time_s"]), np.array(result["current_A"])
-            record = self._store.add_profile(name, *points)
+            record = self._store.profiles.add(name, *points)
             settled = {key: request[key] for key in ("initial_soc", "dt_s")}
             return {"profile_id": record.id, "name": name} | settled | {"figures": result["figures"]}
 
@@ -191,7 +193,7 @@ class Diagnosing:
         return job.result
 
     def _diagnosis_inputs(self, order: DiagnosisOrder) -> tuple[Json, list[RunInput], list[RunInput]]:
-        model = self._store.model(order.model_id)
+        model = self._store.models.get(order.model_id)
         runs = self._modelling.inputs(order.run_ids, "run_ids", order.initial_soc)
         chosen = {run.run_id for run in runs}
         if order.train_run_ids is not None:
@@ -199,7 +201,7 @@ class Diagnosing:
         named = [run.run_id for run in model.train] if order.train_run_ids is None else order.train_run_ids
         named = [run_id for run_id in named if run_id not in chosen]
         train = self._modelling.inputs(named, "train_run_ids", None) if named else []
-        return self._store.model_document(model.id), runs, train
+        return self._store.models.document(model.id), runs, train
 
     def _version_inputs(
         self, model_id: str, train: Sequence[str] | None, validate: Sequence[str] | None, effect: str | None = None
@@ -209,7 +211,7 @@ class Diagnosing:
 
         if effect is not None and effect not in effects():
             raise NotFoundError(f"unknown effect {effect!r}; known are {', '.join(effects())}", ("effect",))
-        parent = self._store.model(model_id)
+        parent = self._store.models.get(model_id)
         learning = list(train) if train else [run.run_id for run in parent.train]
         judging = (
             list(validate) if validate else [each for each in judging_runs(self._store, parent) if each not in learning]
@@ -221,7 +223,7 @@ class Diagnosing:
         _check_apart(judging, set(learning), "validate_run_ids", "training")
         return (
             parent,
-            self._store.model_document(model_id),
+            self._store.models.document(model_id),
             self._modelling.inputs(learning, "train_run_ids", None),
             self._modelling.inputs(judging, "validate_run_ids", None),
         )
@@ -238,12 +240,12 @@ class Diagnosing:
         train = runs
         if record.mode == "structure" and record.train:
             train = self._modelling.inputs(record.train_run_ids, "train_run_ids", None)
-        return self._store.model_document(record.model_id), on_bench(asked, limits, standing_soc), train, runs
+        return self._store.models.document(record.model_id), on_bench(asked, limits, standing_soc), train, runs
 
     def _where_inputs(self, comparison_id: str) -> tuple[Json, list[RunInput]]:
-        record = self._store.comparison(comparison_id)
+        record = self._store.comparisons.get(comparison_id)
         runs = self._modelling.inputs(record.run_ids, "run_ids", record.initial_soc)
-        return self._store.model_document(record.model_id), runs
+        return self._store.models.document(record.model_id), runs
 
 
 def catalogue() -> list[Json]:

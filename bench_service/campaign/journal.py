@@ -7,10 +7,12 @@ import logging
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
+from bench_service.bench.messages import EventMessage
 from bench_service.campaign.live import Broadcaster
 from bench_service.store.metadata import MetadataStore
+from bench_service.store.records import Severity
 
 _log = logging.getLogger(__name__)
 ResultT = TypeVar("ResultT")
@@ -57,12 +59,12 @@ class Journal:
         self._pending.add(future)
         future.add_done_callback(done)
 
-    def note(self, bench: str | None, event: dict[str, Any], campaign_id: str | None = None) -> None:
-        """Store an event (``severity``, ``code``, ``text``, ``run_id``) and publish it; returns at once."""
-        kind = (event["severity"], event["code"], event["text"])
+    def note(self, bench: str | None, event: EventMessage, campaign_id: str | None = None) -> None:
+        """Store an event and publish it; returns at once."""
+        kind = (cast(Severity, event["severity"]), event["code"], event["text"])
         about = {"bench": bench, "run_id": event["run_id"], "campaign_id": campaign_id}
         self.post(
-            lambda: self._store.add_event(*kind, **about),
+            lambda: self._store.events.add(*kind, **about),
             lambda record: self._broadcaster.publish({"type": "event"} | asdict(record)),
         )
 

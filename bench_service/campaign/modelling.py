@@ -13,7 +13,7 @@ from bench_service.errors import BadRequestError, ConflictError
 from bench_service.jobs.modelling import RunInput, compare_runs, compare_series, fit, observer_figures, read_tables
 from bench_service.jobs.runner import Job, JobFunction, JobRunner
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import OPEN_RUN_STATES, ComparisonRecord, Json, ModelRecord, RunRecord
+from bench_service.store.records import OPEN_RUN_STATES, ComparisonRecord, Json, ModelOrigin, ModelRecord, RunRecord
 
 # Curves of one comparison are asked for again by every open page, and never change.
 _KEPT_SERIES = 8
@@ -69,17 +69,19 @@ class Modelling:
         train, validate = await asyncio.to_thread(self._fit_inputs, order)
 
         def keep(result: Json) -> Json:
-            record = self._store.add_model(
+            record = self._store.models.add(
                 result["document"],
-                name=order.name,
-                structure=order.structure,
-                capacity_Ah=order.capacity_Ah,
-                code_version=self._code_version,
-                train=self._store.references(order.train),
-                validate=self._store.references(order.validate),
-                metrics=result["metrics"],
-                seed=order.seed,
-                campaign_id=order.campaign_id,
+                ModelOrigin(
+                    name=order.name,
+                    structure=order.structure,
+                    capacity_Ah=order.capacity_Ah,
+                    code_version=self._code_version,
+                    train=self._store.runs.references(order.train),
+                    validate=self._store.runs.references(order.validate),
+                    metrics=result["metrics"],
+                    seed=order.seed,
+                    campaign_id=order.campaign_id,
+                ),
             )
             return {"model_id": record.id, "metrics": result["metrics"]}
 
@@ -101,12 +103,14 @@ class Modelling:
         from models.network.local_model_network import LocalModelNetwork
 
         network = LocalModelNetwork.from_json(document)
-        return self._store.add_model(
+        return self._store.models.add(
             document,
-            name=name,
-            structure=network.structure.name,
-            capacity_Ah=network.cell.capacity_Ah,
-            code_version=self._code_version,
+            ModelOrigin(
+                name=name,
+                structure=network.structure.name,
+                capacity_Ah=network.cell.capacity_Ah,
+                code_version=self._code_version,
+            ),
         )
 
     async def tables(self, model_id: str) -> Json:
@@ -117,7 +121,7 @@ class Modelling:
         NotFoundError
             No such model.
         """
-        document = await asyncio.to_thread(self._store.model_document, model_id)
+        document = await asyncio.to_thread(self._store.models.document, model_id)
         record = document.get("record") or {}
         tables = record.get("tables") or await self._result("tables", read_tables, document)
         return {
@@ -141,7 +145,7 @@ class Modelling:
         NotFoundError, ConflictError, BadRequestError
             Model or run are not there, a run has not ended, the samples cannot be compared.
         """
-        document = await asyncio.to_thread(self._store.model_document, model_id)
+        document = await asyncio.to_thread(self._store.models.document, model_id)
         runs = await asyncio.to_thread(self.inputs, run_ids, "run_ids", initial_soc)
         result = await self._result("comparison", compare_runs, document, runs)
         return await asyncio.to_thread(self._keep_comparison, model_id, run_ids, result, initial_soc, campaign_id)
@@ -191,8 +195,8 @@ class Modelling:
         return text[0]
 
     def _series_inputs(self, comparison_id: str) -> tuple[Json, list[RunInput]]:
-        record = self._store.comparison(comparison_id)
-        document = self._store.model_document(record.model_id)
+        record = self._store.comparisons.get(comparison_id)
+        document = self._store.models.document(record.model_id)
         return document, [self._input(run_id, record.initial_soc) for run_id in record.run_ids]
 
     def _drop_failed(self, key: tuple[str, int], done: asyncio.Task[bytes]) -> None:
@@ -211,9 +215,9 @@ class Modelling:
     def _keep_comparison(
         self, model_id: str, run_ids: Sequence[str], result: Json, initial_soc: float | None, campaign_id: str | None
     ) -> ComparisonRecord:
-        return self._store.add_comparison(
+        return self._store.comparisons.add(
             model_id,
-            self._store.references(run_ids),
+            self._store.runs.references(run_ids),
             result,
             code_version=self._code_version,
             initial_soc=initial_soc,
@@ -239,7 +243,7 @@ class Modelling:
         return [self._input(run_id, initial_soc) for run_id in run_ids]
 
     def _input(self, run_id: str, initial_soc: float | None) -> RunInput:
-        run: Any = self._store.run(run_id)
+        run: Any = self._store.runs.get(run_id)
         if run.state in OPEN_RUN_STATES:
             raise ConflictError(f"run {run_id} has not ended; wait for its end or stop it", ("run", run_id))
         return RunInput(run_id, run.initial_soc if initial_soc is None else initial_soc)

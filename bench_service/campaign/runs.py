@@ -9,13 +9,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from bench_service.bench.request import RunRequest
+from bench_service.bench.messages import EndedMessage, EventMessage
+from bench_service.bench.request import ObserverOrder, RunRequest
 from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.journal import Journal
 from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import RunRecord, RunState, Severity
+from bench_service.store.records import RunIntent, RunRecord, Severity
 from bench_service.store.samples import SampleReader
 
 _log = logging.getLogger(__name__)
@@ -122,7 +123,7 @@ class Runs:
         """Wait until a run has ended and is written down."""
         if run_id in self._open:
             await self._open[run_id].wait()
-        return await asyncio.to_thread(self._store.run, run_id)
+        return await asyncio.to_thread(self._store.runs.get, run_id)
 
     def on_state(self, bench: Bench) -> None:
         """Repeat a stop that came before the control process had begun the run."""
@@ -130,7 +131,7 @@ class Runs:
         if status.state == "running" and status.run_id in self._to_stop:
             bench.supervisor.stop(self._to_stop.pop(status.run_id))
 
-    def on_ended(self, ended: dict[str, Any]) -> None:
+    def on_ended(self, ended: EndedMessage) -> None:
         """Write down the end of a run; returns at once."""
         self._ends[ended["run_id"]] = asyncio.get_running_loop().create_task(self._end(ended))
 
@@ -142,14 +143,14 @@ class Runs:
     def _check(self, bench: Bench, order: RunOrder) -> RunRequest:
         """Build the request of an order, or refuse it; reads the store, so it runs in a thread."""
         limits = narrowed(bench.limits, order.limits)
-        time_s, current_A = self._store.profile_points(order.profile_id)
+        time_s, current_A = self._store.profiles.points(order.profile_id)
         capacity_Ah = bench.config.capacity_Ah
         admit(time_s, current_A, limits, dt_s=order.dt_s, initial_soc=order.initial_soc, capacity_Ah=capacity_Ah)
         observer = None
         if order.model_id is not None:
             start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
-            document = self._store.model_document(order.model_id)
-            observer = {"model": document, "settings": {"initial_soc": start_soc}}
+            document = self._store.models.document(order.model_id)
+            observer = ObserverOrder(model=document, settings={"initial_soc": start_soc})
         return RunRequest(
             run_id="",
             dt_s=order.dt_s,
@@ -175,48 +176,51 @@ class Runs:
             bench.supervisor.start_run(replace(request, run_id=record.id))
         except ServiceError as error:
             end = (record.id, "fault", f"not started: {error}")
-            self._note_end(await self._journal.write(self._store.end_run, *end, n_samples=0))
+            self._note_end(await self._journal.write(self._store.runs.end, *end, n_samples=0))
             self._forget(record.id)
             raise
         # Queued before the run's end can be: the journal keeps the order.
-        started = await self._journal.write(self._store.start_run, record.id)
+        started = await self._journal.write(self._store.runs.start, record.id)
         duration_s = float(request.time_s[-1])
         text = f"{_called(started)} started: {duration_s:g} s, a sample each {order.dt_s:g} s, from SoC "
         self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}")
         return started
 
     def _write_intent(self, order: RunOrder, request: RunRequest) -> RunRecord:
-        return self._store.add_run(
-            bench=order.bench,
-            profile_id=order.profile_id,
-            dt_s=order.dt_s,
-            initial_soc=order.initial_soc,
-            capacity_Ah=request.capacity_Ah,
-            limits=request.limits.to_json(),
-            code_version=self._code_version,
-            name=order.name,
-            model_id=order.model_id,
-            observer_initial_soc=order.observer_initial_soc,
-            seed=order.seed,
-            campaign_id=order.campaign_id,
+        return self._store.runs.add(
+            RunIntent(
+                bench=order.bench,
+                profile_id=order.profile_id,
+                dt_s=order.dt_s,
+                initial_soc=order.initial_soc,
+                capacity_Ah=request.capacity_Ah,
+                limits=request.limits.to_json(),
+                code_version=self._code_version,
+                name=order.name,
+                model_id=order.model_id,
+                observer_initial_soc=order.observer_initial_soc,
+                seed=order.seed,
+                campaign_id=order.campaign_id,
+            ),
         )
 
-    async def _end(self, ended: dict[str, Any]) -> None:
-        run_id, state, reason = ended["run_id"], ended["state"], ended["reason"]
-        counts = {name: ended[name] for name in ("n_samples", "missed_ticks", "sha256")}
+    async def _end(self, ended: EndedMessage) -> None:
+        run_id = ended["run_id"]
         try:
             if ended["n_samples"] is None:
-                counts |= await self._stored(run_id)
-            while not await self._write_end(run_id, state, reason, counts) and not self._closing.is_set():
+                ended = await self._counted(ended)
+            while not await self._write_end(ended) and not self._closing.is_set():
                 # A full disk has room again some day; until then nobody may read that the run never ended.
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(self._closing.wait(), _RETRY_S)
         finally:
             self._forget(run_id)
 
-    async def _write_end(self, run_id: str, state: RunState, reason: str | None, counts: dict[str, Any]) -> bool:
+    async def _write_end(self, ended: EndedMessage) -> bool:
+        run_id, state, reason = ended["run_id"], ended["state"], ended["reason"]
+        counts = {"n_samples": ended["n_samples"], "missed_ticks": ended["missed_ticks"], "sha256": ended["sha256"]}
         try:
-            self._note_end(await self._journal.write(self._store.end_run, run_id, state, reason, **counts))
+            self._note_end(await self._journal.write(self._store.runs.end, run_id, state, reason, **counts))
         except ServiceError:
             _log.exception("the end of run %s (%s: %s) could not be written down", run_id, state, reason)
             return False
@@ -228,18 +232,19 @@ class Runs:
         self._note(run, _SEVERITY.get(run.state, "error"), f"run_{run.state}", text)
 
     def _note(self, run: RunRecord, severity: Severity, code: str, text: str) -> None:
-        event = {"severity": severity, "code": code, "text": text, "run_id": run.id}
+        event = EventMessage(severity=severity, code=code, text=text, run_id=run.id)
         self._journal.note(run.bench, event, run.campaign_id)
 
-    async def _stored(self, run_id: str) -> dict[str, Any]:
-        """What the recorder has of a run whose control process has died; it closes the run a moment later."""
+    async def _counted(self, ended: EndedMessage) -> EndedMessage:
+        """Count what the recorder has of a run whose control process has died; it closes the run a moment later."""
+        run_id = ended["run_id"]
         deadline_s = asyncio.get_running_loop().time() + _RECORDER_S
         while asyncio.get_running_loop().time() < deadline_s:
             closed = await asyncio.to_thread(self._samples.closed, run_id)
             if closed is not None:
-                return {"n_samples": closed.n_samples, "sha256": closed.sha256}
+                return {**ended, "n_samples": closed.n_samples, "sha256": closed.sha256}
             await asyncio.sleep(_LOOK_S)
-        return {"n_samples": await asyncio.to_thread(self._samples.n_rows, run_id)}
+        return {**ended, "n_samples": await asyncio.to_thread(self._samples.n_rows, run_id)}
 
     def _forget(self, run_id: str) -> None:
         self._to_stop.pop(run_id, None)

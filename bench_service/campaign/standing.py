@@ -41,7 +41,7 @@ def last_standing(bench: Bench, store: MetadataStore, samples: SampleReader) -> 
 
 
 def _last_run(bench: Bench, store: MetadataStore) -> RunRecord | None:
-    for run in store.runs(bench=bench.name, limit=_LATEST_RUNS):
+    for run in store.runs.page(bench=bench.name, limit=_LATEST_RUNS):
         if bench.cell_since_utc is not None and run.created_utc < bench.cell_since_utc:
             return None  # of another cell
         if run.state not in OPEN_RUN_STATES and run.n_samples != 0:

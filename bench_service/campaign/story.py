@@ -3,54 +3,23 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
 from typing import Any
 
-from bench_service.campaign.benches import Benches
-from bench_service.campaign.designing import Designing, pauses_between_s, round_request
-from bench_service.campaign.diagnosing import Diagnosing, DiagnosisOrder
-from bench_service.campaign.modelling import FitOrder, Modelling
+from bench_service.campaign.designing import pauses_between_s, round_request
+from bench_service.campaign.diagnosing import DiagnosisOrder
+from bench_service.campaign.modelling import FitOrder
 from bench_service.campaign.plan import CHANGED, CHANGED_VALIDATE, TRAIN, VALIDATE, plan_profiles
+from bench_service.campaign.playing import Playing
 from bench_service.campaign.progress import Progress, Round, campaign_result
 from bench_service.campaign.request import OBSERVER_OFFSET_SOC, CampaignRequest
-from bench_service.campaign.runs import RunOrder, Runs
+from bench_service.campaign.runs import RunOrder
 from bench_service.campaign.stages import stages_of
-from bench_service.errors import ServiceError
-from bench_service.jobs.counting import counted_soc
-from bench_service.jobs.runner import Job, JobRunner
-from bench_service.store.metadata import MetadataStore
+from bench_service.campaign.workshop import CampaignFailedError, Report, Workshop
+from bench_service.jobs.runner import Job
 from bench_service.store.records import RunRecord
-from bench_service.store.samples import SampleReader
 
 _LOOK_S = 0.25
-# Longest wait for a bench that is being connected, as all are in the first seconds of a service.
-_BENCH_TIMEOUT_S = 20.0
-# A run that takes longer to end goes on ending; whoever stops a campaign gets an answer.
-_REST_TIMEOUT_S = 3.0
-
-Report = Callable[[str, float, str], None]
-
-
-class CampaignFailedError(ServiceError):
-    """A stage did not reach its end; the message says which and why."""
-
-    code = "campaign_failed"
-
-
-@dataclass(frozen=True, slots=True)
-class Workshop:
-    """What a campaign works with."""
-
-    store: MetadataStore
-    samples: SampleReader
-    benches: Benches
-    runs: Runs
-    modelling: Modelling
-    diagnosing: Diagnosing
-    designing: Designing
-    jobs: JobRunner
 
 
 class Story:
@@ -62,7 +31,7 @@ class Story:
     campaign_id : str
     request : CampaignRequest
     report : callable
-        Takes stage, share 0..1 of the stage that is done, and one line for people.
+        See `workshop.Report`.
     """
 
     def __init__(self, workshop: Workshop, campaign_id: str, request: CampaignRequest, report: Report) -> None:
@@ -71,6 +40,7 @@ class Story:
         self._request = request
         self._report = report
         self._done = Progress()
+        self._playing = Playing(workshop, campaign_id, report)
 
     async def tell(self) -> dict[str, Any]:
         """Go through all stages and return the campaign's result.
@@ -98,15 +68,7 @@ class Story:
 
     async def stop(self) -> None:
         """Bring what runs to rest, and wait a moment for that."""
-        runs = self._workshop.runs
-        found = self._workshop.store.runs(campaign_id=self._id, limit=10)
-        for run in found:
-            runs.stop(self._workshop.benches, run, "the campaign was stopped")
-        endings = [asyncio.create_task(runs.wait(run.id)) for run in found]
-        if endings:
-            _, late = await asyncio.wait(endings, timeout=_REST_TIMEOUT_S)
-            for ending in late:
-                ending.cancel()
+        await self._playing.stop()
 
     async def _design(self) -> str:
         request = self._request
@@ -122,12 +84,12 @@ class Story:
         planned = await asyncio.to_thread(plan_profiles, self._request, initial_soc, played=bool(self._done.rounds))
         for role, profile in planned.items():
             record = await asyncio.to_thread(
-                self._workshop.store.add_profile, f"{self._request.name}: {role}", profile.time_s, profile.current_A
+                self._workshop.store.profiles.add, f"{self._request.name}: {role}", profile.time_s, profile.current_A
             )
             self._done.profiles[role] = record.id
 
     async def _run(self) -> str:
-        run = await self._play("run", TRAIN, self._request.initial_soc, None, None)
+        run = await self._play("run", TRAIN, self._request.initial_soc)
         return f"{run.n_samples} samples, {run.missed_ticks} missed"
 
     async def _fit(self) -> str:
@@ -164,7 +126,7 @@ class Story:
         told = ""
         for number in range(2, self._request.rounds + 1):
             role, last = f"{TRAIN}_{number}", self._done.runs[self._done.rounds[-1].role]
-            soc = await self._soc_after(last)
+            soc = await self._playing.soc_after(last)
             bench = self._workshop.benches.get(self._request.bench)
             asked = round_request(self._request, bench.limits, self._done.model_id, soc, number)
             job = await self._workshop.designing.start(f"{self._request.name}: {role}", asked)
@@ -175,16 +137,16 @@ class Story:
                 told = f"{told}; " * bool(told) + f"no round {number}: {error}"
                 break
             self._done.profiles[role] = made["profile_id"]
-            await self._play("rounds", role, soc, None, None)
+            await self._play("rounds", role, soc)
             told = f"round {number}: {await self._fit_round('rounds', role, made['figures'])}"
-        await self._plan(await self._soc_after(self._done.runs[self._done.rounds[-1].role]))
+        await self._plan(await self._playing.soc_after(self._done.runs[self._done.rounds[-1].role]))
         return told
 
     async def _observe(self) -> str:
         """Play another run with the observer live, started far from the truth."""
-        start = await self._soc_after(self._done.runs[self._done.rounds[-1].role])
+        start = await self._playing.soc_after(self._done.runs[self._done.rounds[-1].role])
         offset = -OBSERVER_OFFSET_SOC if start > 0.5 else OBSERVER_OFFSET_SOC
-        run = await self._play("observe", VALIDATE, start, self._done.model_id, start + offset)
+        run = await self._play("observe", VALIDATE, start, observer_soc=start + offset)
         return f"{run.n_samples} samples, observer started at {start + offset:.0%} with the cell at {start:.0%}"
 
     async def _compare(self) -> str:
@@ -202,10 +164,10 @@ class Story:
         """Play two runs on the bench on which something may have changed: one to learn from, one to judge."""
         bench = self._request.changed_bench or self._request.bench
         same = bench == self._request.bench
-        start = await self._soc_after(self._done.runs[VALIDATE]) if same else self._request.changed_initial_soc
+        start = await self._playing.soc_after(self._done.runs[VALIDATE]) if same else self._request.changed_initial_soc
         for role in (CHANGED, CHANGED_VALIDATE):
-            run = await self._play("change", role, start, None, None, bench)
-            start = await self._soc_after(run)
+            run = await self._play("change", role, start, bench=bench)
+            start = await self._playing.soc_after(run)
         return f"two runs of {self._request.duration_s:g} s on bench {bench!r}"
 
     async def _diagnose(self) -> str:
@@ -233,16 +195,6 @@ class Story:
         before, after = self._done.addition["error_before_mV"], self._done.addition["error_after_mV"]
         return f"{effect} is missing; added, the held-out error falls from {before:.2f} to {after:.2f} mV"
 
-    async def _watched(self, stage: str, job: Job) -> dict[str, Any]:
-        """Wait for a job and report its progress; its result, or the end of the campaign."""
-        while not job.ended:
-            self._report(stage, min(job.progress, 0.99), job.message)
-            await asyncio.sleep(_LOOK_S)
-            job = self._workshop.jobs.get(job.id)
-        if job.result is None:
-            raise CampaignFailedError(f"the {job.kind} failed: {job.error}")
-        return job.result
-
     async def _write_report(self) -> str:
         soc = await self._workshop.modelling.soc_figures(self._done.runs[VALIDATE])
         self._done.result = campaign_result(self._done, soc)
@@ -253,62 +205,35 @@ class Story:
         stage: str,
         role: str,
         soc: float,
-        model_id: str | None,
-        observer_soc: float | None,
+        *,
+        observer_soc: float | None = None,
         bench: str | None = None,
     ) -> RunRecord:
-        """Play a designed profile to its end; anything else than completion fails the campaign."""
+        """Play the planned profile of a role from a state of charge, on the campaign's bench or another.
+
+        With `observer_soc` the observer of the last model runs live, started there.
+        """
         request = self._request
-        bench = bench or request.bench
         order = RunOrder(
-            bench=bench,
+            bench=bench or request.bench,
             profile_id=self._done.profiles[role],
             dt_s=request.dt_s,
             initial_soc=soc,
-            model_id=model_id,
+            model_id=None if observer_soc is None else self._done.model_id,
             observer_initial_soc=observer_soc,
             name=f"{request.name}: {role}",
             seed=request.seed,
             campaign_id=self._id,
         )
-        await self._await_bench(stage, bench)
-        started = await self._start(order)
-        waiting = asyncio.create_task(self._workshop.runs.wait(started.id))
-        try:
-            while not waiting.done():
-                await asyncio.wait({waiting}, timeout=_LOOK_S)
-                live = self._workshop.benches.get(bench).live
-                if live and live.get("run_id") == started.id:
-                    self._report(stage, min(float(live["progress"] or 0.0), 0.99), f"{live['time_s']:.0f} s played")
-        except asyncio.CancelledError:
-            waiting.cancel()
-            raise
-        run = waiting.result()
-        if run.state != "completed":
-            raise CampaignFailedError(f"the {role} run ended as {run.state}: {run.reason}")
-        self._done.runs[role] = run
+        run = self._done.runs[role] = await self._playing.play(stage, role, order)
         return run
 
-    async def _await_bench(self, stage: str, bench: str) -> None:
-        """Wait for a bench that is not there yet; one that stays away is refused when its run starts."""
-        supervisor = self._workshop.benches.get(bench).supervisor
-        if supervisor.status.state == "offline":
-            self._report(stage, 0.0, f"waiting for the bench: {supervisor.status.reason}")
-            with contextlib.suppress(TimeoutError):
-                await supervisor.wait_for("idle", "running", "stopping", "fault", timeout_s=_BENCH_TIMEOUT_S)
-
-    async def _start(self, order: RunOrder) -> RunRecord:
-        """Start a run; a campaign that is stopped meanwhile goes on only when there is a run to stop, or none."""
-        starting = asyncio.ensure_future(self._workshop.runs.start(self._workshop.benches, order))
-        try:
-            return await asyncio.shield(starting)
-        except asyncio.CancelledError:
-            await asyncio.wait({starting})
-            starting.exception()  # seen; the campaign's own end says more
-            raise
-
-    async def _soc_after(self, run: RunRecord) -> float:
-        """State of charge at the end of a run by counting what was measured."""
-        data = await asyncio.to_thread(self._workshop.samples.read, run.id)
-        time_s, current_A = data.columns["time_s"], data.columns["current_A"]
-        return float(counted_soc(time_s, current_A, run.initial_soc, run.capacity_Ah)[-1])
+    async def _watched(self, stage: str, job: Job) -> dict[str, Any]:
+        """Wait for a job and report its progress; its result, or the end of the campaign."""
+        while not job.ended:
+            self._report(stage, min(job.progress, 0.99), job.message)
+            await asyncio.sleep(_LOOK_S)
+            job = self._workshop.jobs.get(job.id)
+        if job.result is None:
+            raise CampaignFailedError(f"the {job.kind} failed: {job.error}")
+        return job.result

@@ -23,7 +23,7 @@ def chain(store: MetadataStore, model_id: str) -> Json:
     NotFoundError
         No such model.
     """
-    members = {member.id: member for member in store.family(model_id)}
+    members = {member.id: member for member in store.models.family(model_id)}
     line = [model_id]
     while (parent_id := members[line[-1]].parent_id) is not None:
         line.append(parent_id)
@@ -64,7 +64,7 @@ def _judged_by_children(model: ModelRecord, members: dict[str, ModelRecord]) -> 
 
 def _judged_by_comparison(store: MetadataStore, model: ModelRecord) -> Json | None:
     learned = {run.run_id for run in model.train}
-    for record in store.comparisons(model.id):
+    for record in store.comparisons.page(model.id):
         if not learned & set(record.run_ids):
             return {
                 "rmse_mV": record.result["overall"]["rmse_mV"],
@@ -81,7 +81,7 @@ def judging_runs(store: MetadataStore, model: ModelRecord) -> list[str]:
         return [run.run_id for run in model.validate]
     learned = {run.run_id for run in model.train}
     if model.campaign_id is not None:
-        found = store.runs(campaign_id=model.campaign_id, limit=_MOST_RUNS)
+        found = store.runs.page(campaign_id=model.campaign_id, limit=_MOST_RUNS)
         runs = [run.id for run in reversed(found) if run.state not in OPEN_RUN_STATES and run.n_samples]
         if unseen := [run_id for run_id in runs if run_id not in learned]:
             return unseen

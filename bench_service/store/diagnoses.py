@@ -1,4 +1,4 @@
-"""Diagnoses, and the family of a model: every version that descends from the same first one."""
+"""Diagnoses of runs with models."""
 
 import uuid
 from collections.abc import Callable, Sequence
@@ -9,7 +9,7 @@ from sqlalchemy import Row, select
 
 from bench_service.store import rows, schema
 from bench_service.store.access import MetadataFile
-from bench_service.store.records import Json, ModelRecord, RunReference
+from bench_service.store.records import Json, RunReference
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,27 +92,6 @@ class DiagnosisTable:
         table = schema.diagnosis
         query = select(table) if model_id is None else select(table).where(table.c.model_id == model_id)
         return [_diagnosis(row) for row in self._file.page(table, query, limit, offset)]
-
-
-def family(file: MetadataFile, model_id: str) -> list[ModelRecord]:
-    """Return every model that descends from the same first version as `model_id`, oldest first; that one leads.
-
-    Raises
-    ------
-    NotFoundError
-        There is no such model.
-    """
-    found = rows.model(file.one(schema.model, rows.MODEL, model_id))
-    while found.parent_id is not None:
-        found = rows.model(file.one(schema.model, rows.MODEL, found.parent_id))
-    members, generation = [found], [found.id]
-    with file.read() as link:
-        while generation:
-            query = rows.MODEL.where(schema.model.c.parent_id.in_(generation))
-            children = [rows.model(row) for row in link.execute(query)]
-            members += children
-            generation = [child.id for child in children]
-    return sorted(members, key=lambda member: (member.parent_id is not None, member.created_utc, member.id))
 
 
 def _diagnosis(row: Row[Any]) -> DiagnosisRecord:

@@ -14,8 +14,8 @@ def mark_interrupted_runs(store: MetadataStore, samples: SampleReader) -> list[R
     becomes ``interrupted`` with as many samples as are stored, unless the control process closed it in another state
     after the API process had died.
     """
-    store.interrupt_campaigns()
-    return [_interrupt(store, run, samples) for run in store.open_runs()]
+    store.campaigns.interrupt_open()
+    return [_interrupt(store, run, samples) for run in store.runs.still_open()]
 
 
 def _interrupt(store: MetadataStore, run: RunRecord, samples: SampleReader) -> RunRecord:
@@ -24,6 +24,6 @@ def _interrupt(store: MetadataStore, run: RunRecord, samples: SampleReader) -> R
         reason = "the service ended in the middle of it"
         data = samples.read(run.id)
         digest = None if data.damaged else content_hash(data.columns)
-        return store.end_run(run.id, "interrupted", reason, n_samples=samples.n_rows(run.id), sha256=digest)
+        return store.runs.end(run.id, "interrupted", reason, n_samples=samples.n_rows(run.id), sha256=digest)
     state = rows.run_state(closed.state)
-    return store.end_run(run.id, state, closed.reason, n_samples=closed.n_samples, sha256=closed.sha256)
+    return store.runs.end(run.id, state, closed.reason, n_samples=closed.n_samples, sha256=closed.sha256)

@@ -3,9 +3,10 @@
 Times are UTC, ISO 8601 with microseconds and ``Z``. Positive current charges.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 RunState = Literal["created", "running", "completed", "stopped", "fault", "interrupted"]
 CampaignState = Literal["running", "completed", "failed", "stopped", "interrupted"]
@@ -53,6 +54,24 @@ class ProfileRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RunIntent:
+    """A run as it was decided; what is None nobody has said."""
+
+    bench: str
+    profile_id: str
+    dt_s: float
+    initial_soc: float
+    capacity_Ah: float
+    limits: Json
+    code_version: str
+    name: str | None = None
+    model_id: str | None = None
+    observer_initial_soc: float | None = None
+    seed: int | None = None
+    campaign_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
     """A run: what was decided before it started, and what has become of it."""
 
@@ -77,6 +96,22 @@ class RunRecord:
     seed: int | None = None
     campaign_id: str | None = None
     code_version: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelOrigin:
+    """Where a model comes from: its runs, its parent where it is a further version of one, the code that made it."""
+
+    name: str
+    structure: str
+    capacity_Ah: float
+    code_version: str
+    train: Sequence[RunReference] = ()
+    validate: Sequence[RunReference] = ()
+    metrics: Json | None = None
+    seed: int | None = None
+    parent_id: str | None = None
+    campaign_id: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,16 +152,25 @@ class ComparisonRecord:
         return tuple(reference.run_id for reference in self.runs)
 
 
+class Stage(TypedDict):
+    """One stage of a campaign; its state is ``waiting``, ``running``, ``done``, or the end that the campaign took."""
+
+    name: str
+    state: str
+    detail: str
+    seconds: float | None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignRecord:
-    """A campaign. To change it: `dataclasses.replace`, then `MetadataStore.save_campaign`."""
+    """A campaign. To change it: `dataclasses.replace`, then `CampaignTable.save`."""
 
     id: str
     name: str
     bench: str
     state: CampaignState
     stage: str
-    stages: tuple[Json, ...]
+    stages: tuple[Stage, ...]
     progress: float = 0.0
     message: str = ""
     request: Json

@@ -18,10 +18,11 @@ from bench_service.bench.clock import LockStepClock, WallClock
 from bench_service.bench.limits import Limits
 from bench_service.bench.player import make_player
 from bench_service.bench.request import RunRequest
-from bench_service.bench.run_loop import RunEnd, RunLoop, RunParts, RunPlan
+from bench_service.bench.run import RunEnd, RunParts, RunPlan
+from bench_service.bench.run_loop import RunLoop
 from bench_service.bench.safety import Rules
 from bench_service.bench.stop import StopSignal
-from bench_service.pytest_plugin import MemoryRecording, NoFeed
+from bench_service.pytest_plugin.emulated_bench import MemoryRecording, NoFeed
 from drivers.errors import CyclerError
 from drivers.factory import open_cycler
 from simulators.bench import SimulatorSettings, build_can_device, build_device

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bench_service.bench.run_loop import RunLoop
 from simulators.faults import DEVICE_KINDS, LINK_KINDS, VALUE_KINDS
 from tests.patience import FACTOR
 from tests.protocol.fault_runs import play, play_case, random_case
@@ -63,7 +62,7 @@ async def test_nothing_goes_wrong():
 
 async def test_the_judge_sees_a_wrong_sample_that_is_not_marked(monkeypatch):
     """The judgement itself can fail: without the mark, the sample that ended the run counts as good."""
-    monkeypatch.setattr(RunLoop, "_flags", lambda *_, **__: 0)
+    monkeypatch.setattr("bench_service.bench.run_loop.sample_flags", lambda *_, **__: 0)
     outcome = await play("jump.temperature=30@sample:12", "modbus-tcp", timeout_s=PATIENT_S)
     assert any("stored as good" in complaint for complaint in outcome.complaints)
 

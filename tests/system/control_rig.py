@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from bench_service.bench.limits import Limits
+from bench_service.bench.listener import BenchStatus
 from bench_service.bench.request import RunRequest
 from bench_service.bench.settings import BenchSettings
-from bench_service.bench.supervisor import BenchStatus, BenchSupervisor
+from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.recorder.client import RecorderProcess
 from drivers.cycler import Reading
 from drivers.factory import open_cycler

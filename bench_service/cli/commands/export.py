@@ -67,7 +67,7 @@ def _export_stored(run_id: str, format_name: str, config: ServiceConfig) -> tupl
             run = client.run(run_id)
             return client.export(run_id, format_name), _answer(run)
     with closing(MetadataStore.open(config.data_dir)) as store:
-        record = store.run(run_id)
+        record = store.runs.get(run_id)
         return _encode(record, format_name, config.data_dir), _answer({**_fields(record)})
 
 

@@ -8,6 +8,7 @@ from sqlalchemy import create_engine, inspect
 
 from bench_service.errors import NotFoundError
 from bench_service.store.metadata import MetadataStore
+from bench_service.store.records import ModelOrigin, RunIntent
 
 RESULT = {"verdict": "missing", "findings": [{"effect": "hysteresis", "rank": 1}]}
 
@@ -19,24 +20,26 @@ def store(tmp_path):
 
 
 def add_model(store, name, parent_id=None):
-    record = store.add_model(
-        {"n": name}, name=name, structure="minimal", capacity_Ah=2.5, code_version="1", parent_id=parent_id
+    record = store.models.add(
+        {"n": name}, ModelOrigin(name=name, structure="minimal", capacity_Ah=2.5, code_version="1", parent_id=parent_id)
     )
     return record.id
 
 
 def add_run(store):
-    profile = store.add_profile("p", np.array([0.0, 1.0]), np.array([1.0, 0.0]))
-    run = store.add_run(
-        bench="b", profile_id=profile.id, dt_s=1.0, initial_soc=0.5, capacity_Ah=2.5, limits={}, code_version="1"
+    profile = store.profiles.add("p", np.array([0.0, 1.0]), np.array([1.0, 0.0]))
+    run = store.runs.add(
+        RunIntent(
+            bench="b", profile_id=profile.id, dt_s=1.0, initial_soc=0.5, capacity_Ah=2.5, limits={}, code_version="1"
+        )
     )
-    return store.end_run(run.id, "completed", None, n_samples=2, sha256="ab").id
+    return store.runs.end(run.id, "completed", None, n_samples=2, sha256="ab").id
 
 
 def test_a_diagnosis_comes_back_as_it_was_and_outlives_the_store(tmp_path):
     with closing(MetadataStore.open(tmp_path)) as store:
         model_id, other = add_model(store, "m"), add_model(store, "other")
-        runs, train = store.references([add_run(store)]), store.references([add_run(store)])
+        runs, train = store.runs.references([add_run(store)]), store.runs.references([add_run(store)])
         kept = store.diagnoses.add(
             model_id, runs, RESULT, mode="change", train=train, initial_soc=0.4, code_version="1"
         )
@@ -52,7 +55,7 @@ def test_an_unknown_diagnosis_is_named(store):
     with pytest.raises(NotFoundError, match="unknown diagnosis 'nope'"):
         store.diagnoses.get("nope")
     with pytest.raises(NotFoundError, match="unknown model 'nope'"):
-        store.family("nope")
+        store.models.family("nope")
 
 
 def test_a_family_is_everything_from_the_first_version_on(store):
@@ -61,7 +64,7 @@ def test_a_family_is_everything_from_the_first_version_on(store):
     left, right = add_model(store, "left", first), add_model(store, "right", first)
     grandchild = add_model(store, "grandchild", left)
     for member in (first, left, right, grandchild):
-        assert [each.id for each in store.family(member)] == [first, left, right, grandchild]
+        assert [each.id for each in store.models.family(member)] == [first, left, right, grandchild]
 
 
 def test_a_file_of_the_earlier_schema_gets_the_table(tmp_path):
@@ -74,7 +77,7 @@ def test_a_file_of_the_earlier_schema_gets_the_table(tmp_path):
         link.exec_driver_sql("UPDATE alembic_version SET version_num = 'meta_0001'")
     engine.dispose()
     with closing(MetadataStore.open(tmp_path)) as store:
-        assert [each.id for each in store.models()] == [model_id]
+        assert [each.id for each in store.models.page()] == [model_id]
         assert store.diagnoses.page() == []
     engine = create_engine(f"sqlite:///{tmp_path / 'meta.sqlite'}")
     assert "ix_model_parent_id" in {each["name"] for each in inspect(engine).get_indexes("model")}

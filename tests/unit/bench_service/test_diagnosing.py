@@ -12,6 +12,7 @@ from bench_service.bench.limits import Limits
 from bench_service.campaign.diagnosing import catalogue, on_bench
 from bench_service.campaign.versions import chain, judging_runs
 from bench_service.store.metadata import MetadataStore
+from bench_service.store.records import ModelOrigin, RunIntent
 
 BENCH = Limits((2.5, 4.2), (-4.0, 2.0), (-20.0, 60.0), (0.0, 1.0), None, 7200.0)
 ASKED: dict[str, Any] = {
@@ -28,20 +29,22 @@ class House:
 
     def __init__(self, store: MetadataStore) -> None:
         self.store = store
-        self.profile_id = store.add_profile("p", np.array([0.0, 1.0]), np.array([1.0, 0.0])).id
+        self.profile_id = store.profiles.add("p", np.array([0.0, 1.0]), np.array([1.0, 0.0])).id
 
     def run(self, campaign_id: str | None = None) -> str:
-        run = self.store.add_run(
-            bench="b",
-            profile_id=self.profile_id,
-            dt_s=1.0,
-            initial_soc=0.5,
-            capacity_Ah=2.5,
-            limits={},
-            code_version="1",
-            campaign_id=campaign_id,
+        run = self.store.runs.add(
+            RunIntent(
+                bench="b",
+                profile_id=self.profile_id,
+                dt_s=1.0,
+                initial_soc=0.5,
+                capacity_Ah=2.5,
+                limits={},
+                code_version="1",
+                campaign_id=campaign_id,
+            ),
         )
-        return self.store.end_run(run.id, "completed", None, n_samples=2, sha256="ab").id
+        return self.store.runs.end(run.id, "completed", None, n_samples=2, sha256="ab").id
 
     def model(self, parent_id: str | None = None, effect: str | None = None, errors: Any = None, **more: Any) -> str:
         metrics = None
@@ -49,7 +52,7 @@ class House:
             before, after = errors
             metrics = {"effect": effect, "error_before_mV": before, "error_after_mV": after, "noise_floor_mV": 1.0}
         given = {"name": effect or "first", "structure": "minimal", "capacity_Ah": 2.5, "code_version": "1"}
-        return self.store.add_model({}, parent_id=parent_id, metrics=metrics, **given, **more).id
+        return self.store.models.add({}, ModelOrigin(parent_id=parent_id, metrics=metrics, **given, **more)).id
 
 
 @pytest.fixture
@@ -59,7 +62,7 @@ def house(tmp_path: Path) -> Iterator[House]:
 
 
 def test_a_chain_sets_every_step_beside_what_else_was_tried(house: House) -> None:
-    judge = house.store.references([house.run()])
+    judge = house.store.runs.references([house.run()])
     first = house.model()
     kept = house.model(first, "hysteresis", (9.0, 4.0), validate=judge)
     worse = house.model(first, "relaxation", (9.0, 9.5), validate=judge)
@@ -75,28 +78,28 @@ def test_a_chain_sets_every_step_beside_what_else_was_tried(house: House) -> Non
 
 def test_a_first_version_is_judged_by_a_comparison_with_runs_that_it_has_not_seen(house: House) -> None:
     learned, unseen = house.run(), house.run()
-    model = house.model(train=house.store.references([learned]))
+    model = house.model(train=house.store.runs.references([learned]))
     assert chain(house.store, model)["models"][0]["held_out"] is None
     result = {"overall": {"rmse_mV": 7.0}, "noise_floor_mV": 0.9}
-    house.store.add_comparison(model, house.store.references([unseen]), result, code_version="1")
+    house.store.comparisons.add(model, house.store.runs.references([unseen]), result, code_version="1")
     flattering = {"overall": {"rmse_mV": 1.0}, "noise_floor_mV": 0.9}
-    house.store.add_comparison(model, house.store.references([learned]), flattering, code_version="1")
+    house.store.comparisons.add(model, house.store.runs.references([learned]), flattering, code_version="1")
     found = chain(house.store, model)
     assert found["models"][0]["held_out"]["rmse_mV"] == 7.0 and found["noise_floor_mV"] == 0.9
     assert found["models"][0]["held_out"]["run_ids"] == [unseen]
 
 
 def test_runs_that_judge_where_nobody_names_any(house: House) -> None:
-    campaign = house.store.add_campaign(name="c", bench="b", stage="run", stages=[], request={}, code_version="1")
+    campaign = house.store.campaigns.add(name="c", bench="b", stage="run", stages=[], request={}, code_version="1")
     learned, other, own = house.run(campaign.id), house.run(campaign.id), house.run()
-    train = house.store.references([learned])
+    train = house.store.runs.references([learned])
 
     def judging(**fields: Any) -> list[str]:
-        return judging_runs(house.store, house.store.model(house.model(train=train, **fields)))
+        return judging_runs(house.store, house.store.models.get(house.model(train=train, **fields)))
 
     assert judging() == []
     assert judging(campaign_id=campaign.id) == [other]
-    assert judging(campaign_id=campaign.id, validate=house.store.references([own])) == [own]
+    assert judging(campaign_id=campaign.id, validate=house.store.runs.references([own])) == [own]
 
 
 def test_an_experiment_stays_inside_the_bench_and_starts_where_its_cell_stands() -> None:

@@ -20,8 +20,8 @@ async def test_what_was_posted_is_written_before_what_comes_after_it(tmp_path: P
         seen: list[list[str]] = []
         for code in ("one", "two"):
             journal.note("b", {"severity": "info", "code": code, "text": "t", "run_id": None}, None)
-        journal.post(lambda: [event.code for event in store.events()], seen.append)
-        assert [event.code for event in await journal.write(store.events)] == ["two", "one"]
+        journal.post(lambda: [event.code for event in store.events.page()], seen.append)
+        assert [event.code for event in await journal.write(store.events.page)] == ["two", "one"]
         await journal.close()
         assert seen == [["two", "one"]]
         assert [(await reader.get())["code"] for _ in range(2)] == ["one", "two"]

@@ -21,7 +21,7 @@ from bench_service.store import engine as engines
 from bench_service.store import migrate, schema
 from bench_service.store.interrupted import mark_interrupted_runs
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import RunReference
+from bench_service.store.records import ModelOrigin, RunIntent, RunReference
 from bench_service.store.sample_writer import Rows, SampleWriter
 from bench_service.store.samples import SampleReader
 from bench_service.streams import Column
@@ -47,7 +47,7 @@ def store(tmp_path):
 
 
 def add_profile(store):
-    return store.add_profile("pulse", np.array([0.0, 3600.0, 7200.0]), np.array([1.0, -3.0, 0.0]))
+    return store.profiles.add("pulse", np.array([0.0, 3600.0, 7200.0]), np.array([1.0, -3.0, 0.0]))
 
 
 def add_run(store, **changes):
@@ -60,7 +60,7 @@ def add_run(store, **changes):
         "limits": LIMITS,
         "code_version": "0.1.0",
     }
-    return store.add_run(**values | changes)
+    return store.runs.add(RunIntent(**values | changes))
 
 
 def test_a_profile_is_summed_up_and_its_points_come_back(store):
@@ -68,111 +68,114 @@ def test_a_profile_is_summed_up_and_its_points_come_back(store):
     assert (profile.n_points, profile.duration_s, profile.current_A) == (3, 7200.0, (-3.0, 1.0))
     assert profile.charge_Ah == (-2.0, -2.0, 1.0)
     assert profile.created_utc == "2026-01-01T12:00:01.000000Z"
-    assert store.profile(profile.id) == profile
-    time_s, current_A = store.profile_points(profile.id)
+    assert store.profiles.get(profile.id) == profile
+    time_s, current_A = store.profiles.points(profile.id)
     np.testing.assert_array_equal(time_s, [0.0, 3600.0, 7200.0])
     np.testing.assert_array_equal(current_A, [1.0, -3.0, 0.0])
-    assert store.profiles() == [profile]
+    assert store.profiles.page() == [profile]
 
 
 @pytest.mark.parametrize("kind", ["profile", "run", "model", "comparison", "campaign"])
 def test_unknown_ids_are_named(store, kind):
     with pytest.raises(NotFoundError, match=f"unknown {kind} 'nope'"):
-        getattr(store, kind)("nope")
+        getattr(store, f"{kind}s").get("nope")
 
 
 def test_a_run_goes_from_created_to_its_end_once(store):
     run = add_run(store, seed=7, name="first")
     assert (run.state, run.started_utc, run.limits) == ("created", None, LIMITS)
-    assert store.run(run.id) == run
-    started = store.start_run(run.id)
+    assert store.runs.get(run.id) == run
+    started = store.runs.start(run.id)
     assert (started.state, started.started_utc is None) == ("running", False)
     with pytest.raises(ConflictError, match="is running and cannot become running"):
-        store.start_run(run.id)
-    ended = store.end_run(run.id, "completed", None, n_samples=10, missed_ticks=0, sha256="ab" * 32)
+        store.runs.start(run.id)
+    ended = store.runs.end(run.id, "completed", None, n_samples=10, missed_ticks=0, sha256="ab" * 32)
     assert (ended.state, ended.n_samples, ended.missed_ticks, ended.sha256) == ("completed", 10, 0, "ab" * 32)
     with pytest.raises(ConflictError, match="is completed and cannot become fault"):
-        store.end_run(run.id, "fault", "late")
-    assert store.run(run.id) == ended
+        store.runs.end(run.id, "fault", "late")
+    assert store.runs.get(run.id) == ended
     with pytest.raises(NotFoundError):
-        store.start_run("nope")
+        store.runs.start("nope")
 
 
 def test_a_run_needs_its_profile(store):
     with pytest.raises(ConflictError, match="FOREIGN KEY"):
         add_run(store, profile_id="nope")
-    assert store.runs() == []
+    assert store.runs.page() == []
 
 
 def test_lists_are_filtered_and_come_in_pages_newest_first(store):
     runs = [add_run(store, bench=bench) for bench in ("a", "b", "a", "a")]
-    store.start_run(runs[3].id)
-    assert [run.id for run in store.runs()] == [run.id for run in reversed(runs)]
-    assert [run.id for run in store.runs(limit=2, offset=1)] == [runs[2].id, runs[1].id]
-    assert [run.id for run in store.runs(bench="b")] == [runs[1].id]
-    assert [run.id for run in store.runs(bench="a", state="created")] == [runs[2].id, runs[0].id]
-    assert store.runs(campaign_id="none") == []
+    store.runs.start(runs[3].id)
+    assert [run.id for run in store.runs.page()] == [run.id for run in reversed(runs)]
+    assert [run.id for run in store.runs.page(limit=2, offset=1)] == [runs[2].id, runs[1].id]
+    assert [run.id for run in store.runs.page(bench="b")] == [runs[1].id]
+    assert [run.id for run in store.runs.page(bench="a", state="created")] == [runs[2].id, runs[0].id]
+    assert store.runs.page(campaign_id="none") == []
 
 
 def test_models_and_comparisons_name_their_inputs(store):
     run = add_run(store)
-    store.end_run(run.id, "completed", None, n_samples=5, sha256="cd" * 32)
-    train = store.references([run.id])
+    store.runs.end(run.id, "completed", None, n_samples=5, sha256="cd" * 32)
+    train = store.runs.references([run.id])
     assert train == (RunReference(run.id, "cd" * 32),)
     document = {"schema": 1, "weights": [0.1, -2.5]}
-    model = store.add_model(
-        document, name="m", structure="full", capacity_Ah=3.0, code_version="0.1.0", train=train, seed=1
+    model = store.models.add(
+        document, ModelOrigin(name="m", structure="full", capacity_Ah=3.0, code_version="0.1.0", train=train, seed=1)
     )
-    assert store.model(model.id) == model
-    assert store.model_document(model.id) == document
-    assert store.models() == [model]
-    child = store.add_model(
-        {"schema": 1}, name="n", structure="full", capacity_Ah=3.0, code_version="0.1.0", parent_id=model.id
+    assert store.models.get(model.id) == model
+    assert store.models.document(model.id) == document
+    assert store.models.page() == [model]
+    child = store.models.add(
+        {"schema": 1},
+        ModelOrigin(name="n", structure="full", capacity_Ah=3.0, code_version="0.1.0", parent_id=model.id),
     )
-    assert store.model(child.id).parent_id == model.id
-    compared = store.add_comparison(model.id, train, {"overall": {"rmse_mV": 3.5}}, code_version="0.1.0")
-    assert store.comparison(compared.id) == compared
+    assert store.models.get(child.id).parent_id == model.id
+    compared = store.comparisons.add(model.id, train, {"overall": {"rmse_mV": 3.5}}, code_version="0.1.0")
+    assert store.comparisons.get(compared.id) == compared
     assert compared.run_ids == (run.id,)
-    assert (store.comparisons(model.id), store.comparisons(child.id)) == ([compared], [])
+    assert (store.comparisons.page(model.id), store.comparisons.page(child.id)) == ([compared], [])
 
 
 def test_nan_does_not_get_into_a_document(store):
     with pytest.raises(StoreError, match="not JSON compliant"):
-        store.add_model({"bias": float("nan")}, name="m", structure="full", capacity_Ah=3.0, code_version="0.1.0")
-    assert store.models() == []
+        store.models.add(
+            {"bias": float("nan")}, ModelOrigin(name="m", structure="full", capacity_Ah=3.0, code_version="0.1.0")
+        )
+    assert store.models.page() == []
 
 
 def test_a_campaign_is_saved_as_it_goes(store):
     stages = [{"name": "design", "state": "running", "detail": "", "seconds": None}]
-    campaign = store.add_campaign(
+    campaign = store.campaigns.add(
         name="c", bench="sim", stage="design", stages=stages, request={"seed": 1}, code_version="0.1.0"
     )
-    assert store.campaign(campaign.id) == campaign
-    moved = store.save_campaign(replace(campaign, stage="run", progress=0.25, message="playing"))
-    assert store.campaign(campaign.id) == moved
+    assert store.campaigns.get(campaign.id) == campaign
+    moved = store.campaigns.save(replace(campaign, stage="run", progress=0.25, message="playing"))
+    assert store.campaigns.get(campaign.id) == moved
     assert moved.ended_utc is None
-    done = store.save_campaign(replace(moved, state="completed", stage="done", result={"ok": True}))
+    done = store.campaigns.save(replace(moved, state="completed", stage="done", result={"ok": True}))
     assert done.ended_utc is not None
-    assert store.campaigns() == [done]
+    assert store.campaigns.page() == [done]
     with pytest.raises(NotFoundError):
-        store.save_campaign(replace(campaign, id="nope"))
+        store.campaigns.save(replace(campaign, id="nope"))
 
 
 def test_events_are_listed_newest_first(store):
-    first = store.add_event("info", "started", "run started", bench="sim", run_id="r1")
-    second = store.add_event("error", "trip", "voltage 4.3 V above 4.2 V", run_id="r2")
-    assert store.events() == [second, first]
-    assert store.events(run_id="r1") == [first]
-    assert store.events(limit=1) == [second]
+    first = store.events.add("info", "started", "run started", bench="sim", run_id="r1")
+    second = store.events.add("error", "trip", "voltage 4.3 V above 4.2 V", run_id="r2")
+    assert store.events.page() == [second, first]
+    assert store.events.page(run_id="r1") == [first]
+    assert store.events.page(limit=1) == [second]
 
 
 def test_open_runs_and_campaigns_are_interrupted_at_start_with_what_is_stored(store, tmp_path):
     data = tmp_path / "data"
-    campaign = store.add_campaign(name="c", bench="sim", stage="run", stages=[], request={}, code_version="0.1.0")
+    campaign = store.campaigns.add(name="c", bench="sim", stage="run", stages=[], request={}, code_version="0.1.0")
     lost, closed, created, completed = (add_run(store) for _ in range(4))
     for run in (lost, closed, completed):
-        store.start_run(run.id)
-    store.end_run(completed.id, "completed", None, n_samples=1)
+        store.runs.start(run.id)
+    store.runs.end(completed.id, "completed", None, n_samples=1)
     layout = (Column("time_s", "f8"),)
     with closing(SampleWriter.open(data)) as writer:
         writer.commit([Rows(lost.id, "samples", 0, layout, {"time_s": np.arange(7.0)})])
@@ -187,8 +190,8 @@ def test_open_runs_and_campaigns_are_interrupted_at_start_with_what_is_stored(st
     assert (ended[created.id].state, ended[created.id].n_samples) == ("interrupted", 0)
     assert (ended[closed.id].state, ended[closed.id].reason) == ("fault", "over-voltage")
     assert (ended[closed.id].n_samples, ended[closed.id].sha256) == (5, end.sha256)
-    assert store.run(completed.id).state == "completed"
-    assert store.campaign(campaign.id).state == "interrupted"
+    assert store.runs.get(completed.id).state == "completed"
+    assert store.campaigns.get(campaign.id).state == "interrupted"
 
 
 def test_a_second_writer_is_refused_and_told_whom_to_ask(store, tmp_path):

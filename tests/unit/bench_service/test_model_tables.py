@@ -17,7 +17,11 @@ class Store:
     def __init__(self, document: dict[str, Any]) -> None:
         self._document = document
 
-    def model_document(self, model_id: str) -> dict[str, Any]:
+    @property
+    def models(self) -> "Store":
+        return self
+
+    def document(self, model_id: str) -> dict[str, Any]:
         assert model_id == "m1"
         return self._document
 

@@ -15,7 +15,7 @@ from bench_service.campaign.standing import last_standing
 from bench_service.config import BenchConfig, LimitsConfig, SimulateConfig
 from bench_service.jobs.counting import counted_soc
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import RunRecord
+from bench_service.store.records import RunIntent, RunRecord
 from bench_service.store.sample_writer import Rows, SampleWriter
 from bench_service.store.samples import SampleReader
 from bench_service.streams import SAMPLES, STREAMS
@@ -42,18 +42,20 @@ class Files:
         self.store = stack.enter_context(closing(MetadataStore.open(data_dir)))
         self.writer = stack.enter_context(closing(SampleWriter.open(data_dir)))
         self.samples = stack.enter_context(closing(SampleReader(data_dir)))
-        self.profile = self.store.add_profile("p", np.array([0.0, 3600.0]), np.array([1.0, 0.0]))
+        self.profile = self.store.profiles.add("p", np.array([0.0, 3600.0]), np.array([1.0, 0.0]))
 
     def run(self, state: Any, current_A: list[float], first_seq: int = 0, initial_soc: float = 0.5) -> RunRecord:
         """Store a run of the bench with a sample every 900 s."""
-        run = self.store.add_run(
-            bench="b",
-            profile_id=self.profile.id,
-            dt_s=900.0,
-            initial_soc=initial_soc,
-            capacity_Ah=2.0,
-            limits={},
-            code_version="0",
+        run = self.store.runs.add(
+            RunIntent(
+                bench="b",
+                profile_id=self.profile.id,
+                dt_s=900.0,
+                initial_soc=initial_soc,
+                capacity_Ah=2.0,
+                limits={},
+                code_version="0",
+            ),
         )
         n = len(current_A)
         if n:
@@ -61,8 +63,8 @@ class Files:
             columns |= {"time_s": 900.0 * np.arange(first_seq, first_seq + n), "current_A": np.array(current_A)}
             self.writer.commit([Rows(run.id, SAMPLES, first_seq, STREAMS[SAMPLES], columns)])
         if state == "running":
-            return self.store.start_run(run.id)
-        return self.store.end_run(run.id, state, None, n_samples=n)
+            return self.store.runs.start(run.id)
+        return self.store.runs.end(run.id, state, None, n_samples=n)
 
     def standing(self, on: Bench) -> tuple[float, str] | None:
         found = last_standing(on, self.store, self.samples)

@@ -9,6 +9,7 @@ import pytest
 
 from bench_service.app.lifespan import unacknowledged
 from bench_service.store.metadata import MetadataStore
+from bench_service.store.records import RunIntent
 
 LIMITS = {"duration_s": 10.0}
 
@@ -21,18 +22,20 @@ def store(tmp_path: Path) -> Iterator[MetadataStore]:
 
 
 def ended_run(store: MetadataStore, state: Any, bench: str = "a") -> str:
-    profile = store.add_profile("p", np.array([0.0, 1.0]), np.array([0.0, 0.0]))
-    run = store.add_run(
-        bench=bench,
-        profile_id=profile.id,
-        dt_s=1.0,
-        initial_soc=0.5,
-        capacity_Ah=1.0,
-        limits=LIMITS,
-        code_version="0",
+    profile = store.profiles.add("p", np.array([0.0, 1.0]), np.array([0.0, 0.0]))
+    run = store.runs.add(
+        RunIntent(
+            bench=bench,
+            profile_id=profile.id,
+            dt_s=1.0,
+            initial_soc=0.5,
+            capacity_Ah=1.0,
+            limits=LIMITS,
+            code_version="0",
+        ),
     )
-    store.start_run(run.id)
-    store.end_run(run.id, state, "too warm")
+    store.runs.start(run.id)
+    store.runs.end(run.id, state, "too warm")
     return run.id
 
 
@@ -48,9 +51,9 @@ def test_a_bad_end_waits_until_it_is_acknowledged(store: MetadataStore, state: s
     run_id = ended_run(store, state)
     assert unacknowledged(store, "a") == f"run {run_id} ended as {state}: too warm"
     assert unacknowledged(store, "b") is None
-    store.add_event("info", "acknowledged", "by somebody", bench="b")
+    store.events.add("info", "acknowledged", "by somebody", bench="b")
     assert unacknowledged(store, "a") is not None
-    store.add_event("info", "acknowledged", "by somebody", bench="a")
+    store.events.add("info", "acknowledged", "by somebody", bench="a")
     assert unacknowledged(store, "a") is None
     ended_run(store, state)
     assert unacknowledged(store, "a") is not None
@@ -58,5 +61,5 @@ def test_a_bad_end_waits_until_it_is_acknowledged(store: MetadataStore, state: s
 
 def test_a_run_that_was_refused_never_began(store: MetadataStore) -> None:
     run_id = ended_run(store, "fault")
-    store.add_event("error", "refused", "the run's limits leave the bench's", bench="a", run_id=run_id)
+    store.events.add("error", "refused", "the run's limits leave the bench's", bench="a", run_id=run_id)
     assert unacknowledged(store, "a") is None

@@ -18,7 +18,8 @@ from bench_service.bench.observer_link import ObserverError, ObserverRow
 from bench_service.bench.player import make_player
 from bench_service.bench.recording import Recording
 from bench_service.bench.request import RunRequest
-from bench_service.bench.run_loop import RunLoop, RunParts, RunPlan
+from bench_service.bench.run import RunParts, RunPlan
+from bench_service.bench.run_loop import RunLoop
 from bench_service.bench.safety import Rules
 from bench_service.bench.stop import StopSignal
 from bench_service.streams import OBSERVER, SAMPLES

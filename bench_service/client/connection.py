@@ -1,17 +1,15 @@
-"""How the Python client talks to a service: requests, refusals, and waiting for an end."""
+"""How the Python client talks to a service: requests and refusals."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from typing import Any
 from urllib.parse import quote
 
 import httpx
 
+API = "/api/v1"
+
 Record = dict[str, Any]
-# Within one wait the service may be restarted; longer silence is an error.
-_LONGEST_SILENCE_S = 30.0
 
 
 class ClientError(Exception):
@@ -89,26 +87,3 @@ def _refusal(answer: httpx.Response) -> ClientError:
 def part(name: str) -> str:
     """Write a name as one part of an address."""
     return quote(name, safe="")
-
-
-def wait_until(
-    look: Callable[[], Record],
-    ended: Callable[[Record], bool],
-    what: str,
-    timeout_s: float | None,
-    poll_s: float,
-) -> Record:
-    """Look every `poll_s` until `ended`, and give what was seen; raises `ClientError` after `timeout_s`."""
-    start_s = heard_s = time.monotonic()
-    while True:
-        try:
-            record = look()
-            heard_s = time.monotonic()
-            if ended(record):
-                return record
-        except ClientError as error:
-            if error.status is not None or time.monotonic() - heard_s > _LONGEST_SILENCE_S:
-                raise
-        if timeout_s is not None and time.monotonic() - start_s > timeout_s:
-            raise ClientError(f"{what} has not ended within {timeout_s:g} s; it goes on", code="timeout")
-        time.sleep(poll_s)

@@ -1,0 +1,50 @@
+"""What is known of a bench in the API process, and who hears of it."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from bench_service.bench.messages import EndedMessage, EventMessage, LiveMessage
+
+
+@dataclass(frozen=True, slots=True)
+class BenchStatus:
+    """What is known of a bench.
+
+    Parameters
+    ----------
+    state : str
+        ``offline``, ``idle``, ``running``, ``stopping`` or ``fault``.
+    reason : str or None
+    run_id : str or None
+    capabilities : dict or None
+        Of the connected cycler; see `drivers.cycler.Capabilities`.
+    """
+
+    state: str
+    reason: str | None = None
+    run_id: str | None = None
+    capabilities: dict[str, Any] | None = None
+
+
+class BenchListener(Protocol):
+    """Told what happens on a bench, in the event loop of the API; must not block and not raise."""
+
+    def on_state(self, bench: str, status: BenchStatus) -> None:
+        """Take a new state."""
+        ...
+
+    def on_live(self, bench: str, live: LiveMessage) -> None:
+        """Take a live sample."""
+        ...
+
+    def on_event(self, bench: str, event: EventMessage) -> None:
+        """Take an event."""
+        ...
+
+    def on_ended(self, bench: str, ended: EndedMessage) -> None:
+        """Take the end of a run.
+
+        Called exactly once for each run that `BenchSupervisor.start_run` accepted. State ``interrupted`` with
+        ``n_samples`` None: the control process died, and the recorder knows what is stored.
+        """
+        ...

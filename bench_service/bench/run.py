@@ -1,0 +1,84 @@
+"""What a run is made of, and how it ends."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from bench_service.bench.clock import Clock
+from bench_service.bench.live import LiveFeed
+from bench_service.bench.observer_link import ObserverLink
+from bench_service.bench.player import Player
+from bench_service.bench.recording import Recording
+from bench_service.bench.request import RunRequest
+from bench_service.bench.safety import Rules
+from bench_service.bench.stop import StopSignal
+from drivers.cycler import Cycler
+
+EndState = Literal["completed", "stopped", "fault", "interrupted"]
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnd:
+    """How a run ended.
+
+    Parameters
+    ----------
+    state : str
+    code : str
+        Kind of the cause, for programs.
+    reason : str or None
+        For people; None if the profile was played to its end.
+    at_rest : bool
+        Whether the cycler has confirmed rest and output off; if not, the device's watchdog must have done it.
+    missed_ticks : int
+    """
+
+    state: EndState
+    code: str
+    reason: str | None
+    at_rest: bool
+    missed_ticks: int
+
+
+@dataclass(frozen=True, slots=True)
+class RunParts:
+    """What a run works with.
+
+    Parameters
+    ----------
+    cycler, clock, recording, feed, stop
+    observer : ObserverLink or None
+    notify : callable
+        Takes severity, code and text of an event.
+    """
+
+    cycler: Cycler
+    clock: Clock
+    recording: Recording
+    feed: LiveFeed
+    stop: StopSignal
+    observer: ObserverLink | None
+    notify: Callable[[str, str, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RunPlan:
+    """What a run does.
+
+    Parameters
+    ----------
+    request : RunRequest
+    player : Player
+        On the grid of ticks.
+    rules : Rules
+    watchdog_s : float
+        To set in the device.
+    every : int
+        Ticks per recorded sample.
+    """
+
+    request: RunRequest
+    player: Player
+    rules: Rules
+    watchdog_s: float
+    every: int

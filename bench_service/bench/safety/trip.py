@@ -1,0 +1,79 @@
+"""A violated rule, and what a reading is judged against."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from bench_service.bench.safety.rules import Rules
+from bench_service.bench.safety.track import Track
+
+Code = Literal[
+    "voltage_limit",
+    "current_limit",
+    "temperature_limit",
+    "soc_limit",
+    "ramp_limit",
+    "duration_limit",
+    "reading_too_old",
+    "stale_readings",
+    "device_alarm",
+    "output_off",
+    "current_mismatch",
+    "voltage_stuck",
+    "temperature_jump",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Trip:
+    """A violated rule.
+
+    Parameters
+    ----------
+    code : str
+    text : str
+        What, where, the value with its unit, the limit, what to do.
+    """
+
+    code: Code
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What a reading is judged against.
+
+    Parameters
+    ----------
+    rules : Rules
+    track : Track
+        Including this reading.
+    now_s : float
+        Time since the run's start.
+    soc : float or None
+        From counting charge; None where the initial one is unknown.
+    commanded_A : float
+        Set-point in force before this sample.
+    """
+
+    rules: Rules
+    track: Track
+    now_s: float
+    soc: float | None
+    commanded_A: float
+
+
+def outside(context: Context, code: Code, what: str, value: float, unit: str, window: tuple[float, float]) -> Trip:
+    """Return the trip of a value that is missing or outside its window."""
+    suffix = f" {unit}" if unit else ""
+    shown = "is missing" if value != value else f"{value:.5g}{suffix} is outside"
+    return trip(
+        context,
+        code,
+        f"{what} {shown}, limits {window[0]:g} to {window[1]:g}{suffix}",
+        "check cell, sensor and limits, acknowledge",
+    )
+
+
+def trip(context: Context, code: Code, what: str, remedy: str) -> Trip:
+    """Return a trip with its full sentence."""
+    return Trip(code, f"{context.rules.bench} at {context.now_s:.3f} s: {what}; output switched off, {remedy}")

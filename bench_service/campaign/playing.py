@@ -1,0 +1,102 @@
+"""How a campaign plays a run: waits for the bench, starts, watches, stops."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+
+from bench_service.campaign.runs import RunOrder
+from bench_service.campaign.workshop import CampaignFailedError, Report, Workshop
+from bench_service.jobs.counting import counted_soc
+from bench_service.store.records import RunRecord
+
+_LOOK_S = 0.25
+# Longest wait for a bench that is being connected, as all are in the first seconds of a service.
+_BENCH_TIMEOUT_S = 20.0
+# A run that takes longer to end goes on ending; whoever stops a campaign gets an answer.
+_REST_TIMEOUT_S = 3.0
+
+
+class Playing:
+    """The runs of one campaign.
+
+    Parameters
+    ----------
+    workshop : Workshop
+    campaign_id : str
+    report : callable
+        See `workshop.Report`.
+    """
+
+    def __init__(self, workshop: Workshop, campaign_id: str, report: Report) -> None:
+        self._workshop = workshop
+        self._id = campaign_id
+        self._report = report
+
+    async def play(self, stage: str, role: str, order: RunOrder) -> RunRecord:
+        """Play a run to its end; anything else than completion fails the campaign.
+
+        Parameters
+        ----------
+        stage : str
+            In which it is played, for the report.
+        role : str
+            What the run is for, for people.
+        order : RunOrder
+        """
+        bench = order.bench
+        await self._await_bench(stage, bench)
+        started = await self._start(order)
+        waiting = asyncio.create_task(self._workshop.runs.wait(started.id))
+        try:
+            while not waiting.done():
+                await asyncio.wait({waiting}, timeout=_LOOK_S)
+                self._report_live(stage, bench, started.id)
+        except asyncio.CancelledError:
+            waiting.cancel()
+            raise
+        run = waiting.result()
+        if run.state != "completed":
+            raise CampaignFailedError(f"the {role} run ended as {run.state}: {run.reason}")
+        return run
+
+    async def stop(self) -> None:
+        """Bring what runs of the campaign to rest, and wait a moment for that."""
+        runs = self._workshop.runs
+        found = self._workshop.store.runs.page(campaign_id=self._id, limit=10)
+        for run in found:
+            runs.stop(self._workshop.benches, run, "the campaign was stopped")
+        endings = [asyncio.create_task(runs.wait(run.id)) for run in found]
+        if endings:
+            _, late = await asyncio.wait(endings, timeout=_REST_TIMEOUT_S)
+            for ending in late:
+                ending.cancel()
+
+    async def soc_after(self, run: RunRecord) -> float:
+        """State of charge at the end of a run by counting what was measured."""
+        data = await asyncio.to_thread(self._workshop.samples.read, run.id)
+        time_s, current_A = data.columns["time_s"], data.columns["current_A"]
+        return float(counted_soc(time_s, current_A, run.initial_soc, run.capacity_Ah)[-1])
+
+    def _report_live(self, stage: str, bench: str, run_id: str) -> None:
+        live = self._workshop.benches.get(bench).live
+        if live and live["run_id"] == run_id:
+            self._report(stage, min(live["progress"] or 0.0, 0.99), f"{live['time_s'] or 0.0:.0f} s played")
+
+    async def _await_bench(self, stage: str, bench: str) -> None:
+        """Wait for a bench that is not there yet; one that stays away is refused when its run starts."""
+        supervisor = self._workshop.benches.get(bench).supervisor
+        if supervisor.status.state == "offline":
+            self._report(stage, 0.0, f"waiting for the bench: {supervisor.status.reason}")
+            with contextlib.suppress(TimeoutError):
+                await supervisor.wait_for("idle", "running", "stopping", "fault", timeout_s=_BENCH_TIMEOUT_S)
+
+    async def _start(self, order: RunOrder) -> RunRecord:
+        """Start a run; a campaign that is stopped meanwhile goes on only when there is a run to stop, or none."""
+        starting = asyncio.ensure_future(self._workshop.runs.start(self._workshop.benches, order))
+        try:
+            return await asyncio.shield(starting)
+        except asyncio.CancelledError:
+            await asyncio.wait({starting})
+            starting.exception()  # seen; the campaign's own end says more
+            raise

@@ -1,0 +1,196 @@
+"""The client: one method for each thing that the REST API offers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Self, Unpack
+
+from bench_service.client.connection import API, Connection, Record, part
+from bench_service.client.model_calls import ModelCalls
+from bench_service.client.run_options import RunOptions
+from bench_service.client.waiting import ENDED_CAMPAIGN_STATES, ENDED_RUN_STATES, LOOK_S, Look, wait_until
+
+
+class BenchClient:
+    """Talks to one service; to be closed, or used in a ``with`` statement.
+
+    Parameters
+    ----------
+    url : str
+        Address that the service printed, for example ``http://127.0.0.1:8000``.
+    timeout_s : float
+        Longest wait for one answer.
+    """
+
+    def __init__(self, url: str, timeout_s: float = 30.0) -> None:
+        self.url = url.rstrip("/")
+        self._connection = Connection(self.url, timeout_s)
+        # One flat list of calls for whoever writes a script; these are in a file of their own.
+        models = ModelCalls(self._connection)
+        self.fit = models.fit
+        self.wait_job = models.wait_job
+        self.models = models.models
+        self.model = models.model
+        self.model_document = models.model_document
+        self.model_tables = models.model_tables
+        self.import_model = models.import_model
+        self.design = models.design
+        self.compare = models.compare
+        self.comparison = models.comparison
+        self.comparison_series = models.comparison_series
+        self.comparison_where = models.comparison_where
+        self.effects = models.effects
+        self.diagnose = models.diagnose
+        self.add_effect = models.add_effect
+        self.refit = models.refit
+        self.model_chain = models.model_chain
+
+    def __enter__(self) -> Self:
+        """Give itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._connection.close()
+
+    # --- service and benches -------------------------------------------------------------------------------
+
+    def health(self) -> Record:
+        """Version of the service, state of recorder and benches."""
+        return self._connection.get("/healthz")
+
+    def benches(self) -> list[Record]:
+        """All benches."""
+        return self._connection.get(f"{API}/benches")["benches"]
+
+    def bench(self, name: str) -> Record:
+        """One bench: state, capabilities, limits, last live values."""
+        return self._connection.get(f"{API}/benches/{part(name)}")
+
+    def stop_bench(self, name: str) -> Record:
+        """Stop the bench's run, if there is one."""
+        return self._connection.post(f"{API}/benches/{part(name)}/stop")
+
+    def open_seal(self, name: str) -> Record:
+        """Tell which effect is hidden in a bench's simulated cell: ``{"sha256", "opened"}``."""
+        return self._connection.post(f"{API}/benches/{part(name)}/seal/open")
+
+    def acknowledge(self, name: str) -> Record:
+        """Clear a latched fault."""
+        return self._connection.post(f"{API}/benches/{part(name)}/acknowledge")
+
+    # --- profiles and runs ---------------------------------------------------------------------------------
+
+    def upload_profile(self, name: str, time_s: Sequence[float], current_A: Sequence[float]) -> Record:
+        """Store a profile (forward hold, positive current charges); give its record."""
+        body = {"name": name, "time_s": [float(t) for t in time_s], "current_A": [float(i) for i in current_A]}
+        return self._connection.post(f"{API}/profiles", body)
+
+    def profiles(self) -> list[Record]:
+        """All profiles."""
+        return self._connection.get(f"{API}/profiles")["profiles"]
+
+    def profile(self, profile_id: str, points: bool = False) -> Record:
+        """One profile; ``points`` adds ``time_s`` and ``current_A``."""
+        return self._connection.get(f"{API}/profiles/{part(profile_id)}", points=points)
+
+    def start_run(
+        self, bench: str, profile_id: str, dt_s: float, initial_soc: float, **options: Unpack[RunOptions]
+    ) -> Record:
+        """Start a run; give its record, with state ``running``. Options are those of `RunOptions`."""
+        stated = {"bench": bench, "profile_id": profile_id, "dt_s": float(dt_s), "initial_soc": float(initial_soc)}
+        given = {key: value for key, value in options.items() if value is not None}
+        return self._connection.post(f"{API}/runs", stated | given)
+
+    def runs(self, **filters: object) -> list[Record]:
+        """Runs, newest first; filters are bench, state, campaign_id, limit, offset."""
+        return self._connection.get(f"{API}/runs", **filters)["runs"]
+
+    def run(self, run_id: str) -> Record:
+        """One run."""
+        return self._connection.get(f"{API}/runs/{part(run_id)}")
+
+    def stop_run(self, run_id: str) -> Record:
+        """Stop a run; its end is waited for with `wait_run`."""
+        return self._connection.post(f"{API}/runs/{part(run_id)}/stop")
+
+    def wait_run(
+        self,
+        run_id: str,
+        on_progress: Callable[[Record, Record | None], None] | None = None,
+        *,
+        timeout_s: float | None = None,
+        poll_s: float = LOOK_S,
+    ) -> Record:
+        """Wait until a run has ended and give its record; after `timeout_s` `ClientError`, and the run goes on.
+
+        `on_progress` is called with the run's record and the bench's live values at each look.
+        """
+
+        def tell(run: Record) -> None:
+            if on_progress is not None:
+                live = self.bench(run["bench"])["live"] if run["state"] not in ENDED_RUN_STATES else None
+                on_progress(run, live if live and live["run_id"] == run_id else None)
+
+        look = Look(f"run {run_id}", lambda: self.run(run_id), ENDED_RUN_STATES, tell)
+        return wait_until(look, timeout_s, poll_s)
+
+    def samples(
+        self,
+        run_id: str,
+        *,
+        stream: str = "samples",
+        from_s: float | None = None,
+        to_s: float | None = None,
+        max_points: int | None = None,
+    ) -> Record:
+        """Columns of a run's samples, or with ``stream="observer"`` of its observer; None is a missing value."""
+        address = f"{API}/runs/{part(run_id)}/{part(stream)}"
+        return self._connection.get(address, from_s=from_s, to_s=to_s, max_points=max_points)
+
+    def export(self, run_id: str, format: str = "bdf") -> bytes:  # noqa: A002  # the option's public name
+        """Give the run as the bytes of a file."""
+        return self._connection.send("GET", f"{API}/runs/{part(run_id)}/export", params={"format": format}).content
+
+    def events(self, run_id: str | None = None, limit: int | None = None) -> list[Record]:
+        """Events of a run, or the latest of all."""
+        address = f"{API}/events" if run_id is None else f"{API}/runs/{part(run_id)}/events"
+        return self._connection.get(address, limit=limit)["events"]
+
+    # --- campaigns ----------------------------------------------------------------------------------------
+
+    def start_campaign(self, request: Record) -> Record:
+        """Start a campaign; give its record."""
+        return self._connection.post(f"{API}/campaigns", request)
+
+    def campaigns(self) -> list[Record]:
+        """All campaigns."""
+        return self._connection.get(f"{API}/campaigns")["campaigns"]
+
+    def campaign(self, campaign_id: str) -> Record:
+        """One campaign."""
+        return self._connection.get(f"{API}/campaigns/{part(campaign_id)}")
+
+    def stop_campaign(self, campaign_id: str) -> Record:
+        """Stop a campaign and the run that it has started."""
+        return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/stop")
+
+    def wait_campaign(
+        self,
+        campaign_id: str,
+        on_progress: Callable[[Record], None] | None = None,
+        *,
+        timeout_s: float | None = None,
+        poll_s: float = LOOK_S,
+    ) -> Record:
+        """Wait until a campaign has ended and give its record, whatever its end."""
+        what = f"campaign {campaign_id}"
+        look = Look(what, lambda: self.campaign(campaign_id), ENDED_CAMPAIGN_STATES, on_progress)
+        return wait_until(look, timeout_s, poll_s)

@@ -1,0 +1,21 @@
+"""What may be said about a run beside bench, profile, sampling time and initial state of charge."""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+from bench_service.client.connection import Record
+
+
+class RunOptions(TypedDict, total=False):
+    """Options of a run; what is left out or None the service decides.
+
+    ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting at
+    ``observer_initial_soc``.
+    """
+
+    limits: Record | None
+    model_id: str | None
+    observer_initial_soc: float | None
+    name: str | None
+    seed: int | None

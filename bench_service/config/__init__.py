@@ -1,0 +1,21 @@
+"""The only reader of `bench.toml` and of the environment.
+
+Without a file the service knows one bench, `sim`, whose simulator it starts itself.
+"""
+
+from bench_service.config.bench import BenchConfig, LimitsConfig
+from bench_service.config.example import example_config
+from bench_service.config.reading import ConfigError, load_config, parse_config
+from bench_service.config.service import ServiceConfig
+from bench_service.config.simulate import SimulateConfig
+
+__all__ = [
+    "BenchConfig",
+    "ConfigError",
+    "LimitsConfig",
+    "ServiceConfig",
+    "SimulateConfig",
+    "example_config",
+    "load_config",
+    "parse_config",
+]

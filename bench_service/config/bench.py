@@ -1,0 +1,106 @@
+"""One bench: a cycler channel with a cell on it, and its limits."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from bench_service.config.simulate import SIMULATED_CELLS, SimulateConfig
+from bench_service.config.table import NotNegative, Positive, Table, Window
+from drivers.address import parse_address
+from drivers.errors import CyclerConnectionError
+
+LONGEST_DEVICE_WATCHDOG_S = 2.0
+_STATED_FOR_HARDWARE = ("voltage_V", "current_A", "temperature_degC")
+
+
+class LimitsConfig(Table):
+    """Limits that no run on the bench may leave; a run may only narrow them.
+
+    Units are in the names; windows are ``(low, high)``.
+    """
+
+    voltage_V: Window = (2.5, 4.2)
+    current_A: Window = (-10.0, 5.0)
+    temperature_degC: Window = (-20.0, 60.0)
+    soc: Window = (0.0, 1.0)
+    ramp_A_per_s: Positive | None = None
+    duration_s: Positive = 14 * 86400.0
+
+    @field_validator("soc")
+    @classmethod
+    def _within_zero_and_one(cls, soc: tuple[float, float]) -> tuple[float, float]:
+        if soc[0] < 0 or soc[1] > 1:
+            raise ValueError("state of charge is a fraction between 0 and 1")
+        return soc
+
+
+class BenchConfig(Table):
+    """One bench: a cycler channel with a cell on it.
+
+    Exactly one of ``url`` (see `drivers.address`) and ``simulate`` is given. The defaults of capacity and
+    limits are those of the simulated cell; for a real cell they must be stated.
+    """
+
+    url: str | None = None
+    simulate: SimulateConfig | None = None
+    map: str = "generic"
+    capacity_Ah: Positive = 2.5
+    limits: LimitsConfig = LimitsConfig()
+    watchdog_s: Positive = 1.0
+    external_interlock: bool = Field(default=False, strict=True)
+    timeout_s: Positive = 0.5
+    settle_s: NotNegative = 1.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_simulated(cls, table: Any) -> Any:
+        """Fill in what the simulated cell allows; values of a wrong type are left for the fields to refuse."""
+        simulate = table.get("simulate") if isinstance(table, dict) else None
+        if isinstance(simulate, SimulateConfig):
+            simulate = simulate.model_dump()
+        limits = table.get("limits", {}) if isinstance(table, dict) else None
+        if not isinstance(simulate, dict) or not isinstance(limits, dict):
+            return table
+        known = dict(SIMULATED_CELLS.get(str(simulate.get("cell", "nmc")), SIMULATED_CELLS["nmc"]))
+        capacity_Ah = known.pop("capacity_Ah")
+        if simulate.get("capacity_Ah") is not None:
+            capacity_Ah = simulate["capacity_Ah"]
+        return {"capacity_Ah": capacity_Ah} | table | {"limits": known | limits}
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.url is None) == (self.simulate is None):
+            raise ValueError("give exactly one of 'url' (a cycler) and 'simulate' (a simulator)")
+        return self
+
+    @model_validator(mode="after")
+    def _stated(self) -> Self:
+        if self.url is not None:
+            missing = [f"limits.{name}" for name in _STATED_FOR_HARDWARE if name not in self.limits.model_fields_set]
+            if "capacity_Ah" not in self.model_fields_set:
+                missing.append("capacity_Ah")
+            if missing:
+                raise ValueError(f"a real cell has no default {', '.join(missing)}; state what its data sheet allows")
+        return self
+
+    @model_validator(mode="after")
+    def _watched(self) -> Self:
+        if self.watchdog_s > LONGEST_DEVICE_WATCHDOG_S and not self.external_interlock:
+            raise ValueError(
+                f"watchdog_s is {self.watchdog_s:g} s; above {LONGEST_DEVICE_WATCHDOG_S:g} s the bench needs "
+                "'external_interlock = true', a declaration that hardware of its own cuts the cell off"
+            )
+        return self
+
+    @field_validator("url")
+    @classmethod
+    def _known_transport(cls, url: str | None) -> str | None:
+        if url is None:
+            return None
+        try:
+            parse_address(url)
+        except CyclerConnectionError as error:
+            raise ValueError(str(error)) from error
+        return url

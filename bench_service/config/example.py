@@ -1,0 +1,71 @@
+"""The commented `bench.toml` that `bench-service config init` writes; its values are the defaults."""
+
+
+def example_config() -> str:
+    """Text of a commented `bench.toml` whose values are the defaults."""
+    return _EXAMPLE
+
+
+_EXAMPLE = """\
+# Configuration of bench-service. Every value here is the default. Positive current charges the cell.
+
+# Where runs, samples and models are kept. The environment variable BENCH_DATA_DIR wins over this line.
+data_dir = "bench-data"
+
+# Worker processes for fits and comparisons, and how much they give way to other programs: 19 most, 0 not at all. On a
+# machine that others keep busy, 19 gets them hardly any time. The environment variable BENCH_WORKER_NICE wins.
+workers = 1
+worker_nice = 19
+
+# One table per bench. "sim" is simulated: the service starts its simulator itself.
+[bench.sim]
+# A real cycler instead of a simulated one:  url = "modbus-tcp://192.168.1.50:502"  and no "simulate" table; or
+# "modbus-rtu:///dev/ttyUSB0?baud=115200&parity=N", or "can://socketcan/can0?bitrate=500000&node=1&log=traffic";
+# capacity_Ah and the limits of voltage, current and temperature must then be stated.
+# Register map: a name from drivers/maps, or the path of a .toml file.
+map = "generic"
+# Nominal capacity of the cell, for counting charge before a run. Simulated: the simulated cell's own.
+capacity_Ah = 2.5
+# The cycler's own watchdog switches its output off after this time without a command. Above 2 s, or with a
+# device that has none, the bench starts only with external_interlock = true: your declaration that hardware
+# of its own protects the cell.
+watchdog_s = 1.0
+external_interlock = false
+# Longest wait for one answer of the cycler, and the time after a set-point change in which the measured
+# current is not yet compared with the commanded one.
+timeout_s = 0.5
+settle_s = 1.0
+
+[bench.sim.simulate]
+# modbus-tcp, modbus-rtu (a pseudo-terminal, paced to its baud rate) or can (needs map = "generic_can")
+protocol = "modbus-tcp"
+baud = 115200
+# nmc, lfp or nimh
+cell = "nmc"
+# Physical effects of the simulated cell on top of its own, for example { hysteresis = 0.02 }.
+effects = {}
+# One more effect that nobody is told: "random" or a name; the page looks for it and opens the seal.
+# hidden_effect = "random"
+# What goes wrong when, for example "silence@sample:30; nan.voltage@t:12.5+3" (docs/cyclers.md).
+faults = ""
+seed = 1
+# true: simulated time moves one period per sample, as fast as the machine can. false: the wall clock, times speed.
+lock_step = true
+speed = 1.0
+# Where the cell starts, and the temperature around it.
+initial_soc = 0.5
+ambient_degC = 25.0
+# True capacity of the simulated cell. Absent: the cell's own.
+# capacity_Ah = 2.5
+
+# Limits of the bench. A run may only narrow them. Simulated: what the simulated cell allows.
+[bench.sim.limits]
+voltage_V = [2.5, 4.2]
+current_A = [-10.0, 5.0]
+temperature_degC = [-20.0, 60.0]
+soc = [0.0, 1.0]
+# Largest change of the set-point per second. Absent: steps are allowed.
+# ramp_A_per_s = 10.0
+# Longest run: 14 days.
+duration_s = 1209600.0
+"""

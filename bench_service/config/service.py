@@ -1,0 +1,32 @@
+"""Everything the service is told from outside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, field_validator
+
+from bench_service.config.bench import BenchConfig
+from bench_service.config.simulate import SimulateConfig
+from bench_service.config.table import Table
+
+_BENCH_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"
+
+
+class ServiceConfig(Table):
+    """Everything the service is told from outside."""
+
+    data_dir: Path = Path("bench-data")
+    workers: int = Field(default=1, ge=1, le=64, strict=True)
+    worker_nice: int = Field(default=19, ge=0, le=19, strict=True)
+    bench: dict[Annotated[str, Field(pattern=_BENCH_NAME)], BenchConfig] = {
+        "sim": BenchConfig(simulate=SimulateConfig())
+    }
+
+    @field_validator("bench")
+    @classmethod
+    def _at_least_one(cls, bench: dict[str, BenchConfig]) -> dict[str, BenchConfig]:
+        if not bench:
+            raise ValueError("needs at least one bench, a table [bench.NAME]")
+        return bench

@@ -1,0 +1,54 @@
+"""Comparisons of models with runs."""
+
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+
+from sqlalchemy import select
+
+from bench_service.store import rows, schema
+from bench_service.store.access import MetadataFile
+from bench_service.store.records import ComparisonRecord, Json, RunReference
+
+
+class ComparisonTable:
+    """Stores comparisons and finds them; see `MetadataStore`."""
+
+    def __init__(self, file: MetadataFile, now: Callable[[], str]) -> None:
+        self._file = file
+        self._now = now
+
+    def add(
+        self,
+        model_id: str,
+        runs: Sequence[RunReference],
+        result: Json,
+        *,
+        code_version: str,
+        initial_soc: float | None = None,
+        campaign_id: str | None = None,
+    ) -> ComparisonRecord:
+        """Store the result of comparing a model with runs."""
+        record = ComparisonRecord(
+            id=uuid.uuid4().hex,
+            model_id=model_id,
+            runs=tuple(runs),
+            initial_soc=initial_soc,
+            result=result,
+            created_utc=self._now(),
+            campaign_id=campaign_id,
+            code_version=code_version,
+        )
+        self._file.insert(schema.comparison, asdict(record))
+        return record
+
+    def get(self, comparison_id: str) -> ComparisonRecord:
+        """Return a comparison."""
+        table = schema.comparison
+        return rows.comparison(self._file.one(table, select(table), comparison_id))
+
+    def page(self, model_id: str | None = None, limit: int = 100, offset: int = 0) -> list[ComparisonRecord]:
+        """Return comparisons, of one model where that is given."""
+        table = schema.comparison
+        query = select(table) if model_id is None else select(table).where(table.c.model_id == model_id)
+        return [rows.comparison(row) for row in self._file.page(table, query, limit, offset)]

@@ -1,0 +1,40 @@
+"""Events of one data directory, for the people at the benches."""
+
+from collections.abc import Callable
+
+from sqlalchemy import select
+
+from bench_service.store import rows, schema
+from bench_service.store.access import MetadataFile
+from bench_service.store.records import EventRecord, Json, Severity
+
+
+class EventTable:
+    """Stores events and finds them; see `MetadataStore`."""
+
+    def __init__(self, file: MetadataFile, now: Callable[[], str]) -> None:
+        self._file = file
+        self._now = now
+
+    def add(
+        self,
+        severity: Severity,
+        code: str,
+        text: str,
+        *,
+        bench: str | None = None,
+        run_id: str | None = None,
+        campaign_id: str | None = None,
+    ) -> EventRecord:
+        """Store an event."""
+        values: Json = {"created_utc": self._now(), "severity": severity, "code": code, "text": text}
+        values |= {"bench": bench, "run_id": run_id, "campaign_id": campaign_id}
+        return EventRecord(id=self._file.insert(schema.event, values), **values)
+
+    def page(self, run_id: str | None = None, limit: int = 100, offset: int = 0) -> list[EventRecord]:
+        """Return events, of one run where that is given."""
+        table = schema.event
+        query = select(table) if run_id is None else select(table).where(table.c.run_id == run_id)
+        newest = query.order_by(table.c.id.desc()).limit(limit).offset(offset)
+        with self._file.read() as link:
+            return [rows.event(row) for row in link.execute(newest)]
