@@ -57,7 +57,7 @@ class FuzzyObserverLink:
 
 
 def fuzzy_link(request: RunRequest, order: ObserverOrder) -> ObserverLink:
-    """Build the observer of a request; see `observer_link.build_observer`."""
+    """Build the observer of a request; see `run_setup.build_observer`."""
     try:
         network = LocalModelNetwork.from_json(order["model"])
         settings = dict(order.get("settings") or {})

@@ -3,8 +3,6 @@
 import math
 from typing import NamedTuple, Protocol
 
-from bench_service.bench.request import RunRequest
-
 
 class ObserverError(Exception):
     """The observer cannot be built, has raised, or has diverged."""
@@ -40,19 +38,3 @@ class ObserverLink(Protocol):
     def new_alarms(self) -> list[str]:
         """Return what is wrong since the last sample and was not before, in words."""
         ...
-
-
-def build_observer(request: RunRequest) -> ObserverLink | None:
-    """Build the observer that a request asks for, compiled and at its initial state; None if it asks for none.
-
-    Raises
-    ------
-    ObserverError
-        The model cannot be used with an observer, or not at the run's period.
-    """
-    if request.observer is None:
-        return None
-    # Lazy: the observer, with the compiler, takes 1.2 s, longer than all else that a control process does at its start.
-    from bench_service.bench.fuzzy_observer_link import fuzzy_link
-
-    return fuzzy_link(request, request.observer)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from bench_service.bench.admission import RefusedError, check_start, ticks_per_sample
 from bench_service.bench.clock import Clock, LockStepClock, WallClock
-from bench_service.bench.observer_link import ObserverError, ObserverLink, build_observer
+from bench_service.bench.observer_link import ObserverError, ObserverLink
 from bench_service.bench.player import make_player
 from bench_service.bench.realtime import no_garbage_collection, real_time_priority
 from bench_service.bench.recording import queue_rows
@@ -85,6 +85,22 @@ async def prepare(settings: BenchSettings, capabilities: Capabilities, request: 
         queue_rows=queue_rows(request.dt_s, lock_step),
         notes=tuple(_notes(settings, request, player.skipped_points)),
     )
+
+
+def build_observer(request: RunRequest) -> ObserverLink | None:
+    """Build the observer that a request asks for, compiled and at its initial state; None if it asks for none.
+
+    Raises
+    ------
+    ObserverError
+        The model cannot be used with an observer, or not at the run's period.
+    """
+    if request.observer is None:
+        return None
+    # Lazy: the observer, with the compiler, takes 1.2 s, longer than all else that a control process does at its start.
+    from bench_service.bench.fuzzy_observer_link import fuzzy_link
+
+    return fuzzy_link(request, request.observer)
 
 
 def _rules(settings: BenchSettings, capabilities: Capabilities, request: RunRequest, tick_s: float) -> Rules:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverLink, ObserverRow, build_observer
+from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverLink, ObserverRow
+from bench_service.bench.run_setup import build_observer
 from tests.unit.models import hand_network
 
 OFFSET_A, LATE = 0.3, 2
