@@ -12,7 +12,7 @@ from typing import Any
 
 from drivers.cycler import Cycler, DeviceLimits
 from drivers.factory import open_cycler
-from drivers.modbus_tcp import TcpClient
+from drivers.modbus_clients import set_timeout
 from simulators.bench import SimulatorSettings, build_can_device, build_device
 from simulators.can_bus import CanBusSettings
 from simulators.can_node import CanNode
@@ -86,12 +86,10 @@ class Rig:
 
 
 def _wait_at_most(link: Any, timeout_s: float) -> None:
-    link._timeout_s = timeout_s
-    client = getattr(link, "_client", None)  # of Modbus, while it is connected
-    if isinstance(client, TcpClient):
-        client.timeout_s = timeout_s
-    elif client is not None:
-        client.ctx.comm_params.timeout_connect = timeout_s
+    wire = getattr(link, "_connection", link)  # of Modbus; a CAN link waits itself
+    wire._timeout_s = timeout_s
+    if getattr(wire, "_client", None) is not None:
+        set_timeout(wire._client, timeout_s)
 
 
 @contextlib.asynccontextmanager
