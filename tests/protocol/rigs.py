@@ -86,11 +86,10 @@ class Rig:
 
 
 def _wait_at_most(link: Any, timeout_s: float) -> None:
-    waiting = getattr(link, "_connection", link)  # of Modbus, where the link stands on a connection
-    waiting._timeout_s = timeout_s
-    client = getattr(waiting, "_client", None)  # while it is connected
-    if client is not None:
-        set_timeout(client, timeout_s)
+    wire = getattr(link, "_connection", link)  # of Modbus; a CAN link waits itself
+    wire._timeout_s = timeout_s
+    if getattr(wire, "_client", None) is not None:
+        set_timeout(wire._client, timeout_s)
 
 
 @contextlib.asynccontextmanager

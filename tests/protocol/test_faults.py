@@ -11,9 +11,9 @@ from tests.patience import FACTOR
 from tests.protocol.fault_runs import play, play_case, random_case
 
 HARMLESS = {"delay"}
-LATE_S = 0.3
+LATE_S = 0.65
 # Less than what comes late; where nothing does, as long as a busy machine may take.
-IMPATIENT_S, PATIENT_S = 0.25, 10.0 * FACTOR
+IMPATIENT_S, PATIENT_S = 0.5, 10.0 * FACTOR
 WIRES = ("modbus-tcp", "modbus-rtu", "can-virtual")
 
 
