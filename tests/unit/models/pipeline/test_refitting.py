@@ -66,7 +66,7 @@ def test_a_short_run_of_an_unchanged_cell_does_not_undo_what_was_known(candidate
 
 def test_without_past_outputs_stored_sums_stand_for_the_runs_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
     # The pull between neighbours begins at other parameters in the two ways.
-    monkeypatch.setattr("models.pipeline.refitting._ALIKE", (1e-9,))
+    monkeypatch.setattr("models.pipeline.refit_problem._ALIKE", (1e-9,))
     network = fitted(CANDIDATES["no past outputs"])
     new = synthetic.run(3000, seed=12, noise_V=1e-3)
     least_squares = refit(network, OLD, old_weight=0.0).network
