@@ -55,6 +55,37 @@ class AsyncPart(Part):
         return awaited
 
 
+class Table(Part):
+    """A table of a store; its calls bear its name, ``runs.get``, and are noted with those of the other tables."""
+
+    def __init__(self, name: str, calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]], answers: Any) -> None:
+        super().__init__(**{f"{name}.{method}": answer for method, answer in answers.items()})
+        self.calls = calls
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        return super().__getattr__(f"{self._name}.{name}")
+
+
+class Store:
+    """A store of the tables named here, each with the answers of its methods: ``Store(runs={"get": record})``.
+
+    Attributes
+    ----------
+    calls : list of (table and method, positional arguments, named arguments)
+        Of all tables, in their order.
+    """
+
+    def __init__(self, **tables: dict[str, Any]) -> None:
+        self.calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
+        self._tables = {name: Table(name, self.calls, answers) for name, answers in tables.items()}
+
+    def __getattr__(self, name: str) -> Table:
+        if name not in self._tables:
+            raise AttributeError(name)
+        return self._tables[name]
+
+
 class Client:
     """Sends requests to an application in this very process; each has an event loop of its own."""
 

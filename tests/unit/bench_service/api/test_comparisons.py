@@ -7,7 +7,7 @@ import pytest
 from bench_service.api import comparisons
 from bench_service.errors import NotFoundError
 from bench_service.store.records import ComparisonRecord
-from tests.unit.bench_service.api.route_rig import MOMENT, REFERENCE, AsyncPart, Part, client_of, error_of
+from tests.unit.bench_service.api.route_rig import MOMENT, REFERENCE, AsyncPart, Store, client_of, error_of
 
 RECORD = ComparisonRecord(
     id="k1",
@@ -46,7 +46,7 @@ def test_a_body_that_asks_for_nothing_or_too_much_is_refused(changes: dict[str, 
 
 
 def test_pages_of_all_models_or_of_one() -> None:
-    store = Part(comparisons=[RECORD])
+    store = Store(comparisons={"page": [RECORD]})
     client = client_of(comparisons.router, store=store)
     assert client.get("/comparisons").json()["comparisons"][0]["run_ids"] == ["r1"]
     client.get("/comparisons?model_id=m1&limit=5&offset=2")
@@ -54,7 +54,7 @@ def test_pages_of_all_models_or_of_one() -> None:
 
 
 def test_one_that_is_not_there_is_404() -> None:
-    store = Part(comparison=NotFoundError.of("comparison", "k9"))
+    store = Store(comparisons={"get": NotFoundError.of("comparison", "k9")})
     assert client_of(comparisons.router, store=store).get("/comparisons/k9").status_code == 404
 
 

@@ -15,6 +15,7 @@ from tests.unit.bench_service.api.route_rig import (
     REFERENCE,
     AsyncPart,
     Part,
+    Store,
     client_of,
     error_of,
     run_record,
@@ -62,12 +63,15 @@ def test_what_is_none_is_refused(changes: dict[str, Any]) -> None:
 
 
 def test_stored_ones_are_given_with_the_ids_of_their_runs() -> None:
-    store = SimpleNamespace(diagnoses=Part(page=[RECORD], get=RECORD))
+    store = Store(diagnoses={"page": [RECORD], "get": RECORD})
     client = client_of(diagnoses.router, store=store)
     (one,) = client.get("/diagnoses?model_id=m1&limit=1").json()["diagnoses"]
     assert (one["run_ids"], one["train_run_ids"], one["result"]) == (["r1"], [], {"verdict": "nothing_missing"})
     assert client.get("/diagnoses/d1").json() == one
-    assert [arguments for _, arguments, _ in store.diagnoses.calls] == [("m1", 1, 0), ("d1",)]
+    assert [(name, arguments) for name, arguments, _ in store.calls] == [
+        ("diagnoses.page", ("m1", 1, 0)),
+        ("diagnoses.get", ("d1",)),
+    ]
 
 
 def experiment(body: dict[str, Any], *, simulated: bool = False, played: bool = False) -> tuple[Any, AsyncPart]:
@@ -80,7 +84,7 @@ def experiment(body: dict[str, Any], *, simulated: bool = False, played: bool = 
     client = client_of(
         diagnoses.router,
         benches=Part(get=bench),
-        store=Part(runs=[run_record(n_samples=2)] if played else []),
+        store=Store(runs={"page": [run_record(n_samples=2)] if played else []}),
         samples=Part(read=data),
         diagnosing=diagnosing,
     )

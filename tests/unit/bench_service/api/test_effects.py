@@ -8,7 +8,7 @@ from bench_service.api import effects
 from bench_service.errors import NotFoundError
 from bench_service.jobs.runner import Job
 from models.effects import effects as known_effects
-from tests.unit.bench_service.api.route_rig import AsyncPart, Part, client_of, error_of
+from tests.unit.bench_service.api.route_rig import AsyncPart, Store, client_of, error_of
 
 JOB = Job(id="j1", kind="effect")
 
@@ -53,6 +53,6 @@ def test_a_refit_needs_runs() -> None:
 
 
 def test_versions_of_a_model_that_is_not_there_are_404() -> None:
-    store = Part(family=NotFoundError.of("model", "m9"))
+    store = Store(models={"family": NotFoundError.of("model", "m9")})
     answer = client_of(effects.router, store=store).get("/models/m9/chain")
     assert (answer.status_code, error_of(answer)["message"]) == (404, "unknown model 'm9'")

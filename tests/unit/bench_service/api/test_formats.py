@@ -3,7 +3,7 @@
 from bench_service.api import formats, samples
 from bench_service.exchange.write import export_formats
 from bench_service.store.reading import StreamData
-from tests.unit.bench_service.api.route_rig import Part, client_of, error_of, run_record
+from tests.unit.bench_service.api.route_rig import Part, Store, client_of, error_of, run_record
 
 
 def test_every_format_that_can_be_written_is_listed_once() -> None:
@@ -13,7 +13,7 @@ def test_every_format_that_can_be_written_is_listed_once() -> None:
 
 def test_what_is_listed_can_be_asked_for() -> None:
     """A run without samples is a conflict in a format that is known, and a bad request in one that is not."""
-    parts = {"store": Part(run=run_record()), "samples": Part(read=StreamData.empty())}
+    parts = {"store": Store(runs={"get": run_record()}), "samples": Part(read=StreamData.empty())}
     client = client_of(formats.router, samples.router, **parts)
     for each in client.get("/formats").json()["formats"]:
         assert error_of(client.get(f"/runs/r1/export?format={each['name']}"))["code"] == "conflict"

@@ -11,7 +11,7 @@ from bench_service.campaign.modelling import FitOrder
 from bench_service.jobs.runner import Job
 from bench_service.store.records import ModelRecord
 from models.data.errors import ModelError
-from tests.unit.bench_service.api.route_rig import MOMENT, REFERENCE, AsyncPart, Part, client_of, error_of
+from tests.unit.bench_service.api.route_rig import MOMENT, REFERENCE, AsyncPart, Part, Store, client_of, error_of
 
 RECORD = ModelRecord(
     id="m1",
@@ -88,7 +88,7 @@ def test_what_is_no_model_is_refused_with_its_reason() -> None:
 
 
 def test_stored_ones_are_listed_given_and_read_out() -> None:
-    store = Part(models=[RECORD], model=RECORD, model_document={"kind": "network"})
+    store = Store(models={"page": [RECORD], "get": RECORD, "document": {"kind": "network"}})
     modelling = AsyncPart(tables={"ocv": {}})
     client = client_of(models.router, store=store, modelling=modelling)
     (one,) = client.get("/models?limit=2").json()["models"]
@@ -97,7 +97,7 @@ def test_stored_ones_are_listed_given_and_read_out() -> None:
     assert client.get("/models/m1/document").json() == {"kind": "network"}
     assert client.get("/models/m1/tables").json() == {"ocv": {}}
     assert [(name, arguments) for name, arguments, _ in store.calls] == [
-        ("models", (2, 0)),
-        ("model", ("m1",)),
-        ("model_document", ("m1",)),
+        ("models.page", (2, 0)),
+        ("models.get", ("m1",)),
+        ("models.document", ("m1",)),
     ]

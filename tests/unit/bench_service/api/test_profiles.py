@@ -10,7 +10,7 @@ import pytest
 from bench_service.api import profiles
 from bench_service.api.strict import MAX_BODY_BYTES
 from bench_service.store.records import ProfileRecord
-from tests.unit.bench_service.api.route_rig import MOMENT, AsyncPart, Part, client_of, error_of
+from tests.unit.bench_service.api.route_rig import MOMENT, AsyncPart, Store, client_of, error_of
 
 RECORD = ProfileRecord("p1", "steps", "abc", 3, 20.0, (-2.0, 1.5), (0.0, 0.0, 0.0), MOMENT)
 CSV = "time_s,current_A\n0,1.5\n10,-2\n20,0\n"
@@ -24,7 +24,7 @@ class Journal(AsyncPart):
 
 
 def sent(body: str | bytes, kind: str, query: str = "") -> tuple[Any, Journal]:
-    journal, store = Journal(), Part(add_profile=RECORD)
+    journal, store = Journal(), Store(profiles={"add": RECORD})
     client = client_of(profiles.router, journal=journal, store=store)
     return client.post(f"/profiles{query}", content=body, headers={"content-type": kind}), journal
 
@@ -78,7 +78,8 @@ def test_a_profile_may_be_longer_than_other_bodies() -> None:
 
 
 def test_points_are_given_where_they_are_asked_for() -> None:
-    store = Part(profile=RECORD, profile_points=(np.array([0.0, 20.0]), np.array([1.5, 0.0])), profiles=[RECORD])
+    points = np.array([0.0, 20.0]), np.array([1.5, 0.0])
+    store = Store(profiles={"get": RECORD, "points": points, "page": [RECORD]})
     client = client_of(profiles.router, store=store)
     assert "time_s" not in client.get("/profiles/p1").json()
     whole = client.get("/profiles/p1?points=true").json()

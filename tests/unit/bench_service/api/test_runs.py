@@ -7,7 +7,7 @@ import pytest
 from bench_service.api import runs
 from bench_service.campaign.runs import RunOrder
 from bench_service.errors import BenchOfflineError, NotFoundError
-from tests.unit.bench_service.api.route_rig import AsyncPart, Part, client_of, error_of, run_record
+from tests.unit.bench_service.api.route_rig import AsyncPart, Part, Store, client_of, error_of, run_record
 
 BODY = {"bench": "sim", "profile_id": "p1", "dt_s": 0.1, "initial_soc": 0.5}
 BENCHES = object()
@@ -62,7 +62,7 @@ def test_a_bench_that_is_away_is_no_fault_of_the_client() -> None:
 
 
 def test_a_list_is_narrowed_by_bench_state_and_campaign() -> None:
-    store = Part(runs=[run_record()])
+    store = Store(runs={"page": [run_record()]})
     client = client_of(runs.router, store=store)
     assert client.get("/runs").json()["runs"][0]["id"] == "r1"
     client.get("/runs?bench=sim&state=fault&campaign_id=c1&limit=2&offset=1")
@@ -75,14 +75,14 @@ def test_a_list_is_narrowed_by_bench_state_and_campaign() -> None:
 
 def test_stopping_a_run_answers_with_it() -> None:
     record = run_record(state="running")
-    part, store = Part(stop=None), Part(run=record)
+    part, store = Part(stop=None), Store(runs={"get": record})
     answer = client_of(runs.router, runs=part, store=store, benches=BENCHES).post("/runs/r1/stop")
     assert answer.json()["id"] == "r1"
     assert part.calls == [("stop", (BENCHES, record, "stopped by a client"), {})]
 
 
 def test_a_run_that_is_not_there_is_neither_given_nor_stopped() -> None:
-    part, store = Part(stop=None), Part(run=NotFoundError.of("run", "r9"))
+    part, store = Part(stop=None), Store(runs={"get": NotFoundError.of("run", "r9")})
     client = client_of(runs.router, runs=part, store=store, benches=BENCHES)
     assert client.get("/runs/r9").status_code == client.post("/runs/r9/stop").status_code == 404
     assert part.calls == []

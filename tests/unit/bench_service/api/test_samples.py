@@ -11,7 +11,7 @@ from bench_service.errors import NotFoundError
 from bench_service.exchange.write import export_formats
 from bench_service.store.reading import StreamData
 from bench_service.streams import OBSERVER, SAMPLES, STREAMS
-from tests.unit.bench_service.api.route_rig import Part, client_of, error_of, run_record
+from tests.unit.bench_service.api.route_rig import Part, Store, client_of, error_of, run_record
 
 
 def stream(n: int, name: str = SAMPLES, **columns: Any) -> StreamData:
@@ -24,7 +24,8 @@ def stream(n: int, name: str = SAMPLES, **columns: Any) -> StreamData:
 
 def rig(data: StreamData, **run: Any) -> tuple[Any, Part]:
     reader = Part(read=data)
-    return client_of(samples.router, store=Part(run=run_record(**run)), samples=reader), reader
+    store = Store(runs={"get": run_record(**run)})
+    return client_of(samples.router, store=store, samples=reader), reader
 
 
 def test_all_columns_with_their_sequence_numbers() -> None:
@@ -93,7 +94,8 @@ def test_an_interval_that_ends_before_it_begins_is_refused() -> None:
 
 
 def test_a_run_that_is_not_there_is_404_and_not_empty() -> None:
-    client = client_of(samples.router, store=Part(run=NotFoundError.of("run", "r9")), samples=Part())
+    store = Store(runs={"get": NotFoundError.of("run", "r9")})
+    client = client_of(samples.router, store=store, samples=Part())
     for address in ("samples", "observer", "export"):
         assert client.get(f"/runs/r9/{address}").status_code == 404
 
