@@ -42,7 +42,7 @@ def test_a_run_on_another_grid_is_refused() -> None:
 
 def test_overvoltage_is_the_slope_at_the_runs_own_current() -> None:
     model, run = reference(), true_run(np.full(40, 1.0))
-    transfer = next(block for block in model.layout.blocks if block.effect == "charge_transfer")
+    transfer = next(block for block in model.layout.blocks if block.term == "charge_transfer")
     coefficients = model.coefficients.copy()
     coefficients[transfer.part] = 0.01
     soc, index = SOC + run.charge_Ah / CAPACITY_AH, np.arange(40)
