@@ -16,14 +16,13 @@ from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
     DRIVEN,
-    ENTRY,
-    FORM,
+    ENTRY_BITS,
     INVERSE_TEMPERATURE,
     LOOP,
     MAGNITUDE,
-    RESULT,
     SIGNED_SQUARE,
     SOC,
+    SQUARED_BIT,
     TEMPERATURE,
     LoopForm,
 )
@@ -43,7 +42,7 @@ class FlatNetwork(NamedTuple):
     widths: np.ndarray
     kernel: int
     order: int
-    form: np.ndarray  # (S, 3) form, entry and result
+    form: np.ndarray  # (S,) `LoopForm.code`
     pole: np.ndarray  # (S, 3)
     activation_K: np.ndarray  # (S,)
     exchange_A: np.ndarray  # (S,)
@@ -84,9 +83,9 @@ def step_signals(
     # Signals that follow each other often share their scaling by temperature and their exchange current.
     slowed, slowed_for, exchange_for, transfer = 1.0, 0.0, 0.0, 0.0
     for s in range(net.form.shape[0]):
-        form, pole, state = net.form[s, FORM], net.pole[s], filters[s]
+        form, pole, state = net.form[s], net.pole[s], filters[s]
         value = direction
-        if form == DRIVEN or form == SOC:
+        if form >= DRIVEN or form == SOC:
             if net.activation_K[s] != slowed_for:
                 slowed_for = net.activation_K[s]
                 slowed = np.exp(slowed_for * (1.0 / (temperature_degC + KELVIN) - 1.0 / REFERENCE_K))
@@ -105,10 +104,10 @@ def step_signals(
                         exchange_for = net.exchange_A[s]
                         transfer = np.arcsinh(value / exchange_for)
                     value = transfer
-                if net.form[s, ENTRY] != AS_IS:
-                    value = bent(net.form[s, ENTRY], value)
+                if form & ENTRY_BITS != AS_IS:
+                    value = bent(form & ENTRY_BITS, value)
                 state[0] = pole[0] * state[0] + (1.0 - pole[0]) * value
-                value = state[0] * abs(state[0]) if net.form[s, RESULT] == SIGNED_SQUARE else state[0]
+                value = state[0] * abs(state[0]) if form & SQUARED_BIT else state[0]
         elif form == CASCADE:
             value = change_A
             for stage in range(3):
@@ -203,7 +202,7 @@ def flat_network(network: LocalModelNetwork) -> FlatNetwork:
         widths=np.ascontiguousarray(network.partition.widths),
         kernel=KERNELS.index(network.partition.kernel),
         order=structure.output_order,
-        form=np.array([(row.form, row.entry, row.result) for row in rows]),
+        form=np.array([row.code for row in rows]),
         pole=np.array([row.poles for row in rows]),
         activation_K=np.array([row.activation_K for row in rows]),
         exchange_A=np.array([row.exchange_A for row in rows]),

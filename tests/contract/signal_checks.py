@@ -11,7 +11,7 @@ from models.network.compiled_network import FlatNetwork, flat_network, step_sign
 from models.network.local_model_network import LocalModelNetwork
 from models.network.signals import Held, RunSignals, Step, parse_signal
 from models.network.signals.direction import REST_C_RATE
-from models.network.signals.loop_form import FORM, LOOP
+from models.network.signals.loop_form import LOOP
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.observer.filter import running_inputs
 from tests.unit.models import hand_network
@@ -65,7 +65,7 @@ def the_observer_makes_what_the_compiled_step_makes(name: str) -> None:
     n, per_span = len(net.form), 1.0 / net.span
     filters, history = np.zeros((2, n, 3)), np.zeros((2, 2, n))
     plain, plain_more, now, now_more = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n), np.zeros(n)
-    run, follows = _run(_excitation(200)), net.form[:, FORM] != LOOP
+    run, follows = _run(_excitation(200)), net.form != LOOP
     for k, (current, change, soc, direction, degC) in enumerate(_samples(run)):
         rest = (change, soc, direction, degC)
         _MOVE_ON(net, per_span, more_A, filters, history, current, current, *rest, k == 0)

@@ -17,13 +17,12 @@ from models.network.signals.loop_form import (
     CASCADE,
     DIRECTION,
     DRIVEN,
-    ENTRY,
-    FORM,
+    ENTRY_BITS,
     LOOP,
     MAGNITUDE,
-    RESULT,
     SIGNED_SQUARE,
     SOC,
+    SQUARED_BIT,
     TEMPERATURE,
 )
 
@@ -58,8 +57,8 @@ def signal_values(
             charge += (net.efficiency if current > 0.0 else 1.0) * current * net.soc_per_A
         soc[k] = charge
     for s in range(net.form.shape[0]):
-        form = net.form[s, FORM]
-        if form == DRIVEN:
+        form = net.form[s]
+        if form >= DRIVEN:
             _driven(net, s, current_A, temperature_degC, values, slopes)
         elif form == SOC:
             _diffusion(net, s, current_A, temperature_degC, values, slopes)
@@ -95,7 +94,7 @@ def _driven(
     slopes: np.ndarray,
 ) -> None:
     """Current, scaled by temperature, through asinh and bent where asked, then low-passed."""
-    pole, state = net.pole[s, 0], 0.0
+    pole, entry, state = net.pole[s, 0], net.form[s] & ENTRY_BITS, 0.0
     for k in range(current_A.shape[0]):
         slope = _slowed(net, s, temperature_degC[k])
         value = slope * current_A[k]
@@ -103,12 +102,12 @@ def _driven(
             value /= net.exchange_A[s]
             slope /= net.exchange_A[s] * np.sqrt(1.0 + value * value)
             value = np.arcsinh(value)
-        if net.form[s, ENTRY] != AS_IS:
-            slope *= _bent_slope(net.form[s, ENTRY], value)
-            value = bent(net.form[s, ENTRY], value)
+        if entry != AS_IS:
+            slope *= _bent_slope(entry, value)
+            value = bent(entry, value)
         state = pole * state + (1.0 - pole) * value
         values[k, s], slopes[k, s] = state, slope
-        if net.form[s, RESULT] == SIGNED_SQUARE:
+        if net.form[s] & SQUARED_BIT:
             values[k, s] = state * abs(state)
 
 
@@ -197,18 +196,18 @@ def current_gradient(
     out[:] = 0.0
     by_soc = np.zeros(n_samples)
     for s in range(net.form.shape[0]):
-        form = net.form[s, FORM]
+        form = net.form[s]
         if form == SOC:
             for k in range(n_samples):
                 by_soc[k] += by_signal[k, s] / net.span[s]
             if net.factor[s] != 0.0:
                 _diffusion_gradient(net, s, slopes, by_signal, out)
-        elif form == DRIVEN and net.form[s, RESULT] != SIGNED_SQUARE:
+        elif form >= DRIVEN and not form & SQUARED_BIT:
             pole, total = net.pole[s, 0], 0.0
             for k in range(n_samples - 1, -1, -1):
                 total = pole * total + by_signal[k, s] / net.span[s]
                 out[k] += (1.0 - pole) * total * slopes[k, s]
-        elif form == DRIVEN:
+        elif form >= DRIVEN:
             pole, total = net.pole[s, 0], 0.0
             for k in range(n_samples - 1, -1, -1):
                 root = np.sqrt(abs(net.low[s] + net.span[s] * signals[k, s]))

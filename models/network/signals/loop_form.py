@@ -24,14 +24,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-DRIVEN, CASCADE, LOOP, DIRECTION, TEMPERATURE, INVERSE_TEMPERATURE, SOC = range(7)
+CASCADE, LOOP, DIRECTION, TEMPERATURE, INVERSE_TEMPERATURE, SOC = range(6)
 # How DRIVEN bends what it is given: x, x|x|, |x|, x^2. The result is bent in the first two ways only: from them the
 # design's gradient reads back what was bent.
 AS_IS, SIGNED_SQUARE, MAGNITUDE, SQUARE = range(4)
-# Columns of the array of whole numbers that the loops read.
-FORM, ENTRY, RESULT = range(3)
-# What the current does beyond counting charge and turning a loop: it is 0 where the cell has rested long.
-OVERPOTENTIALS = (DRIVEN, CASCADE)
+# The loops read form and bends as one whole number (each array that they are handed costs a live step time): DRIVEN and
+# above is driven, the lowest two bits are the entry's bend, the next one is a squared result.
+ENTRY_BITS, SQUARED_BIT, DRIVEN = 3, 4, 8
 
 
 class LoopForm(NamedTuple):
@@ -39,7 +38,7 @@ class LoopForm(NamedTuple):
 
     Attributes
     ----------
-    form : DRIVEN ... SOC
+    form : one of those in the table
     entry : how DRIVEN bends what enters its low-pass
     result : how DRIVEN bends what leaves it, AS_IS or SIGNED_SQUARE
     poles : of the filter's stages, 0 where there is none; of a diffusion: rates of its modes
@@ -55,3 +54,13 @@ class LoopForm(NamedTuple):
     activation_K: float = 0.0
     exchange_A: float = 0.0
     factor: float = 0.0
+
+    @property
+    def code(self) -> int:
+        """Form and bends as the loops read them."""
+        return self.form + self.entry + (SQUARED_BIT if self.result == SIGNED_SQUARE else 0)
+
+
+def is_overpotential(code: int) -> bool:
+    """Whether a signal is what the current does beyond counting charge and turning a loop: 0 after a long rest."""
+    return code == CASCADE or code >= DRIVEN

@@ -11,7 +11,7 @@ from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.network.compiled_network import FlatNetwork, flat_network
 from models.network.local_model_network import LocalModelNetwork
-from models.network.signals.loop_form import FORM, LOOP
+from models.network.signals.loop_form import LOOP
 from models.observer.filter import packing, places
 from models.observer.filter.gains import observer_matrices, output_rows, state_matrices, steady_state_gains
 from models.observer.filter.packing import Layout, pack
@@ -132,7 +132,7 @@ class FuzzyObserver:
         self._n = max(network.structure.output_order, 1)
         depth = 1 + max(1, *(lag for _, lag in network.structure.taps()))
         net = flat_network(network)
-        self._loop = bool((net.form[:, FORM] == LOOP).any())
+        self._loop = bool((net.form == LOOP).any())
         size = self._n + places.N_EXTRA + self._loop
         self._layout = Layout(_HYPOTHESES, size, len(network.structure.signals), depth)
         self._numbers, self._whole = self._pack(net)

@@ -108,14 +108,14 @@ def unpack_network(numbers: np.ndarray, whole: np.ndarray) -> tuple:
     at += N_ERRORS * m
     gains = numbers[at : at + m * (states + 1)].reshape(m, states + 1)
     constants = numbers[at + m * (states + 1) :]
-    start = N_SIZES + 3 * k
+    start = N_SIZES + k
     net = FlatNetwork(
         theta,
         centres,
         widths,
         whole[KERNEL],
         whole[ORDER],
-        whole[N_SIZES:start].reshape(k, 3),
+        whole[N_SIZES:start],
         pole,
         each[0],
         each[1],

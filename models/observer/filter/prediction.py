@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from models.network.compiled_network import FlatNetwork
-from models.network.signals.loop_form import CASCADE, DRIVEN, FORM, LOOP, SOC
+from models.network.signals.loop_form import CASCADE, DRIVEN, LOOP, SOC
 from models.observer.filter.blending import Prepared, blend
 from models.observer.filter.places import (
     AT_CAPACITY,
@@ -126,11 +126,11 @@ def _output(
         value = history[0, lag, s]
         if more_A > 0.0:
             of_offset += blended[p] * (history[1, lag, s] - value)
-        form = forms[s, FORM]
+        form = forms[s]
         if form == SOC:
             value += base * per_span[s]
             per_soc += blended[p] * per_span[s]
-        elif form == DRIVEN or form == CASCADE:
+        elif form >= DRIVEN or form == CASCADE:
             overpotential += blended[p] * (value + low[s] * per_span[s])
         elif form == LOOP:
             row[n + AT_LOOP] += blended[p] * filters[0, s, LOOP_LEFT] * per_span[s]

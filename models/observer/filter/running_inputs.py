@@ -15,13 +15,11 @@ from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
     DRIVEN,
-    ENTRY,
-    FORM,
+    ENTRY_BITS,
     INVERSE_TEMPERATURE,
     LOOP,
-    RESULT,
-    SIGNED_SQUARE,
     SOC,
+    SQUARED_BIT,
     TEMPERATURE,
 )
 from models.observer.filter.places import COMPILED, LOOP_LEFT, LOOP_VALUE
@@ -71,8 +69,8 @@ def move_on(
     # Signals that follow each other often share their scaling by temperature and their exchange current.
     slowed, slowed_for, exchange_for, transfer, transfer_more = 1.0, 0.0, 0.0, 0.0, 0.0
     for s in range(n_signals):
-        form = forms[s, FORM]
-        if form == DRIVEN or form == SOC:
+        form = forms[s]
+        if form >= DRIVEN or form == SOC:
             if activation_K[s] != slowed_for:
                 slowed_for = activation_K[s]
                 slowed = np.exp(slowed_for * (inverse_K - 1.0 / REFERENCE_K))
@@ -88,7 +86,7 @@ def move_on(
                         filters[run, s, mode] = moved
                         history[run, 0, s] += factor[s] * moved
             else:
-                keep, entry, squared = poles[s, 0], forms[s, ENTRY], forms[s, RESULT] == SIGNED_SQUARE
+                keep, entry, squared = poles[s, 0], form & ENTRY_BITS, form & SQUARED_BIT
                 if exchange_A[s] != exchange_for and exchange_A[s] != 0.0:
                     exchange_for = exchange_A[s]
                     transfer = np.arcsinh(current_A * slowed / exchange_for)

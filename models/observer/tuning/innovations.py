@@ -15,7 +15,7 @@ from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import Dataset
 from models.network.signals import soc_by_counting
-from models.network.signals.loop_form import FORM, OVERPOTENTIALS
+from models.network.signals.loop_form import is_overpotential
 from models.observer.filter.places import NET_S
 from models.observer.filter.settings import error_levels
 from models.observer.tuning.unseen import Judged
@@ -85,9 +85,9 @@ def _overpotential_V(network: LocalModelNetwork, blended: FloatArray, data: Data
     """(N,) what the current does to the output once it has settled; the observer has the same."""
     order, out = network.structure.output_order, np.zeros(len(data))
     net = flat_network(network)
-    forms = net.form[net.tap_signal, FORM]
+    forms = net.form[net.tap_signal].tolist()
     for tap, (signal, _) in enumerate(network.structure.taps()):
-        if forms[tap] in OVERPOTENTIALS:
+        if is_overpotential(forms[tap]):
             low, high = network.scaling[signal]
             out += blended[:, order + tap] * (data.u[:, tap] + low / (high - low))
     return network.voltage_span_V * out / (1.0 - blended[:, :order].sum(axis=1))

@@ -7,7 +7,7 @@ import pytest
 
 from models.network.compiled_network import flat_network, step_signals
 from models.network.local_model_network import LocalModelNetwork
-from models.network.signals.loop_form import FORM, LOOP
+from models.network.signals.loop_form import LOOP
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.observer import FuzzyObserver
 from models.observer.filter import packing, places, running_inputs
@@ -57,7 +57,7 @@ def test_signals_are_those_of_the_simulation_for_both_currents() -> None:
         _STEP_SIGNALS(net, plain, now, current, *rest)
         _STEP_SIGNALS(net, plain_more, now_more, current + more_A, *rest)
         np.testing.assert_allclose(history[0, 0], now, atol=1e-12)
-        follows = net.form[:, FORM] != LOOP
+        follows = net.form != LOOP
         np.testing.assert_allclose(history[1, 0][follows], now_more[follows], atol=1e-12)
         np.testing.assert_array_equal(history[1, 0][~follows], history[0, 0][~follows])
         if k > 0:
