@@ -146,7 +146,7 @@ def test_a_new_kind_is_one_new_file(new_file: Callable[[str, str], None], tmp_pa
         check("magnitude:60")
     network = _fitted(tmp_path, "magnitude:60")
     _free_run_is_that_of_the_arrays(network)
-    assert network.record["observer"]
+    assert network.record.observer
     observer, n = FuzzyObserver(network), 300
     _, out = observer.replay(observer.initial(0.6), np.full(n, 1.0), np.full(n, 3.8), np.full(n, 25.0))
     assert np.isfinite(out).all()
@@ -164,7 +164,7 @@ def test_a_kind_without_a_loop_form_is_fitted_and_refused_where_a_loop_is_needed
     network = _fitted(tmp_path, "leaning")
     _free_run_is_that_of_the_arrays(network)
     words = "signal 'leaning' cannot be made sample by sample.* use a model without it, or give 'leaning' a loop form"
-    assert any("observer not tuned: signal 'leaning'" in text for text in network.record["reservations"])
+    assert any("observer not tuned: signal 'leaning'" in text for text in network.record.reservations)
     for refused in (
         flat_network,
         FuzzyObserver,
