@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench_service.cli.errors import UsageError
+from simulators.catalogue import cell_type
 
 if TYPE_CHECKING:
     from simulators.hidden_effect import HiddenEffect
@@ -33,7 +34,6 @@ def sealed_effect(name: str, cell: str, seed: int, path: Path | None) -> HiddenE
         The effect cannot be hidden, or the file holds no seal.
     """
     from bench_service.exchange.atomic import write_atomically
-    from simulators.catalogue import cell_type
     from simulators.hidden_effect import HiddenEffect, draw
 
     wish = {"name": name, "cell": cell, "seed": seed}

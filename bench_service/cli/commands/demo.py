@@ -10,10 +10,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich import box
+from rich.table import Table
+
 from bench_service.cli.arguments import natural
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
+from simulators.catalogue import cell_type
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -89,7 +93,6 @@ def _run(options: Namespace, output: Output) -> int:
 
 
 def _hidden_effect(options: Namespace) -> HiddenEffect | None:
-    from simulators.catalogue import cell_type
     from simulators.hidden_effect import draw
 
     if options.hidden_effect == "none":
@@ -102,7 +105,6 @@ def _hidden_effect(options: Namespace) -> HiddenEffect | None:
 
 def _config(options: Namespace, hidden: HiddenEffect | None) -> ServiceConfig:
     from bench_service.config import BenchConfig, LimitsConfig, ServiceConfig, SimulateConfig
-    from simulators.catalogue import cell_type
 
     cell = cell_type(options.cell)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
@@ -163,8 +165,6 @@ def _answer(record: dict[str, Any], hidden: HiddenEffect | None, seconds: float)
 
 
 def _show(console: Console, record: dict[str, Any], answer: dict[str, Any]) -> None:
-    from rich import box
-    from rich.table import Table
 
     stages = Table(box=box.SIMPLE_HEAD)
     for heading in ("stage", "state", "seconds", "what"):
@@ -207,8 +207,6 @@ def _show_diagnosis(console: Console, result: dict[str, Any], answer: dict[str, 
 
 
 def _figures(result: dict[str, Any], answer: dict[str, Any]) -> Any:
-    from rich import box
-    from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, show_header=False)
     table.add_column()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
@@ -100,7 +101,6 @@ def _csv(profile: Profile) -> bytes:
 
 
 def _show(console: Console, figures: dict[str, Any]) -> None:
-    import math
 
     hours = figures["duration_s"] / 3600.0
     console.print(

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING, Any
+
+from rich import box
+from rich.table import Table
 
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
@@ -24,8 +28,6 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
     if options.action == "schema":
-        import json
-
         from drivers.map_schema import map_schema
 
         schema = map_schema()
@@ -60,8 +62,6 @@ def _described(name: str) -> dict[str, Any]:
 
 
 def _show(console: Console, maps: list[dict[str, Any]]) -> None:
-    from rich import box
-    from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("map", "transport", "sample frames", "on hardware", "title"):

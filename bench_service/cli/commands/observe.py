@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich import box
+from rich.table import Table
+
 from bench_service.cli.arguments import fractions, named_numbers
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
@@ -128,8 +131,6 @@ def _write(path: Path, observed: Sequence[Observation]) -> None:
 
 
 def _show(console: Console, answer: dict[str, Any]) -> None:
-    from rich import box
-    from rich.table import Table
 
     table = Table(title="State of charge against reference", title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("run", overflow="fold")
