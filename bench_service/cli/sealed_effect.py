@@ -33,6 +33,7 @@ def sealed_effect(name: str, cell: str, seed: int, path: Path | None) -> HiddenE
     UsageError
         The effect cannot be hidden, or the file holds no seal.
     """
+    # Lazy: numpy takes 80 ms.
     from bench_service.exchange.atomic import write_atomically
     from simulators.hidden_effect import HiddenEffect, draw
 

@@ -28,6 +28,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
 
+    # Lazy: numba and scipy take 1.3 s.
     from bench_service.exchange.atomic import check_writable
     from models.effects import effect
     from models.observer.tuning.tuning import with_tuned_observer

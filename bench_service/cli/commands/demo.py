@@ -64,6 +64,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: sqlalchemy, httpx and numpy take 390 ms.
     from bench_service.cli.service import own_service
 
     started_s = time.monotonic()
@@ -93,6 +94,7 @@ def _run(options: Namespace, output: Output) -> int:
 
 
 def _hidden_effect(options: Namespace) -> HiddenEffect | None:
+    # Lazy: numpy takes 70 ms.
     from simulators.hidden_effect import draw
 
     if options.hidden_effect == "none":
@@ -104,6 +106,7 @@ def _hidden_effect(options: Namespace) -> HiddenEffect | None:
 
 
 def _config(options: Namespace, hidden: HiddenEffect | None) -> ServiceConfig:
+    # Lazy: pydantic takes 120 ms.
     from bench_service.config import BenchConfig, LimitsConfig, ServiceConfig, SimulateConfig
 
     cell = cell_type(options.cell)

@@ -35,6 +35,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
 
+    # Lazy: numba and scipy take 1.3 s.
     from bench_service.cli.diagnosis_page import diagnosis_page
     from bench_service.exchange.atomic import check_writable, write_atomically
     from models.diagnosis import diagnose
@@ -56,6 +57,7 @@ def _run(options: Namespace, output: Output) -> int:
 
 
 def _show(console: Console, result: dict[str, Any]) -> None:
+    # Lazy: numba and scipy take 1.2 s.
     from bench_service.cli.diagnosis_page import VERDICTS, left_over
 
     console.print(f"[bold]{VERDICTS[result['verdict']]}[/bold]")

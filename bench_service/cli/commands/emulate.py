@@ -34,6 +34,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: python-can and numpy take 220 ms.
     from simulators.emulator import EmulatorSettings, serve_battery
 
     def ready(address: str) -> None:
@@ -64,6 +65,7 @@ def _run(options: Namespace, output: Output) -> int:
 
 def _battery(options: Namespace) -> tuple[TruthCell, int]:
     """Return what behaves like the battery, and how many cells it has in series."""
+    # Lazy: numba and scipy take 1.2 s.
     from bench_service.cli.network_cell import ModuleOfCells, NetworkCell
     from models.thermal.cell_temperature import thermal_of
     from simulators.cell import Cell

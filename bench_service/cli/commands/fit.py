@@ -34,6 +34,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
 
+    # Lazy: numba and scipy take 1.2 s.
     from bench_service.exchange.atomic import check_writable
     from models.observer.tuning.tuning import with_tuned_observer
     from models.pipeline.fit import fit_network

@@ -28,6 +28,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
     if options.action == "schema":
+        # Lazy: python-can takes 120 ms.
         from drivers.map_schema import map_schema
 
         schema = map_schema()
@@ -44,6 +45,7 @@ def _run(options: Namespace, output: Output) -> int:
 
 def _described(name: str) -> dict[str, Any]:
     """Read one map; what is wrong with it ends the command with file, key and reason."""
+    # Lazy: python-can takes 130 ms.
     from drivers.map_frames import check_frames
     from drivers.register_map import load_can_map, load_map, map_transport
 

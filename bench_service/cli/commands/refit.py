@@ -35,6 +35,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
 
+    # Lazy: numba and scipy take 1.5 s.
     from bench_service.exchange.atomic import check_writable
     from bench_service.jobs.refitting import refitted
     from models.comparison.simulated_runs import free_run_metrics
