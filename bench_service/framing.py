@@ -13,14 +13,16 @@ MAX_FRAME_BYTES = 256 * 2**20
 _LENGTH = struct.Struct("<I")
 _RECEIVE_BYTES = 2**18
 
-Frame = tuple[dict[str, Any], bytes]
+# A JSON object; which keys it has, its operation says (``op``).
+Header = dict[str, Any]
+Frame = tuple[Header, bytes]
 
 
 class FramingError(ValueError):
     """The bytes on a link are no frames, or a frame is too long; the link cannot be used any more."""
 
 
-def encode(header: dict[str, Any], body: bytes = b"") -> bytes:
+def encode(header: Header, body: bytes = b"") -> bytes:
     """Return one frame.
 
     Parameters
@@ -81,7 +83,7 @@ class Decoder:
         return end if end <= len(self._buffer) else None
 
 
-def send_frame(sock: socket.socket, header: dict[str, Any], body: bytes = b"") -> None:
+def send_frame(sock: socket.socket, header: Header, body: bytes = b"") -> None:
     """Send one frame on a blocking socket."""
     sock.sendall(encode(header, body))
 

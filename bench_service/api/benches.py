@@ -2,42 +2,40 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from fastapi import APIRouter
 
-from bench_service.api.dependencies import PathId, ServicesOf
+from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import StrictRoute
 
 router = APIRouter(prefix="/benches", tags=["benches"], route_class=StrictRoute)
 
 
 @router.get("")
-async def list_benches(services: ServicesOf) -> dict[str, Any]:
+async def list_benches(services: ServicesOf) -> Answer:
     """List all benches."""
     return {"benches": [bench.to_json() for bench in services.benches]}
 
 
 @router.get("/{name}")
-async def get_bench(name: PathId, services: ServicesOf) -> dict[str, Any]:
+async def get_bench(name: PathId, services: ServicesOf) -> Answer:
     """Give one bench."""
     return services.benches.get(name).to_json()
 
 
 @router.post("/{name}/stop")
-async def stop_bench(name: PathId, services: ServicesOf) -> dict[str, Any]:
+async def stop_bench(name: PathId, services: ServicesOf) -> Answer:
     """Stop the run on the bench: rest, output off. Harmless where nothing runs."""
     bench = services.runs.stop_bench(services.benches, name, "stopped by a client")
     return {"state": bench.supervisor.status.state}
 
 
 @router.post("/{name}/seal/open")
-async def open_seal(name: PathId, services: ServicesOf) -> dict[str, Any]:
+async def open_seal(name: PathId, services: ServicesOf) -> Answer:
     """Tell which effect is hidden in a simulated cell, and of what size; from then on everybody sees it."""
     return await services.benches.open_seal(name)
 
 
 @router.post("/{name}/acknowledge")
-async def acknowledge(name: PathId, services: ServicesOf) -> dict[str, Any]:
+async def acknowledge(name: PathId, services: ServicesOf) -> Answer:
     """Clear a latched fault; the answer shows the bench a moment later."""
     return (await services.benches.acknowledge(name)).to_json()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter
 from pydantic import Field
 
-from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.campaigns import campaign_json
 from bench_service.campaign.request import MOST_ROUNDS
@@ -34,24 +34,24 @@ class CampaignBody(Body):
 
 
 @router.post("", status_code=201)
-async def start_campaign(body: CampaignBody, services: ServicesOf) -> dict[str, Any]:
+async def start_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     """Start a campaign; it goes on in the service, whether its client stays or not."""
     return campaign_json(await services.campaigns.start(body.model_dump()))
 
 
 @router.get("")
-async def list_campaigns(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> dict[str, Any]:
+async def list_campaigns(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
     """List campaigns, newest first."""
     return {"campaigns": [campaign_json(record) for record in await services.campaigns.list(limit, offset)]}
 
 
 @router.get("/{campaign_id}")
-async def get_campaign(campaign_id: PathId, services: ServicesOf) -> dict[str, Any]:
+async def get_campaign(campaign_id: PathId, services: ServicesOf) -> Answer:
     """Give one campaign as it stands now."""
     return campaign_json(await services.campaigns.get(campaign_id))
 
 
 @router.post("/{campaign_id}/stop")
-async def stop_campaign(campaign_id: PathId, services: ServicesOf) -> dict[str, Any]:
+async def stop_campaign(campaign_id: PathId, services: ServicesOf) -> Answer:
     """Stop a campaign and the run that it has started; one that has ended stays as it is."""
     return campaign_json(await services.campaigns.stop(campaign_id))

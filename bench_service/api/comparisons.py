@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 from pydantic import Field
 
-from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import JSON_TYPE, Body, Id, Soc, StrictRoute
 from bench_service.store.records import ComparisonRecord
 
@@ -27,7 +27,7 @@ class ComparisonBody(Body):
 
 
 @router.post("", status_code=201)
-async def compare(body: ComparisonBody, services: ServicesOf) -> dict[str, Any]:
+async def compare(body: ComparisonBody, services: ServicesOf) -> Answer:
     """Compare a model with runs, in a worker process; answers when it is done."""
     return _as_json(await services.modelling.compare(body.model_id, body.run_ids, body.initial_soc))
 
@@ -38,13 +38,13 @@ def list_comparisons(
     model_id: Annotated[str | None, Query(max_length=64)] = None,
     limit: Limit = 100,
     offset: Offset = 0,
-) -> dict[str, Any]:
+) -> Answer:
     """List comparisons, newest first."""
     return {"comparisons": [_as_json(record) for record in services.store.comparisons.page(model_id, limit, offset)]}
 
 
 @router.get("/{comparison_id}")
-def get_comparison(comparison_id: PathId, services: ServicesOf) -> dict[str, Any]:
+def get_comparison(comparison_id: PathId, services: ServicesOf) -> Answer:
     """Give one comparison."""
     return _as_json(services.store.comparisons.get(comparison_id))
 
@@ -59,5 +59,5 @@ async def get_series(comparison_id: PathId, services: ServicesOf, max_points: Ma
     return Response(text, media_type=JSON_TYPE)
 
 
-def _as_json(record: ComparisonRecord) -> dict[str, Any]:
+def _as_json(record: ComparisonRecord) -> Answer:
     return asdict(record) | {"run_ids": list(record.run_ids)}

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 from fastapi import Depends, Path, Query
 from starlette.requests import HTTPConnection
 
 from bench_service.campaign.services import Services
+
+# A JSON object as it goes out; its keys are those of the record that it is made from.
+Answer = dict[str, Any]
 
 
 def services_of(connection: HTTPConnection) -> Services:

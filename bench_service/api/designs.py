@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
 from fastapi import APIRouter
 from pydantic import JsonValue
 
-from bench_service.api.dependencies import ServicesOf
+from bench_service.api.dependencies import Answer, ServicesOf
 from bench_service.api.strict import Body, Name, StrictRoute
 
 router = APIRouter(prefix="/designs", tags=["designs"], route_class=StrictRoute)
@@ -25,6 +24,6 @@ class DesignBody(Body):
 
 
 @router.post("", status_code=202)
-async def start_design(body: DesignBody, services: ServicesOf) -> dict[str, Any]:
+async def start_design(body: DesignBody, services: ServicesOf) -> Answer:
     """Design a profile in a worker process; answers with the job, whose result names the stored profile."""
     return asdict(await services.designing.start(body.name, body.request))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import asdict
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Soc, StrictRoute
 from bench_service.campaign.diagnosing import DiagnosisOrder
 from bench_service.campaign.request import known_standing
@@ -30,7 +30,7 @@ class DiagnosisBody(Body):
 
 
 @router.post("/diagnoses", status_code=202)
-async def start_diagnosis(body: DiagnosisBody, services: ServicesOf) -> dict[str, Any]:
+async def start_diagnosis(body: DiagnosisBody, services: ServicesOf) -> Answer:
     """Diagnose runs in a worker process; answers with the job, whose result names the diagnosis."""
     return asdict(await services.diagnosing.start_diagnosis(DiagnosisOrder(**body.model_dump())))
 
@@ -41,13 +41,13 @@ def list_diagnoses(
     model_id: Annotated[str | None, Query(max_length=64)] = None,
     limit: Limit = 100,
     offset: Offset = 0,
-) -> dict[str, Any]:
+) -> Answer:
     """List diagnoses, newest first."""
     return {"diagnoses": [_as_json(each) for each in services.store.diagnoses.page(model_id, limit, offset)]}
 
 
 @router.get("/diagnoses/{diagnosis_id}")
-def get_diagnosis(diagnosis_id: PathId, services: ServicesOf) -> dict[str, Any]:
+def get_diagnosis(diagnosis_id: PathId, services: ServicesOf) -> Answer:
     """Give one diagnosis."""
     return _as_json(services.store.diagnoses.get(diagnosis_id))
 
@@ -60,7 +60,7 @@ class ExperimentBody(Body):
 
 
 @router.post("/diagnoses/{diagnosis_id}/experiment", status_code=202)
-async def design_experiment(diagnosis_id: PathId, body: ExperimentBody, services: ServicesOf) -> dict[str, Any]:
+async def design_experiment(diagnosis_id: PathId, body: ExperimentBody, services: ServicesOf) -> Answer:
     """Design the profile that tells the rivals of a diagnosis apart; answers with the job, which stores a profile."""
     bench = services.benches.get(body.bench)
     last = await asyncio.to_thread(last_standing, bench, services.store, services.samples)
@@ -69,10 +69,10 @@ async def design_experiment(diagnosis_id: PathId, body: ExperimentBody, services
 
 
 @router.get("/comparisons/{comparison_id}/where")
-async def get_where(comparison_id: PathId, services: ServicesOf) -> dict[str, Any]:
+async def get_where(comparison_id: PathId, services: ServicesOf) -> Answer:
     """Give the regions in which the error is concentrated, and maps of it over two variables; made in a worker."""
     return await services.diagnosing.where(comparison_id)
 
 
-def _as_json(record: DiagnosisRecord) -> dict[str, Any]:
+def _as_json(record: DiagnosisRecord) -> Answer:
     return asdict(record) | {"run_ids": list(record.run_ids), "train_run_ids": list(record.train_run_ids)}

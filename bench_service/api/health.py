@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from fastapi import APIRouter
 
-from bench_service.api.dependencies import ServicesOf
+from bench_service.api.dependencies import Answer, ServicesOf
 from bench_service.store.engine import check_sqlite
 
 router = APIRouter(tags=["service"])
 
 
 @router.get("/healthz")
-async def health(services: ServicesOf) -> dict[str, Any]:
+async def health(services: ServicesOf) -> Answer:
     """Answer with versions and states."""
     recorder = services.recorder_state()
     return {

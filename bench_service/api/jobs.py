@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
 from fastapi import APIRouter
 
-from bench_service.api.dependencies import PathId, ServicesOf
+from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import StrictRoute
 
 router = APIRouter(prefix="/jobs", tags=["jobs"], route_class=StrictRoute)
 
 
 @router.get("/{job_id}")
-async def get_job(job_id: PathId, services: ServicesOf) -> dict[str, Any]:
+async def get_job(job_id: PathId, services: ServicesOf) -> Answer:
     """Give one job."""
     return asdict(services.jobs.get(job_id))
 
 
 @router.post("/{job_id}/cancel")
-async def cancel_job(job_id: PathId, services: ServicesOf) -> dict[str, Any]:
+async def cancel_job(job_id: PathId, services: ServicesOf) -> Answer:
     """End a job; it becomes ``failed`` with the error ``cancelled``. One that has ended stays as it is."""
     services.jobs.cancel(job_id)
     return asdict(services.jobs.get(job_id))

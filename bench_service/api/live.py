@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
-from typing import Any
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
 from bench_service.api.dependencies import ServicesOf
-from bench_service.campaign.live import Subscription, TooManyReadersError
+from bench_service.campaign.live import Message, Subscription, TooManyReadersError
 
 router = APIRouter(tags=["live"])
 _TRY_AGAIN_LATER = 1013
@@ -58,5 +57,5 @@ async def _until_closed(socket: WebSocket) -> None:
         return
 
 
-async def _send(socket: WebSocket, message: dict[str, Any]) -> None:
+async def _send(socket: WebSocket, message: Message) -> None:
     await socket.send_text(json.dumps(message, allow_nan=False))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
 from pydantic import Field, JsonValue
 
-from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, BulkRoute, Id, Name, Positive, Seed, StrictRoute
 from bench_service.campaign.modelling import FitOrder
 
@@ -28,7 +28,7 @@ class FitBody(Body):
 
 
 @router.post("", status_code=202)
-async def start_fit(body: FitBody, services: ServicesOf) -> dict[str, Any]:
+async def start_fit(body: FitBody, services: ServicesOf) -> Answer:
     """Fit a model to runs in a worker process; answers with the job."""
     order = FitOrder(
         name=body.name,
@@ -46,30 +46,30 @@ def import_model(
     document: dict[str, JsonValue],
     services: ServicesOf,
     name: Annotated[str, Query(min_length=1, max_length=200)] = "imported",
-) -> dict[str, Any]:
+) -> Answer:
     """Store a MODEL.json."""
     return asdict(services.modelling.import_model(document, name))
 
 
 @router.get("")
-def list_models(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> dict[str, Any]:
+def list_models(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
     """List models, newest first, without their documents."""
     return {"models": [asdict(model) for model in services.store.models.page(limit, offset)]}
 
 
 @router.get("/{model_id}")
-def get_model(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
+def get_model(model_id: PathId, services: ServicesOf) -> Answer:
     """Give one model with its metrics."""
     return asdict(services.store.models.get(model_id))
 
 
 @router.get("/{model_id}/document")
-def get_document(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
+def get_document(model_id: PathId, services: ServicesOf) -> Answer:
     """Give the model itself, MODEL.json."""
     return services.store.models.document(model_id)
 
 
 @router.get("/{model_id}/tables")
-async def get_tables(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
+async def get_tables(model_id: PathId, services: ServicesOf) -> Answer:
     """Give what is read out of a model: open-circuit voltage, resistance and step responses with bands, heat."""
     return await services.modelling.tables(model_id)

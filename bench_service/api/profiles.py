@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from fastapi import APIRouter, Query, Request
 
 from bench_service.api.csv_body import read_csv_profile
-from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import (
     CSV_TYPE,
     JSON_TYPE,
@@ -49,7 +49,7 @@ _ACCEPTED = {
 @router.post("", status_code=201, openapi_extra=_ACCEPTED)
 async def add_profile(
     request: Request, services: ServicesOf, name: Annotated[str | None, Query(min_length=1, max_length=200)] = None
-) -> dict[str, Any]:
+) -> Answer:
     """Store a profile from JSON, or from CSV with its name in the query."""
     if require_content_type(request, JSON_TYPE, CSV_TYPE) == JSON_TYPE:
         body = await read_json(request, ProfileBody)
@@ -64,13 +64,13 @@ async def add_profile(
 
 
 @router.get("")
-def list_profiles(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> dict[str, Any]:
+def list_profiles(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
     """List profiles, newest first."""
     return {"profiles": [asdict(profile) for profile in services.store.profiles.page(limit, offset)]}
 
 
 @router.get("/{profile_id}")
-def get_profile(profile_id: PathId, services: ServicesOf, points: bool = False) -> dict[str, Any]:
+def get_profile(profile_id: PathId, services: ServicesOf, points: bool = False) -> Answer:
     """Give one profile, with ``points=true`` also its rows."""
     profile = asdict(services.store.profiles.get(profile_id))
     if points:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from bench_service.api.dependencies import Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.runs import RunOrder
 from bench_service.store.records import RunState
@@ -43,7 +43,7 @@ class RunBody(Body):
 
 
 @router.post("", status_code=201)
-async def start_run(body: RunBody, services: ServicesOf) -> dict[str, Any]:
+async def start_run(body: RunBody, services: ServicesOf) -> Answer:
     """Start a run, after every check that needs no cycler."""
     order = RunOrder(**(body.model_dump(exclude={"limits"})), limits=body.limits and body.limits.model_dump())
     return asdict(await services.runs.start(services.benches, order))
@@ -57,19 +57,19 @@ def list_runs(
     campaign_id: Annotated[str | None, Query(max_length=64)] = None,
     limit: Limit = 100,
     offset: Offset = 0,
-) -> dict[str, Any]:
+) -> Answer:
     """List runs, newest first."""
     return {"runs": [asdict(run) for run in services.store.runs.page(bench, state, campaign_id, limit, offset)]}
 
 
 @router.get("/{run_id}")
-def get_run(run_id: PathId, services: ServicesOf) -> dict[str, Any]:
+def get_run(run_id: PathId, services: ServicesOf) -> Answer:
     """Give one run."""
     return asdict(services.store.runs.get(run_id))
 
 
 @router.post("/{run_id}/stop")
-async def stop_run(run_id: PathId, services: ServicesOf) -> dict[str, Any]:
+async def stop_run(run_id: PathId, services: ServicesOf) -> Answer:
     """Stop a run: rest, output off. One that has ended stays as it is."""
     run = await asyncio.to_thread(services.store.runs.get, run_id)
     services.runs.stop(services.benches, run, "stopped by a client")

@@ -23,6 +23,7 @@ from bench_service.bench.run_loop import RunLoop
 from bench_service.bench.run_setup import PreparedRun, prepare
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.stop import StopSignal, StopState
+from bench_service.framing import Frame, Header
 from drivers.cycler import Capabilities, Cycler, CyclerError, Reading
 
 _log = logging.getLogger(__name__)
@@ -31,7 +32,6 @@ _SEAL_TIMEOUT_S = 30.0
 _SAY_GOODBYE_S = 2.0
 
 State = Literal["offline", "idle", "running", "stopping", "fault"]
-Command = tuple[dict[str, Any], bytes]
 
 
 class BenchControl:
@@ -51,7 +51,7 @@ class BenchControl:
         self._feed = LiveFeed(self._link)
         self._keeper = CyclerKeeper(settings, self._cycler_changed)
         self._latched = settings.latched
-        self._commands: deque[Command] = deque()
+        self._commands: deque[Frame] = deque()
         self._wake = asyncio.Event()
         self._quit: str | None = None
         self._run_id: str | None = None
@@ -93,7 +93,7 @@ class BenchControl:
 
     # --- what comes in -------------------------------------------------------------------------------------
 
-    def _commanded(self, header: dict[str, Any], body: bytes) -> None:
+    def _commanded(self, header: Header, body: bytes) -> None:
         operation = header.get("op")
         if operation == "stop":
             self._stop_run(str(header.get("reason") or "stopped"))
@@ -120,7 +120,7 @@ class BenchControl:
             self._quit = self._quit or reason
             self._wake.set()
 
-    async def _obey(self, header: dict[str, Any], body: bytes) -> None:
+    async def _obey(self, header: Header, body: bytes) -> None:
         operation = header.get("op")
         if operation == "start":
             await self._start(header, body)
@@ -168,7 +168,7 @@ class BenchControl:
 
     # --- a run ---------------------------------------------------------------------------------------------
 
-    async def _start(self, header: dict[str, Any], body: bytes) -> None:
+    async def _start(self, header: Header, body: bytes) -> None:
         run_id = str(header.get("run_id"))
         self._stop = StopSignal()
         if "stopped" in header:

@@ -4,12 +4,10 @@ import asyncio
 import socket
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
-from bench_service.framing import Decoder, FramingError, encode
+from bench_service.framing import Decoder, FramingError, Header, encode
 
 _RECEIVE_BYTES = 1 << 18
-Header = dict[str, Any]
 
 
 class FrameLink:

@@ -5,9 +5,9 @@ import contextlib
 import math
 import socket
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from bench_service.bench.links import FrameLink
+from bench_service.framing import Header
 from bench_service.streams import STREAMS, layout_to_json, pack
 
 QUEUE_S = 60.0
@@ -182,7 +182,7 @@ class Recording:
         rows.clear()
         self._link.send(header, body)
 
-    def _received(self, header: dict[str, Any], _body: bytes) -> None:
+    def _received(self, header: Header, _body: bytes) -> None:
         if header["op"] == "error":
             self._fail(f"recorder: {header.get('reason')}")
         elif header.get("run_id") != self._run_id:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_service.bench.limits import Limits
+from bench_service.framing import Frame
 
 
 class ObserverOrder(TypedDict):
@@ -55,7 +56,7 @@ class RunRequest:
     settle_s: float = 0.0
     stale_limit: int = 3
 
-    def to_frame(self) -> tuple[dict[str, Any], bytes]:
+    def to_frame(self) -> Frame:
         """Return header and body of the ``start`` message."""
         header = {
             "op": "start",

@@ -11,12 +11,13 @@ from dataclasses import replace
 from typing import Any
 
 from bench_service.bench.control_process import end_of, start_control
-from bench_service.bench.links import FrameLink, Header
+from bench_service.bench.links import FrameLink
 from bench_service.bench.listener import BenchListener, BenchStatus
 from bench_service.bench.messages import EndedMessage, EventMessage
 from bench_service.bench.request import RunRequest
 from bench_service.bench.settings import BenchSettings
 from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError
+from bench_service.framing import Header
 
 _log = logging.getLogger(__name__)
 _FIRST_RESTART_S = 0.5

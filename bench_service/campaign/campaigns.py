@@ -7,7 +7,6 @@ import logging
 import time
 from dataclasses import asdict, replace
 from functools import partial
-from typing import Any
 
 from bench_service.bench.messages import EventMessage
 from bench_service.campaign.benches import Bench
@@ -21,7 +20,7 @@ from bench_service.campaign.story import Story
 from bench_service.campaign.workshop import Workshop
 from bench_service.errors import BenchBusyError, ServiceError
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import CampaignRecord, CampaignState, Severity, Stage
+from bench_service.store.records import CampaignRecord, CampaignState, Json, Severity, Stage
 from models.data.errors import ModelError
 
 _log = logging.getLogger(__name__)
@@ -49,7 +48,7 @@ class CampaignRunner:
         self._code_version = code_version
         self._running: dict[str, _Telling] = {}
 
-    async def start(self, given: dict[str, Any]) -> CampaignRecord:
+    async def start(self, given: Json) -> CampaignRecord:
         """Start a campaign; `given` has the fields of `CampaignRequest` that the client states.
 
         Raises
@@ -115,7 +114,7 @@ class CampaignRunner:
         for telling in list(self._running.values()):
             await telling.end("the service was shut down")
 
-    def _admitted(self, bench: Bench, given: dict[str, Any]) -> CampaignRequest:
+    def _admitted(self, bench: Bench, given: Json) -> CampaignRequest:
         workshop = self._workshop
         stated = given.get("initial_soc") is not None
         last = None if stated else last_standing(bench, workshop.store, workshop.samples)
@@ -208,7 +207,7 @@ class _Telling:
             await asyncio.wait({self.task})
 
 
-def campaign_json(record: CampaignRecord) -> dict[str, Any]:
+def campaign_json(record: CampaignRecord) -> Json:
     """Return the JSON object of the REST API."""
     return asdict(record)
 

@@ -70,7 +70,7 @@ class Designing:
         )
 
     def _inputs(self, request: Mapping[str, Any]) -> _Inputs:
-        # Here and not above: the first design in a service's life pays for it, not its start.
+        # Lazy: numba and scipy take 1.2 s; the first use in a service's life pays for it, not its start.
         from models.design.request import read_request
         from models.design.rivals import is_effect
 

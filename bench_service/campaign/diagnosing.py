@@ -18,6 +18,7 @@ from bench_service.errors import BadRequestError, ConflictError, NotFoundError
 from bench_service.jobs.diagnosing import add_effect_to, design_between, diagnose_runs, map_errors
 from bench_service.jobs.modelling import RunInput
 from bench_service.jobs.refitting import refit_to
+from bench_service.jobs.results import DesignResult, VersionAnswer, VersionResult
 from bench_service.jobs.runner import Job, JobRunner
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import Json, ModelOrigin, ModelRecord
@@ -124,8 +125,8 @@ class Diagnosing:
         return self._jobs.submit("refit", refit_to, self._data_dir, document, train, validate, store=keep)
 
     def _keep_version(
-        self, parent: ModelRecord, name: str, train: list[RunInput], validate: list[RunInput], result: Json
-    ) -> Json:
+        self, parent: ModelRecord, name: str, train: list[RunInput], validate: list[RunInput], result: VersionResult
+    ) -> VersionAnswer:
         metrics = result["metrics"]
         record = self._store.models.add(
             result["document"],
@@ -136,12 +137,12 @@ class Diagnosing:
                 code_version=self._code_version,
                 train=self._store.runs.references([run.run_id for run in train]),
                 validate=self._store.runs.references([run.run_id for run in validate]),
-                metrics=metrics,
+                metrics=dict(metrics),
                 seed=parent.seed,
                 parent_id=parent.id,
             ),
         )
-        return {"model": record.id, "parent": parent.id} | metrics
+        return {"model": record.id, "parent": parent.id, **metrics}
 
     async def start_experiment(self, diagnosis_id: str, limits: Limits, standing_soc: float) -> Job:
         """Queue the design of the profile that tells a diagnosis' rivals apart on a bench.
@@ -166,7 +167,7 @@ class Diagnosing:
         )
         name = f"{' or '.join(request['rivals'])}?"
 
-        def keep(result: Json) -> Json:
+        def keep(result: DesignResult) -> Json:
             points = np.array(result["time_s"]), np.array(result["current_A"])
             record = self._store.profiles.add(name, *points)
             settled = {key: request[key] for key in ("initial_soc", "dt_s")}
@@ -190,7 +191,7 @@ class Diagnosing:
         job = await self._jobs.wait(self._jobs.submit("where", map_errors, self._data_dir, document, runs).id)
         if job.result is None:
             raise BadRequestError(f"the search for where the model is off failed: {job.error}")
-        return job.result
+        return dict(job.result)
 
     def _diagnosis_inputs(self, order: DiagnosisOrder) -> tuple[Json, list[RunInput], list[RunInput]]:
         model = self._store.models.get(order.model_id)
@@ -206,7 +207,7 @@ class Diagnosing:
     def _version_inputs(
         self, model_id: str, train: Sequence[str] | None, validate: Sequence[str] | None, effect: str | None = None
     ) -> tuple[ModelRecord, Json, list[RunInput], list[RunInput]]:
-        # Here and not above: the first use in a service's life pays for it, not its start.
+        # Lazy: numba and scipy take 880 ms; the first use in a service's life pays for it, not its start.
         from models.effects import effects
 
         if effect is not None and effect not in effects():
@@ -253,6 +254,7 @@ def catalogue() -> list[Json]:
 
     ``shows_over`` names the variables that its picture is drawn over, as the profiles of a comparison have them.
     """
+    # Lazy: numba and scipy take 1.0 s.
     from models.effects import effects
 
     return [

@@ -7,10 +7,11 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from bench_service.errors import BadRequestError, ConflictError
 from bench_service.jobs.modelling import RunInput, compare_runs, compare_series, fit, observer_figures, read_tables
+from bench_service.jobs.results import FitAnswer, FitResult, SocFigures
 from bench_service.jobs.runner import Job, JobFunction, JobRunner
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import OPEN_RUN_STATES, ComparisonRecord, Json, ModelOrigin, ModelRecord, RunRecord
@@ -68,7 +69,7 @@ class Modelling:
         """
         train, validate = await asyncio.to_thread(self._fit_inputs, order)
 
-        def keep(result: Json) -> Json:
+        def keep(result: FitResult) -> FitAnswer:
             record = self._store.models.add(
                 result["document"],
                 ModelOrigin(
@@ -78,7 +79,7 @@ class Modelling:
                     code_version=self._code_version,
                     train=self._store.runs.references(order.train),
                     validate=self._store.runs.references(order.validate),
-                    metrics=result["metrics"],
+                    metrics=dict(result["metrics"]),
                     seed=order.seed,
                     campaign_id=order.campaign_id,
                 ),
@@ -99,7 +100,7 @@ class Modelling:
 
     def import_model(self, document: Json, name: str) -> ModelRecord:
         """Store a MODEL.json from elsewhere; raises `ModelError` if it is none."""
-        # Here and not above: the first import in a service's life pays for it, not its start.
+        # Lazy: numba and scipy take 870 ms; the first use in a service's life pays for it, not its start.
         from models.network.local_model_network import LocalModelNetwork
 
         network = LocalModelNetwork.from_json(document)
@@ -176,9 +177,10 @@ class Modelling:
         # Shared by all who ask meanwhile: the first one who gives up must not end it for the others.
         return await asyncio.shield(self._series[key])
 
-    async def soc_figures(self, run: RunRecord) -> Json:
+    async def soc_figures(self, run: RunRecord) -> SocFigures:
         """Judge a run's live observer by counted charge, see `jobs.modelling.observer_figures`."""
-        return await self._result("observation", observer_figures, RunInput(run.id, run.initial_soc), run.capacity_Ah)
+        start = RunInput(run.id, run.initial_soc)
+        return cast(SocFigures, await self._result("observation", observer_figures, start, run.capacity_Ah))
 
     async def _compute_series(self, comparison_id: str, max_points: int) -> bytes:
         document, runs = await asyncio.to_thread(self._series_inputs, comparison_id)
@@ -210,7 +212,7 @@ class Modelling:
         job = await self._jobs.wait(queued.id)
         if job.result is None:
             raise BadRequestError(f"the {job.kind} failed: {job.error}")
-        return job.result
+        return dict(job.result)
 
     def _keep_comparison(
         self, model_id: str, run_ids: Sequence[str], result: Json, initial_soc: float | None, campaign_id: str | None

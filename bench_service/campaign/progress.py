@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import NotRequired, TypedDict
 
 from bench_service.campaign.request import OBSERVER_OFFSET_SOC
-from bench_service.store.records import RunRecord
+from bench_service.jobs.results import ComparisonResult, FitMetrics, Metrics, SocFigures, VersionAnswer
+from bench_service.store.records import Json, RunRecord
 
 
 @dataclass(slots=True)
@@ -15,9 +16,15 @@ class Round:
 
     role: str
     model_id: str
-    fit: dict[str, Any]
-    design: dict[str, Any] | None = None
-    held_out: dict[str, Any] = field(default_factory=dict)
+    fit: FitMetrics
+    design: Json | None = None
+    held_out: Metrics | None = None
+
+    @property
+    def validation_rmse_mV(self) -> float:
+        """Error on the run that no fit saw; known once the models have been compared."""
+        assert self.held_out is not None
+        return self.held_out["rmse_mV"]
 
 
 @dataclass(slots=True)
@@ -28,10 +35,10 @@ class Progress:
     runs: dict[str, RunRecord] = field(default_factory=dict)
     rounds: list[Round] = field(default_factory=list)
     comparison_id: str = ""
-    comparison: dict[str, Any] = field(default_factory=dict)
-    diagnosis: dict[str, Any] | None = None
-    addition: dict[str, Any] | None = None
-    result: dict[str, Any] = field(default_factory=dict)
+    comparison: ComparisonResult | None = None
+    diagnosis: Json | None = None
+    addition: VersionAnswer | None = None
+    result: Json = field(default_factory=dict)
 
     @property
     def model_id(self) -> str:
@@ -44,7 +51,27 @@ class Progress:
         return [self.runs[each.role].id for each in self.rounds]
 
 
-def campaign_result(done: Progress, soc: dict[str, Any]) -> dict[str, Any]:
+class PlayedRound(TypedDict):
+    """One round in the result."""
+
+    round: int
+    run_id: str
+    model_id: str
+    train_rmse_mV: float
+    validation_rmse_mV: float
+    design: Json | None
+
+
+class ChainLink(TypedDict):
+    """One version of the model in the result; an added effect has its parameters."""
+
+    model: str
+    effect: str | None
+    validation_rmse_mV: float
+    parameters: NotRequired[Json]
+
+
+def campaign_result(done: Progress, soc: SocFigures) -> Json:
     """Return the result of a campaign whose stages have all ended.
 
     Parameters
@@ -52,6 +79,7 @@ def campaign_result(done: Progress, soc: dict[str, Any]) -> dict[str, Any]:
     done : what they produced
     soc : figures of the live observer on the last run
     """
+    assert done.comparison is not None
     return {
         "runs": [
             {"run_id": run.id, "role": role, "n_samples": run.n_samples, "missed_ticks": run.missed_ticks}
@@ -78,7 +106,7 @@ def campaign_result(done: Progress, soc: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _rounds(done: Progress) -> list[dict[str, Any]]:
+def _rounds(done: Progress) -> list[PlayedRound]:
     """What each round played, and the error that its model makes on the run that no fit saw."""
     return [
         {
@@ -86,18 +114,18 @@ def _rounds(done: Progress) -> list[dict[str, Any]]:
             "run_id": done.runs[each.role].id,
             "model_id": each.model_id,
             "train_rmse_mV": each.fit["train"]["rmse_mV"],
-            "validation_rmse_mV": each.held_out["rmse_mV"],
+            "validation_rmse_mV": each.validation_rmse_mV,
             "design": each.design,
         }
         for number, each in enumerate(done.rounds, 1)
     ]
 
 
-def _model_chain(done: Progress) -> list[dict[str, Any]]:
+def _model_chain(done: Progress) -> list[ChainLink]:
     """Every version with its error on runs that it never saw; an added effect with that before and after it."""
     added = done.addition
-    chain: list[dict[str, Any]] = [
-        {"model": each.model_id, "effect": None, "validation_rmse_mV": each.held_out["rmse_mV"]} for each in done.rounds
+    chain: list[ChainLink] = [
+        {"model": each.model_id, "effect": None, "validation_rmse_mV": each.validation_rmse_mV} for each in done.rounds
     ]
     if added is not None:
         chain[-1]["validation_rmse_mV"] = added["error_before_mV"]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from bench_service.campaign.benches import Bench
 from bench_service.campaign.standing import Standing
 from bench_service.errors import BadRequestError
+from bench_service.store.records import Json
 
 # The mildest defaults that still show resistance and dynamics: twice the capacity out, once in.
 _DISCHARGE_C_RATE = -2.0
@@ -62,14 +63,12 @@ class CampaignRequest:
     changed_bench: str | None = None
     changed_initial_soc: float = 0.5
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """Return a JSON object."""
         return asdict(self)
 
 
-def complete(
-    bench: Bench, given: dict[str, Any], last: Standing | None, changed: Standing | None = None
-) -> CampaignRequest:
+def complete(bench: Bench, given: Json, last: Standing | None, changed: Standing | None = None) -> CampaignRequest:
     """Fill in what the client left out from the bench.
 
     Parameters
@@ -107,7 +106,7 @@ def complete(
     return CampaignRequest(**stated)
 
 
-def _duration_s(stated: dict[str, Any]) -> float:
+def _duration_s(stated: Json) -> float:
     """Long enough for the whole window down and up, from wherever the cell stands."""
     (low, high), (low_A, high_A) = stated["soc"], stated["current_A"]
     if not low_A < 0 < high_A:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, cast
 
 from bench_service.campaign.designing import pauses_between_s, round_request
 from bench_service.campaign.diagnosing import DiagnosisOrder
@@ -16,8 +16,9 @@ from bench_service.campaign.request import OBSERVER_OFFSET_SOC, CampaignRequest
 from bench_service.campaign.runs import RunOrder
 from bench_service.campaign.stages import stages_of
 from bench_service.campaign.workshop import CampaignFailedError, Report, Workshop
+from bench_service.jobs.results import ComparisonResult, FitAnswer, VersionAnswer
 from bench_service.jobs.runner import Job
-from bench_service.store.records import RunRecord
+from bench_service.store.records import Json, RunRecord
 
 _LOOK_S = 0.25
 
@@ -42,7 +43,7 @@ class Story:
         self._done = Progress()
         self._playing = Playing(workshop, campaign_id, report)
 
-    async def tell(self) -> dict[str, Any]:
+    async def tell(self) -> Json:
         """Go through all stages and return the campaign's result.
 
         Raises
@@ -95,7 +96,7 @@ class Story:
     async def _fit(self) -> str:
         return await self._fit_round("fit", TRAIN)
 
-    async def _fit_round(self, stage: str, role: str, design: dict[str, Any] | None = None) -> str:
+    async def _fit_round(self, stage: str, role: str, design: Json | None = None) -> str:
         """Fit to all training runs so far, that of a new round with them."""
         runs, number = self._done.runs, len(self._done.rounds) + 1
         order = FitOrder(
@@ -108,7 +109,7 @@ class Story:
             campaign_id=self._id,
             pauses_s=pauses_between_s([runs[each.role] for each in self._done.rounds] + [runs[role]], self._lock_step),
         )
-        found = await self._watched(stage, await self._workshop.modelling.start_fit(order))
+        found: FitAnswer = await self._watched(stage, await self._workshop.modelling.start_fit(order))
         metrics = found["metrics"]
         self._done.rounds.append(Round(role, found["model_id"], metrics, design))
         what = "training run" if number == 1 else f"{number} training runs"
@@ -155,9 +156,10 @@ class Story:
             record = await self._workshop.modelling.compare(
                 each.model_id, [self._done.runs[VALIDATE].id], None, self._id
             )
-            each.held_out = record.result["overall"]
-            self._done.comparison_id, self._done.comparison = record.id, record.result
-        errors = " mV, then ".join(f"{each.held_out['rmse_mV']:.2f}" for each in self._done.rounds)
+            result = cast(ComparisonResult, record.result)
+            each.held_out = result["overall"]
+            self._done.comparison_id, self._done.comparison = record.id, result
+        errors = " mV, then ".join(f"{each.validation_rmse_mV:.2f}" for each in self._done.rounds)
         return f"{errors} mV free run on the last run, which no fit ever saw"
 
     async def _change(self) -> str:
@@ -191,8 +193,9 @@ class Story:
             return f"verdict: {record.result['verdict'].replace('_', ' ')}"
         effect = record.result["findings"][0]["effect"]
         addition = await diagnosing.start_addition(self._done.model_id, effect, learn, [judge])
-        self._done.addition = await self._watched("diagnose", addition)
-        before, after = self._done.addition["error_before_mV"], self._done.addition["error_after_mV"]
+        added: VersionAnswer = await self._watched("diagnose", addition)
+        self._done.addition = added
+        before, after = added["error_before_mV"], added["error_after_mV"]
         return f"{effect} is missing; added, the held-out error falls from {before:.2f} to {after:.2f} mV"
 
     async def _write_report(self) -> str:
@@ -228,7 +231,7 @@ class Story:
         run = self._done.runs[role] = await self._playing.play(stage, role, order)
         return run
 
-    async def _watched(self, stage: str, job: Job) -> dict[str, Any]:
+    async def _watched(self, stage: str, job: Job) -> Any:
         """Wait for a job and report its progress; its result, or the end of the campaign."""
         while not job.ended:
             self._report(stage, min(job.progress, 0.99), job.message)

@@ -11,6 +11,9 @@ import numpy as np
 from bench_service.cli.readout_page import Line, Values, plot
 from bench_service.cli.report import page, table
 from bench_service.store.decimation import kept_rows
+from models.design.optimise.block_design import OPTIMAL, plan_of
+from models.design.overview import coverage, family_std, mean_std, mean_std_over_time
+from models.design.sequence.load_cycle import load_histogram
 
 if TYPE_CHECKING:
     from models.design.design import Design
@@ -82,8 +85,6 @@ def _course(hours: Values, request: DesignRequest, found: Design) -> list[str]:
 
 def _ratio(experiment: Experiment, request: DesignRequest) -> list[str]:
     """How much of the largest current the voltage leaves, of a sequence."""
-    from models.design.optimise.block_design import OPTIMAL, plan_of
-
     if request.signal != OPTIMAL or not request.soc_levels:
         return []
     ratio = plan_of(experiment, request).ratio
@@ -99,7 +100,6 @@ def _load(request: DesignRequest) -> list[str]:
     """Load cycle and histogram that bound the blocks, where there is one."""
     if request.cycle_A is None:
         return []
-    from models.design.sequence.load_cycle import load_histogram
 
     histogram = load_histogram(request.cycle_A)
     rows = [
@@ -116,7 +116,6 @@ def _load(request: DesignRequest) -> list[str]:
 
 
 def _telling(experiment: Experiment, request: DesignRequest, found: Design) -> list[str]:
-    from models.design.overview import family_std, mean_std, mean_std_over_time
 
     time_s, std = mean_std_over_time(experiment, found.current_A)
     own = mean_std(found.information)
@@ -149,8 +148,6 @@ def _level(label: str, x: Values, value: float) -> Line:
 
 def _coverage(request: DesignRequest, found: Design) -> str:
     """Heat map of SoC and current."""
-    from models.design.overview import coverage
-
     share, soc, current = coverage(found.soc, found.current_A, request.limits.soc, request.limits.current_A)
     most, body = max(float(share.max()), 1e-12), []
     for i, row in enumerate(share):

@@ -43,6 +43,7 @@ def add_runs_to_learn_from(parser: ArgumentParser, out: str) -> None:
 
 def read_runs(paths: Sequence[Path], current_sign: str | None, output: Output) -> list[TimeSeries]:
     """Read measured runs; remarks go to `output`, two files of one name are told apart by their directory."""
+    # Lazy: numpy takes 90 ms.
     from bench_service.exchange.read import read_run_file
 
     runs = []
@@ -65,6 +66,7 @@ def read_model(path: Path) -> LocalModelNetwork:
     UsageError
         The file is missing, is not JSON, or holds no model.
     """
+    # Lazy: numba and scipy take 1.1 s.
     from models.data.errors import ModelError
     from models.network.local_model_network import LocalModelNetwork
 
@@ -83,6 +85,7 @@ def read_module(path: Path) -> ModuleModel:
     UsageError
         The file is missing, is not JSON, or holds no module model.
     """
+    # Lazy: numba and scipy take 1.0 s.
     from models.data.errors import ModelError
     from models.module.models import ModuleModel
 
@@ -101,6 +104,7 @@ def read_structure(name: str) -> str | Structure:
     UsageError
         Neither a known name nor a readable file.
     """
+    # Lazy: numba and scipy take 1.0 s.
     from models.data.errors import ModelError
     from models.network.structure import Structure
     from models.pipeline.fit import STRUCTURES
@@ -132,6 +136,7 @@ def _refuse_constant(token: str) -> NoReturn:
 
 def write_document(path: Path, document: dict[str, Any]) -> None:
     """Write a document as JSON, whole or not at all."""
+    # Lazy: numpy takes 70 ms.
     from bench_service.exchange.atomic import write_atomically
 
     write_atomically(path, (json.dumps(document, allow_nan=False) + "\n").encode())

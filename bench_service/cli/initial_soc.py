@@ -34,6 +34,7 @@ def initial_soc(
     ModelError
         A run has no reference and the option is absent.
     """
+    # Lazy: numpy takes 60 ms.
     from models.data.start_soc import start_soc
 
     if given is None:
@@ -48,6 +49,7 @@ def guessed_soc(
     runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: LocalModelNetwork, output: Output
 ) -> list[tuple[float, float | None]]:
     """Return where an observer starts in each run, with the standard deviation where it is a mere guess."""
+    # Lazy: numpy takes 60 ms.
     from models.data.errors import ModelError
 
     if given is not None:
@@ -64,6 +66,7 @@ def guessed_soc(
 
 def _known_soc(run: TimeSeries, network: LocalModelNetwork, output: Output | None) -> tuple[float, float | None]:
     """SoC from the run's reference, else from the rest that it begins with and then with its standard deviation."""
+    # Lazy: numba and scipy take 930 ms.
     from models.data.errors import ModelError
     from models.data.start_soc import start_soc
     from models.readouts.rest_start import soc_from_rest

@@ -14,7 +14,9 @@ from importlib.metadata import version
 
 from bench_service.cli.arguments import OneLineParser
 from bench_service.cli.command import Command, find_commands
+from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
+from bench_service.errors import BadRequestError, ConflictError, NotFoundError
 
 _FAILED, _BAD_INPUT = 1, 2
 _OWN_PACKAGES = frozenset({"bench_service", "drivers", "models", "simulators"})
@@ -72,10 +74,9 @@ def _complain(text: str, status: int) -> int:
 
 def _status(error: Exception) -> int:
     """Tell bad input from everything else. Imports here: only a command that fails pays for them."""
-    from bench_service.cli.errors import UsageError
+    # Lazy: pydantic, httpx and rich take 190 ms.
     from bench_service.client import ClientError
     from bench_service.config import ConfigError
-    from bench_service.errors import BadRequestError, ConflictError, NotFoundError
     from bench_service.simulation import SimulationError
     from drivers.errors import BadMapError
     from models.data.errors import ModelError

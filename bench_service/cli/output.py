@@ -41,6 +41,7 @@ class Output:
         if self.as_json:
             sys.stdout.write(json.dumps(_plain(data), allow_nan=False) + "\n")
         else:
+            # Lazy: rich takes 20 ms.
             from rich.console import Console
 
             width = None if sys.stdout.isatty() else _WIDTH_IN_A_FILE
@@ -53,6 +54,7 @@ class Output:
         if self.as_json or not sys.stderr.isatty():
             yield _silent
             return
+        # Lazy: rich takes 30 ms.
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench_service.cli.errors import UsageError
+from simulators.catalogue import cell_type
 
 if TYPE_CHECKING:
     from simulators.hidden_effect import HiddenEffect
@@ -32,8 +33,8 @@ def sealed_effect(name: str, cell: str, seed: int, path: Path | None) -> HiddenE
     UsageError
         The effect cannot be hidden, or the file holds no seal.
     """
+    # Lazy: numpy takes 80 ms.
     from bench_service.exchange.atomic import write_atomically
-    from simulators.catalogue import cell_type
     from simulators.hidden_effect import HiddenEffect, draw
 
     wish = {"name": name, "cell": cell, "seed": seed}

@@ -140,6 +140,7 @@ class _OwnService:
             self._answered.set()
 
     async def _serve(self) -> None:
+        # Lazy: fastapi, uvicorn and pydantic take 400 ms.
         from bench_service.app.server import running_server
 
         self._end, self._loop = asyncio.Event(), asyncio.get_running_loop()

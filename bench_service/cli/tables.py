@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from rich import box
+from rich.table import Table
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -20,9 +23,6 @@ _UNITS = {"1": "", "sign": "", "degC": " °C"}
 
 def metrics_table(title: str, rows: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
     """One line of METRICS for each name."""
-    from rich import box
-    from rich.table import Table
-
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("run", overflow="fold")
     for _, label in _METRICS:
@@ -66,9 +66,6 @@ def _plus_minus(std: float | None, factor: float = 1.0, unit: str = "") -> str:
 
 def where_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     """Where a model fails: one line for each range of a variable."""
-    from rich import box
-    from rich.table import Table
-
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     for label in ("variable", "from", "to", "RMSE mV", "of error", "of time"):
         table.add_column(label, justify="left" if label == "variable" else "right")

@@ -47,6 +47,7 @@ def read_columns(
     tuple
         All names of the header, and own name -> (n,) float64 with NaN for empty fields.
     """
+    # Lazy: pyarrow takes 30 ms.
     import pyarrow as pa
     import pyarrow.csv as pa_csv
 
@@ -78,6 +79,7 @@ def read_columns(
 
 def encode_csv(columns: Mapping[str, Array]) -> bytes:
     """Write columns as CSV; numbers in the shortest form that reads back to the same bits, NaN as empty field."""
+    # Lazy: pyarrow takes 20 ms.
     import pyarrow as pa
     import pyarrow.csv as pa_csv
 

@@ -17,6 +17,7 @@ def _recognise(head: bytes) -> bool:
 
 
 def _read(path: Path) -> RawTable:
+    # Lazy: pyarrow takes 40 ms.
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -39,6 +40,7 @@ def _read(path: Path) -> RawTable:
 
 
 def _encode(run: RunTable) -> bytes:
+    # Lazy: pyarrow takes 40 ms.
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from bench_service.jobs.modelling import RunInput, plain
 from bench_service.jobs.progress import Reporter
+from bench_service.jobs.results import DesignResult, Document
 from bench_service.jobs.series import read_series
 
 
@@ -15,11 +16,11 @@ def design_profile(
     report: Reporter,
     data_dir: Path,
     request: Mapping[str, Any],
-    document: dict[str, Any] | None,
+    document: Document | None,
     runs: Sequence[RunInput],
     cycle: tuple[list[float], list[float]] | None,
-    rivals: Sequence[dict[str, Any] | str] = (),
-) -> dict[str, Any]:
+    rivals: Sequence[Document | str] = (),
+) -> DesignResult:
     """Design the profile that a request asks for.
 
     Parameters
@@ -41,6 +42,7 @@ def design_profile(
         ``time_s`` and ``current_A`` of the profile, and ``figures``: the ``design`` object of the public contract
         without the profile's name.
     """
+    # Lazy: numba and scipy take 1.1 s.
     import numpy as np
 
     from models.design.answer import Material, answer, even_cycle

@@ -11,18 +11,21 @@ from typing import Any, Literal
 
 from bench_service.jobs.modelling import RunInput, plain
 from bench_service.jobs.progress import Reporter
+from bench_service.jobs.results import DesignResult, Document, VersionResult
 from bench_service.jobs.series import noise_floor_mV, read_series
+from bench_service.store.records import Json
 
 
 def diagnose_runs(
     report: Reporter,
     data_dir: Path,
-    document: dict[str, Any],
+    document: Document,
     runs: Sequence[RunInput],
     train: Sequence[RunInput],
     mode: Literal["structure", "change"],
-) -> dict[str, Any]:
+) -> Json:
     """Diagnose stored runs; gives the ``diagnose`` object of the public contract."""
+    # Lazy: numba and scipy take 890 ms.
     from models.diagnosis import diagnose
     from models.network.local_model_network import LocalModelNetwork
 
@@ -43,11 +46,11 @@ def diagnose_runs(
 def add_effect_to(
     report: Reporter,
     data_dir: Path,
-    document: dict[str, Any],
+    document: Document,
     effect: str,
     train: Sequence[RunInput],
     validate: Sequence[RunInput],
-) -> dict[str, Any]:
+) -> VersionResult:
     """Put an effect into a model and refit it to stored runs.
 
     Returns
@@ -57,6 +60,7 @@ def add_effect_to(
         ``effect``, ``error_before_mV`` and ``error_after_mV`` over the validation runs, ``parameters``, ``remark``,
         ``noise_floor_mV`` (null where it cannot be told).
     """
+    # Lazy: numba and scipy take 1.0 s.
     from models.network.local_model_network import LocalModelNetwork
     from models.observer.tuning.tuning import with_tuned_observer
     from models.pipeline.addition import add_effect
@@ -100,11 +104,11 @@ def add_effect_to(
 def design_between(
     report: Reporter,
     data_dir: Path,
-    document: dict[str, Any],
-    request: dict[str, Any],
+    document: Document,
+    request: Json,
     train: Sequence[RunInput],
     runs: Sequence[RunInput],
-) -> dict[str, Any]:
+) -> DesignResult:
     """Design the profile on which two effects differ most: each is put into the model, the two are told apart.
 
     Parameters
@@ -123,6 +127,7 @@ def design_between(
     dict
         ``time_s`` and ``current_A`` of the profile, and ``figures``: the ``design`` object of the public contract.
     """
+    # Lazy: numba and scipy take 1.1 s.
     from models.design.answer import Material, answer
     from models.design.request import read_request
     from models.network.local_model_network import LocalModelNetwork
@@ -142,8 +147,9 @@ def design_between(
     return plain({"time_s": found.profile.time_s, "current_A": found.profile.current_A, "figures": found.figures})
 
 
-def map_errors(report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput]) -> dict[str, Any]:
+def map_errors(report: Reporter, data_dir: Path, document: Document, runs: Sequence[RunInput]) -> Json:
     """Say where a model is off on stored runs, see `models.comparison.where.error_map`."""
+    # Lazy: numba and scipy take 1.1 s.
     from models.comparison.simulated_runs import simulate_runs
     from models.comparison.where import error_map
     from models.network.local_model_network import LocalModelNetwork

@@ -20,8 +20,10 @@ from bench_service.errors import BadRequestError
 from bench_service.jobs.counting import counted_soc
 from bench_service.jobs.joining import joined
 from bench_service.jobs.progress import Reporter
+from bench_service.jobs.results import ComparisonResult, Document, FitResult, RunCurves, SocFigures
 from bench_service.jobs.series import read_series
 from bench_service.store.decimation import kept_rows
+from bench_service.store.records import Json
 from bench_service.store.samples import SampleReader
 from bench_service.streams import OBSERVER
 
@@ -46,7 +48,7 @@ def fit(
     capacity_Ah: float,
     structure: str,
     pauses_s: Sequence[float] = (),
-) -> dict[str, Any]:
+) -> FitResult:
     """Identify a network from stored runs; with `pauses_s` between them the training runs are one log, see `joined`.
 
     Returns
@@ -54,6 +56,7 @@ def fit(
     dict
         ``document`` (MODEL.json) and ``metrics`` (the ``fit`` object of the public contract, without its paths).
     """
+    # Lazy: numba and scipy take 1.0 s.
     from models.observer.tuning.tuning import with_tuned_observer
     from models.pipeline.fit import fit_network
 
@@ -83,10 +86,9 @@ def fit(
     return plain({"document": network.to_json(), "metrics": metrics})
 
 
-def compare_runs(
-    report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput]
-) -> dict[str, Any]:
+def compare_runs(report: Reporter, data_dir: Path, document: Document, runs: Sequence[RunInput]) -> ComparisonResult:
     """Compare a model with stored runs; gives the ``compare`` object of the public contract."""
+    # Lazy: numba and scipy take 1.0 s.
     from models.comparison.figures import compare
     from models.network.local_model_network import LocalModelNetwork
 
@@ -94,8 +96,9 @@ def compare_runs(
     return plain(compare(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs]))
 
 
-def read_tables(report: Reporter, data_dir: Path, document: dict[str, Any]) -> dict[str, Any]:
+def read_tables(report: Reporter, data_dir: Path, document: Document) -> Json:
     """Read tables out of a model whose document carries none, such as one made before they were kept."""
+    # Lazy: numba and scipy take 820 ms.
     from models.network.local_model_network import LocalModelNetwork
     from models.readouts.tables import read_out
 
@@ -103,8 +106,8 @@ def read_tables(report: Reporter, data_dir: Path, document: dict[str, Any]) -> d
 
 
 def compare_series(
-    report: Reporter, data_dir: Path, document: dict[str, Any], runs: Sequence[RunInput], max_points: int
-) -> dict[str, Any]:
+    report: Reporter, data_dir: Path, document: Document, runs: Sequence[RunInput], max_points: int
+) -> dict[str, list[RunCurves]]:
     """Free run of a model beside stored runs, thinned for a picture.
 
     Parameters
@@ -120,6 +123,7 @@ def compare_series(
         ``runs``: of each run ``run_id`` and, on the model's grid, ``time_s`` (from the run's start), ``measured_V``,
         ``model_V`` and ``residual_mV`` (measured minus model); null where a value is missing.
     """
+    # Lazy: numba and scipy take 1.0 s.
     from models.comparison.simulated_runs import simulate_runs
     from models.network.local_model_network import LocalModelNetwork
 
@@ -129,7 +133,7 @@ def compare_series(
     return plain({"runs": [_curves(each, beside, max_points) for each, beside in pairs]})
 
 
-def observer_figures(report: Reporter, data_dir: Path, run: RunInput, capacity_Ah: float) -> dict[str, Any]:
+def observer_figures(report: Reporter, data_dir: Path, run: RunInput, capacity_Ah: float) -> SocFigures:
     """Judge the live observer of a stored run by the charge counted from a start that is known.
 
     Returns
@@ -142,6 +146,7 @@ def observer_figures(report: Reporter, data_dir: Path, run: RunInput, capacity_A
     BadRequestError
         No observer has run in it.
     """
+    # Lazy: numba and scipy take 820 ms.
     from models.observer.tuning.accuracy import soc_figures
 
     with closing(SampleReader(data_dir)) as reader:
@@ -165,7 +170,7 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _curves(series: TimeSeries, beside: RunComparison, max_points: int) -> dict[str, Any]:
+def _curves(series: TimeSeries, beside: RunComparison, max_points: int) -> Json:
     curves = {
         "measured_V": beside.run.voltage_V,
         "model_V": beside.simulated_V,

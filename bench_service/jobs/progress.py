@@ -9,9 +9,18 @@ import os
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 _LONGEST_MESSAGE = 500
+
+
+class Report(TypedDict):
+    """How far a job is, as it comes from its worker process."""
+
+    job: str
+    pid: int
+    fraction: float
+    message: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,16 +40,16 @@ class Reporter:
 
     def __call__(self, fraction: float, message: str = "") -> None:
         """Report the share done, 0..1, and what is being done; lost rather than waited for."""
-        report = {"fraction": fraction, "message": message[:_LONGEST_MESSAGE]}
+        report = Report(job=self.job_id, pid=os.getpid(), fraction=fraction, message=message[:_LONGEST_MESSAGE])
         with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as link:
             link.setblocking(False)
-            link.sendto(json.dumps({"job": self.job_id, "pid": os.getpid(), **report}).encode(), self.path)
+            link.sendto(json.dumps(report).encode(), self.path)
 
 
 class ReportListener(asyncio.DatagramProtocol):
     """Service end of `Reporter`; calls back with each well-formed report."""
 
-    def __init__(self, on_report: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, on_report: Callable[[Report], None]) -> None:
         self._on_report = on_report
 
     def datagram_received(self, data: bytes, addr: object) -> None:

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bench_service.jobs.modelling import RunInput, plain
 from bench_service.jobs.progress import Reporter
+from bench_service.jobs.results import Document, VersionResult
 from bench_service.jobs.series import noise_floor_mV, read_series
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def refitted(
     old_weight : float or None
         How much an old sample counts beside a new one; None: chosen on parts of the new runs.
     """
+    # Lazy: numba and scipy take 1.0 s.
     from models.identification.stored_sums import sums_of
     from models.observer.tuning.tuning import with_tuned_observer
     from models.pipeline.refitting import refit
@@ -50,10 +52,10 @@ def refitted(
 def refit_to(
     report: Reporter,
     data_dir: Path,
-    document: dict[str, Any],
+    document: Document,
     train: Sequence[RunInput],
     validate: Sequence[RunInput],
-) -> dict[str, Any]:
+) -> VersionResult:
     """Refit a model to stored runs.
 
     Returns
@@ -61,6 +63,7 @@ def refit_to(
     dict
         As `jobs.diagnosing.add_effect_to`, without an effect and parameters.
     """
+    # Lazy: numba and scipy take 1.1 s.
     from models.comparison.simulated_runs import free_run_metrics
     from models.network.local_model_network import LocalModelNetwork
 

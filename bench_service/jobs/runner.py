@@ -14,7 +14,7 @@ import socket
 import tempfile
 import threading
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
@@ -24,12 +24,14 @@ from typing import Any, Concatenate
 from threadpoolctl import threadpool_limits
 
 from bench_service.errors import NotFoundError, ServiceError
-from bench_service.jobs.progress import Reporter, ReportListener
+from bench_service.jobs.progress import Report, Reporter, ReportListener
 
 _log = logging.getLogger(__name__)
 _KEPT_JOBS = 500
 
-JobFunction = Callable[Concatenate[Reporter, ...], dict[str, Any]]
+JobFunction = Callable[Concatenate[Reporter, ...], Mapping[str, Any]]
+# Takes what a job gave in the worker, gives what is told of it.
+Keep = Callable[[Any], Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +43,7 @@ class Job:
     state: str = "queued"
     progress: float = 0.0
     message: str = ""
-    result: dict[str, Any] | None = None
+    result: Mapping[str, Any] | None = None
     error: str | None = None
 
     @property
@@ -99,7 +101,7 @@ class JobRunner:
         kind: str,
         function: JobFunction,
         *arguments: object,
-        store: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
+        store: Keep | None = None,
     ) -> Job:
         """Queue a job.
 
@@ -152,7 +154,7 @@ class JobRunner:
         job_id: str,
         function: JobFunction,
         arguments: tuple[object, ...],
-        store: Callable[[dict[str, Any]], dict[str, Any]] | None,
+        store: Keep | None,
     ) -> Job:
         worker = await self._free.get()
         try:
@@ -177,7 +179,7 @@ class JobRunner:
 
     async def _work(
         self, worker: ProcessPoolExecutor, job_id: str, function: JobFunction, arguments: tuple[object, ...]
-    ) -> dict[str, Any]:
+    ) -> Mapping[str, Any]:
         self._set(replace(self._jobs[job_id], state="running"))
         reporter = Reporter(self._path, job_id)
         return await asyncio.wrap_future(worker.submit(_call, function, reporter, arguments))
@@ -186,7 +188,7 @@ class JobRunner:
         if not self._jobs[job_id].ended:
             self._set(replace(self._jobs[job_id], state="failed", error=error))
 
-    def _take_report(self, report: dict[str, Any]) -> None:
+    def _take_report(self, report: Report) -> None:
         job = self._jobs.get(report["job"])
         if job is None or job.id not in self._tasks:
             return
@@ -233,7 +235,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _call(function: JobFunction, reporter: Reporter, arguments: tuple[object, ...]) -> dict[str, Any]:
+def _call(function: JobFunction, reporter: Reporter, arguments: tuple[object, ...]) -> Mapping[str, Any]:
     reporter(0.0)
     with threadpool_limits(limits=1):
         return function(reporter, *arguments)

@@ -10,6 +10,8 @@ import numpy as np
 
 from bench_service.errors import BadRequestError
 from bench_service.store.samples import SampleReader
+from models.data.metrics import noise_floor_V
+from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
 
 _FEWEST_SAMPLES = 2
@@ -45,9 +47,6 @@ def _series(reader: SampleReader, run_id: str) -> TimeSeries:
 
 def noise_floor_mV(series: Sequence[TimeSeries], dt_s: float) -> float | None:
     """Median of the runs' noise floors; None where no run tells."""
-    from models.data.metrics import noise_floor_V
-    from models.data.resampling import to_grid
-
     grid = [to_grid(each, dt_s) for each in series]
     floors = [noise_floor_V(each.voltage_V, each.current_A) for each in grid]
     known = [floor for floor in floors if np.isfinite(floor)]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench_service.errors import BenchOfflineError, StoreError
-from bench_service.framing import Decoder, FramingError, encode, recv_frame
+from bench_service.framing import Decoder, FramingError, Header, encode, recv_frame
 
 _START_S = 20.0
 
@@ -101,13 +101,13 @@ class RecorderProcess:
                 raise BenchOfflineError(f"bench {bench!r} cannot record: {reason}") from error
         return ours
 
-    def messages(self) -> list[dict[str, Any]]:
+    def messages(self) -> list[Header]:
         """Return, without waiting, what the recorder has said since the last call.
 
         ``{"op":"sealed","run_id","state","reason","n_samples","sha256"}`` for each run that ended, also where its
         control process was killed; ``{"op":"error","reason"}`` when nothing more can be recorded.
         """
-        found: list[dict[str, Any]] = []
+        found: list[Header] = []
         with self._mutex:
             while data := self._receive():
                 found += [header for header, _body in self._decoder.feed(data)]

@@ -1,9 +1,8 @@
 """One end of a link, without blocking: frames in, frames out."""
 
 import socket
-from typing import Any
 
-from bench_service.framing import Decoder, Frame, encode
+from bench_service.framing import Decoder, Frame, Header, encode
 
 _RECEIVE_BYTES = 2**18
 _MAX_OUTGOING_BYTES = 2**20
@@ -51,7 +50,7 @@ class Peer:
         self.descriptors += descriptors
         return self._decoder.feed(data) if data else None
 
-    def send(self, header: dict[str, Any]) -> None:
+    def send(self, header: Header) -> None:
         """Send a frame now or, where the socket is full, with a later `flush`."""
         if len(self._outgoing) < _MAX_OUTGOING_BYTES:
             self._outgoing += encode(header)
@@ -67,7 +66,7 @@ class Peer:
         except OSError:
             self._outgoing.clear()
 
-    def close(self, last: dict[str, Any] | None = None) -> None:
+    def close(self, last: Header | None = None) -> None:
         """Close the link, after a last frame if there is one and the other side takes it within a second."""
         if last is not None:
             self.sock.settimeout(_LAST_WORDS_S)

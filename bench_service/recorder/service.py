@@ -5,10 +5,9 @@ import selectors
 import signal
 import socket
 import time
-from typing import Any
 
 from bench_service.errors import StoreError
-from bench_service.framing import Frame, FramingError
+from bench_service.framing import Frame, FramingError, Header
 from bench_service.recorder.buffer import StreamBuffer
 from bench_service.recorder.peer import Peer
 from bench_service.store.sample_writer import SampleWriter
@@ -146,7 +145,7 @@ class Recorder:
                 case other:
                     raise ProtocolError(f"unknown operation {other!r}")
 
-    def _open_run(self, link: BenchLink, header: dict[str, Any]) -> None:
+    def _open_run(self, link: BenchLink, header: Header) -> None:
         run_id = str(header["run_id"])
         if any(run_id in other.runs for other in self._links):
             raise ProtocolError(f"run {run_id!r} is open already")
@@ -160,7 +159,7 @@ class Recorder:
             streams[stream] = StreamBuffer(run_id, stream, layout, self._writer.next_seq(run_id, stream))
         link.runs[run_id] = streams
 
-    def _take_rows(self, link: BenchLink, header: dict[str, Any], body: bytes) -> None:
+    def _take_rows(self, link: BenchLink, header: Header, body: bytes) -> None:
         try:
             buffer = link.runs[header["run_id"]][header["stream"]]
         except KeyError as error:
@@ -198,7 +197,7 @@ class Recorder:
         )
         return closed
 
-    def _end_link(self, link: BenchLink, reason: str, last: dict[str, Any] | None = None) -> None:
+    def _end_link(self, link: BenchLink, reason: str, last: Header | None = None) -> None:
         """Store what came over a link, close its runs as interrupted, and forget it."""
         self._commit()
         for run_id in list(link.runs):
@@ -222,7 +221,7 @@ class Recorder:
             self._selector.unregister(self._lifeline.sock)
             self._lifeline.close()
 
-    def _lifeline_send(self, header: dict[str, Any]) -> None:
+    def _lifeline_send(self, header: Header) -> None:
         if self._lifeline.sock.fileno() >= 0:
             self._lifeline.send(header)
             self._watch(self._lifeline, None)

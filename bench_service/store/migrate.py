@@ -43,6 +43,7 @@ def _revision(connection: Connection) -> str | None:
 
 
 def _apply(connection: Connection, database: Database, present: str | None) -> None:
+    # Lazy: alembic takes 120 ms.
     from alembic import command
     from alembic.config import Config
     from alembic.util import CommandError

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from threadpoolctl import threadpool_limits
+
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_model, read_runs, write_document
 from bench_service.cli.initial_soc import initial_soc
@@ -25,8 +27,8 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
-    from threadpoolctl import threadpool_limits
 
+    # Lazy: numba and scipy take 1.3 s.
     from bench_service.exchange.atomic import check_writable
     from models.effects import effect
     from models.observer.tuning.tuning import with_tuned_observer

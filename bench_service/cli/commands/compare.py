@@ -28,6 +28,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: numba and scipy take 1.4 s.
     from bench_service.exchange.atomic import check_writable, write_atomically
     from models.comparison.figures import compare
 

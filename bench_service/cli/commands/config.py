@@ -17,6 +17,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: pydantic and numpy take 180 ms.
     from bench_service.config import example_config
     from bench_service.exchange.atomic import write_atomically
 

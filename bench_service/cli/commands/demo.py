@@ -10,10 +10,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich import box
+from rich.table import Table
+
 from bench_service.cli.arguments import natural
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
+from simulators.catalogue import cell_type
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -60,6 +64,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: sqlalchemy, httpx and numpy take 390 ms.
     from bench_service.cli.service import own_service
 
     started_s = time.monotonic()
@@ -89,7 +94,7 @@ def _run(options: Namespace, output: Output) -> int:
 
 
 def _hidden_effect(options: Namespace) -> HiddenEffect | None:
-    from simulators.catalogue import cell_type
+    # Lazy: numpy takes 70 ms.
     from simulators.hidden_effect import draw
 
     if options.hidden_effect == "none":
@@ -101,8 +106,8 @@ def _hidden_effect(options: Namespace) -> HiddenEffect | None:
 
 
 def _config(options: Namespace, hidden: HiddenEffect | None) -> ServiceConfig:
+    # Lazy: pydantic takes 120 ms.
     from bench_service.config import BenchConfig, LimitsConfig, ServiceConfig, SimulateConfig
-    from simulators.catalogue import cell_type
 
     cell = cell_type(options.cell)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
@@ -163,8 +168,6 @@ def _answer(record: dict[str, Any], hidden: HiddenEffect | None, seconds: float)
 
 
 def _show(console: Console, record: dict[str, Any], answer: dict[str, Any]) -> None:
-    from rich import box
-    from rich.table import Table
 
     stages = Table(box=box.SIMPLE_HEAD)
     for heading in ("stage", "state", "seconds", "what"):
@@ -207,8 +210,6 @@ def _show_diagnosis(console: Console, result: dict[str, Any], answer: dict[str, 
 
 
 def _figures(result: dict[str, Any], answer: dict[str, Any]) -> Any:
-    from rich import box
-    from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, show_header=False)
     table.add_column()

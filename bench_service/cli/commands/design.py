@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
@@ -27,6 +28,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: numba and scipy take 1.4 s.
     from bench_service.exchange.atomic import check_writable, write_atomically
     from models.design.answer import answer
     from models.design.request import read_request
@@ -70,6 +72,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 def _material(request: WrittenRequest, beside: Path, output: Output) -> Material:
     """Read what the request names; names are relative to its file."""
+    # Lazy: numba and scipy take 1.4 s.
     from models.design.answer import Material
     from models.design.rivals import is_effect
 
@@ -87,6 +90,7 @@ def _material(request: WrittenRequest, beside: Path, output: Output) -> Material
 
 def _load_cycle(path: Path) -> tuple[Any, float]:
     """Read a current over time, forward hold, onto an even grid of its shortest step."""
+    # Lazy: numba and scipy take 1.4 s.
     from bench_service.exchange.profile import read_profile
     from models.design.answer import even_cycle
 
@@ -100,7 +104,6 @@ def _csv(profile: Profile) -> bytes:
 
 
 def _show(console: Console, figures: dict[str, Any]) -> None:
-    import math
 
     hours = figures["duration_s"] / 3600.0
     console.print(

@@ -6,6 +6,8 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from threadpoolctl import threadpool_limits
+
 from bench_service.cli.arguments import fractions
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_current_sign, read_model, read_runs
@@ -32,8 +34,8 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
-    from threadpoolctl import threadpool_limits
 
+    # Lazy: numba and scipy take 1.3 s.
     from bench_service.cli.diagnosis_page import diagnosis_page
     from bench_service.exchange.atomic import check_writable, write_atomically
     from models.diagnosis import diagnose
@@ -55,6 +57,7 @@ def _run(options: Namespace, output: Output) -> int:
 
 
 def _show(console: Console, result: dict[str, Any]) -> None:
+    # Lazy: numba and scipy take 1.2 s.
     from bench_service.cli.diagnosis_page import VERDICTS, left_over
 
     console.print(f"[bold]{VERDICTS[result['verdict']]}[/bold]")

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING
 
 from bench_service.cli.arguments import fraction, number, port, positive
 from bench_service.cli.command import Command
+from bench_service.cli.commands.simulate import can_bus
 from bench_service.cli.errors import UsageError
+from bench_service.cli.files import read_model, read_module
 from bench_service.cli.output import Output
+from simulators.catalogue import cell_type
 
 if TYPE_CHECKING:
     from simulators.cell import TruthCell
@@ -31,7 +34,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
-    from bench_service.cli.commands.simulate import can_bus
+    # Lazy: python-can and numpy take 220 ms.
     from simulators.emulator import EmulatorSettings, serve_battery
 
     def ready(address: str) -> None:
@@ -62,10 +65,9 @@ def _run(options: Namespace, output: Output) -> int:
 
 def _battery(options: Namespace) -> tuple[TruthCell, int]:
     """Return what behaves like the battery, and how many cells it has in series."""
-    from bench_service.cli.files import read_model, read_module
+    # Lazy: numba and scipy take 1.2 s.
     from bench_service.cli.network_cell import ModuleOfCells, NetworkCell
     from models.thermal.cell_temperature import thermal_of
-    from simulators.catalogue import cell_type
     from simulators.cell import Cell
 
     if (options.model is None) == (options.cell is None):

@@ -12,6 +12,9 @@ from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.files import add_current_sign, read_runs
 from bench_service.cli.output import Output
+from bench_service.exchange.atomic import check_writable, write_atomically
+from bench_service.exchange.registry import formats
+from bench_service.exchange.write import encode_run
 
 if TYPE_CHECKING:
     from bench_service.config import ServiceConfig
@@ -19,8 +22,6 @@ if TYPE_CHECKING:
 
 
 def _arguments(parser: ArgumentParser) -> None:
-    from bench_service.exchange.registry import formats
-
     writable = sorted(name for name, each in formats().items() if each.encode is not None)
     parser.add_argument("run", metavar="RUN", help="id of a stored run, or a run file to convert")
     parser.add_argument("--format", choices=writable, required=True)
@@ -30,8 +31,8 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: pydantic takes 100 ms.
     from bench_service.config import load_config
-    from bench_service.exchange.atomic import check_writable, write_atomically
 
     check_writable(options.out)
     if Path(options.run).is_file():
@@ -45,8 +46,6 @@ def _run(options: Namespace, output: Output) -> int:
 
 
 def _convert(options: Namespace, output: Output) -> tuple[bytes, dict[str, Any]]:
-    from bench_service.exchange.write import encode_run
-
     series = read_runs([Path(options.run)], options.current_sign, output)[0]
     names = ("time_s", "current_A", "voltage_V", "temperature_degC", "ambient_degC", "soc_ref")
     columns = {name: getattr(series, name) for name in names if getattr(series, name) is not None}
@@ -55,6 +54,7 @@ def _convert(options: Namespace, output: Output) -> tuple[bytes, dict[str, Any]]
 
 def _export_stored(run_id: str, format_name: str, config: ServiceConfig) -> tuple[bytes, dict[str, Any]]:
     """Read from the store; its metadata through the service that holds it, if there is one."""
+    # Lazy: sqlalchemy, httpx and rich take 380 ms.
     from bench_service.client import BenchClient
     from bench_service.store.access import FILE
     from bench_service.store.metadata import MetadataStore
@@ -72,7 +72,7 @@ def _export_stored(run_id: str, format_name: str, config: ServiceConfig) -> tupl
 
 
 def _encode(run: RunRecord, format_name: str, data_dir: Path) -> bytes:
-    from bench_service.exchange.write import encode_run
+    # Lazy: sqlalchemy takes 240 ms.
     from bench_service.store.samples import SampleReader
 
     with SampleReader(data_dir) as reader:

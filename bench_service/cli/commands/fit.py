@@ -8,6 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from threadpoolctl import threadpool_limits
+
 from bench_service.cli.arguments import positive
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_runs, read_structure, write_document
@@ -31,8 +33,8 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
-    from threadpoolctl import threadpool_limits
 
+    # Lazy: numba and scipy take 1.2 s.
     from bench_service.exchange.atomic import check_writable
     from models.observer.tuning.tuning import with_tuned_observer
     from models.pipeline.fit import fit_network

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING, Any
+
+from rich import box
+from rich.table import Table
 
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
@@ -24,8 +28,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
     if options.action == "schema":
-        import json
-
+        # Lazy: python-can takes 120 ms.
         from drivers.map_schema import map_schema
 
         schema = map_schema()
@@ -42,6 +45,7 @@ def _run(options: Namespace, output: Output) -> int:
 
 def _described(name: str) -> dict[str, Any]:
     """Read one map; what is wrong with it ends the command with file, key and reason."""
+    # Lazy: python-can takes 130 ms.
     from drivers.map_frames import check_frames
     from drivers.register_map import load_can_map, load_map, map_transport
 
@@ -60,8 +64,6 @@ def _described(name: str) -> dict[str, Any]:
 
 
 def _show(console: Console, maps: list[dict[str, Any]]) -> None:
-    from rich import box
-    from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("map", "transport", "sample frames", "on hardware", "title"):

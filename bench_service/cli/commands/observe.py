@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich import box
+from rich.table import Table
+
 from bench_service.cli.arguments import fractions, named_numbers
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
@@ -53,6 +56,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: numba and scipy take 1.2 s.
     from bench_service.cli.observation import observe
     from bench_service.exchange.atomic import check_writable
     from models.observer import FuzzyObserver
@@ -88,6 +92,7 @@ def _run(options: Namespace, output: Output) -> int:
 
 
 def _answer(observed: Sequence[Observation]) -> dict[str, Any]:
+    # Lazy: numpy takes 50 ms.
     import numpy as np
 
     innovation_V = np.concatenate([each.innovation_V for each in observed])
@@ -101,6 +106,7 @@ def _answer(observed: Sequence[Observation]) -> dict[str, Any]:
 
 
 def _report(options: Namespace, cell: FuzzyObserver, runs: Sequence[TimeSeries], observed: list[Observation]) -> None:
+    # Lazy: numba and scipy take 1.2 s.
     from bench_service.cli.observer_page import observer_page
     from bench_service.exchange.atomic import write_atomically
     from models.data.errors import ModelError
@@ -117,6 +123,7 @@ def _report(options: Namespace, cell: FuzzyObserver, runs: Sequence[TimeSeries],
 
 
 def _write(path: Path, observed: Sequence[Observation]) -> None:
+    # Lazy: numpy takes 80 ms.
     import numpy as np
 
     from bench_service.exchange.write import write_results
@@ -128,8 +135,6 @@ def _write(path: Path, observed: Sequence[Observation]) -> None:
 
 
 def _show(console: Console, answer: dict[str, Any]) -> None:
-    from rich import box
-    from rich.table import Table
 
     table = Table(title="State of charge against reference", title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("run", overflow="fold")

@@ -7,11 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from threadpoolctl import threadpool_limits
+
 from bench_service.cli.arguments import fraction
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_model, read_runs, write_document
 from bench_service.cli.initial_soc import initial_soc
 from bench_service.cli.output import Output
+from bench_service.cli.tables import metrics_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,8 +34,8 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
-    from threadpoolctl import threadpool_limits
 
+    # Lazy: numba and scipy take 1.5 s.
     from bench_service.exchange.atomic import check_writable
     from bench_service.jobs.refitting import refitted
     from models.comparison.simulated_runs import free_run_metrics
@@ -70,7 +73,6 @@ def _run(options: Namespace, output: Output) -> int:
 
 
 def _show(console: Console, answer: dict[str, Any]) -> None:
-    from bench_service.cli.tables import metrics_table
 
     for title, part in (("New runs, free run", "train"), ("Validation runs, free run", "validation")):
         if answer[part] is not None:

@@ -41,6 +41,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: sqlalchemy, pydantic and httpx take 520 ms.
     from bench_service.cli.service import acknowledge, connected
     from bench_service.config import load_config
     from bench_service.exchange.atomic import check_writable, write_atomically

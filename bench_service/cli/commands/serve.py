@@ -17,6 +17,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: fastapi, uvicorn and sqlalchemy take 940 ms.
     from bench_service.app import serve
     from bench_service.cli.service import check_data_dir
     from bench_service.config import load_config

@@ -70,6 +70,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def can_bus(channel: str | None, node: int) -> CanBusSettings:
     """Understand `--channel` and `--node`."""
+    # Lazy: python-can takes 50 ms.
     from simulators.can_bus import CanBusSettings
 
     if channel is None:
@@ -82,6 +83,7 @@ def can_bus(channel: str | None, node: int) -> CanBusSettings:
 
 
 def _module(text: str | None) -> ModuleLayout | None:
+    # Lazy: numpy takes 70 ms.
     from simulators.module import ModuleLayout
 
     if text is None:
@@ -93,6 +95,7 @@ def _module(text: str | None) -> ModuleLayout | None:
 
 
 def _run(options: Namespace, output: Output) -> int:
+    # Lazy: python-can and numpy take 220 ms.
     from simulators.bench import SimulatorError, SimulatorSettings, serve
     from simulators.serial_line import SerialSettings
 

@@ -1,0 +1,121 @@
+"""What jobs give back: JSON objects, those of the public contract among them.
+
+A MODEL.json is a `Document`: only `models` knows its shape.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypedDict
+
+Document = dict[str, Any]
+
+
+class Metrics(TypedDict):
+    """Errors of a free run."""
+
+    rmse_mV: float
+    mae_mV: float
+    p95_mV: float
+    max_mV: float
+    bias_mV: float
+    nrmse: float
+    n_samples: int
+
+
+class FitMetrics(TypedDict):
+    """What a fit is worth."""
+
+    structure: str
+    n_samples: int
+    n_local_models: int
+    seconds: float
+    train: Metrics
+    validation: Metrics | None
+
+
+class FitResult(TypedDict):
+    """A new model."""
+
+    document: Document
+    metrics: FitMetrics
+
+
+class FitAnswer(TypedDict):
+    """What is told of a fit once its model is stored."""
+
+    model_id: str
+    metrics: FitMetrics
+
+
+class VersionMetrics(TypedDict):
+    """What a further version of a model is worth on runs that it never saw; ``effect`` is None after a mere refit."""
+
+    effect: str | None
+    error_before_mV: float
+    error_after_mV: float
+    parameters: dict[str, Any]
+    remark: str
+    noise_floor_mV: float | None
+
+
+class VersionResult(TypedDict):
+    """A further version of a model."""
+
+    document: Document
+    structure: str
+    capacity_Ah: float
+    metrics: VersionMetrics
+
+
+class VersionAnswer(VersionMetrics):
+    """What is told of a further version once it is stored: ids of it and of the one that it comes from."""
+
+    model: str
+    parent: str
+
+
+class DesignResult(TypedDict):
+    """A designed profile, forward hold; ``figures`` are the ``design`` object of the public contract."""
+
+    time_s: list[float]
+    current_A: list[float]
+    figures: dict[str, Any]
+
+
+class DesignAnswer(TypedDict):
+    """What is told of a design once its profile is stored."""
+
+    profile_id: str
+    name: str
+    figures: dict[str, Any]
+
+
+class ComparisonResult(TypedDict):
+    """The ``compare`` object of the public contract."""
+
+    overall: Metrics
+    runs: list[dict[str, Any]]
+    noise_floor_mV: float | None
+    where: list[dict[str, Any]]
+    outside_training: float
+    temperature: dict[str, Any] | None
+
+
+class SocFigures(TypedDict):
+    """How well an observer followed the counted state of charge."""
+
+    soc_rmse: float
+    soc_max_error: float
+    soc_end_error: float
+    converged_after_s: float | None
+    coverage_95: float
+
+
+class RunCurves(TypedDict):
+    """Curves of one run on the model's grid; None where a value is missing."""
+
+    run_id: str
+    time_s: list[float]
+    measured_V: list[float | None]
+    model_V: list[float | None]
+    residual_mV: list[float | None]
