@@ -13,8 +13,6 @@ from drivers.expression import Expression, ExpressionError, parse_expression
 
 T = TypeVar("T")
 Word = TypeVar("Word", bound=str)
-
-
 _MISSING: object = object()  # a default that there is not
 _NAMES: Mapping[type, str] = {
     str: "a string",
