@@ -33,3 +33,7 @@ def test_a_control_process_starts_without_what_only_fits_need() -> None:
     assert (
         loaded("bench_service.bench.__main__", ("scipy.signal", "scipy.interpolate", "scipy.optimize", "pyarrow")) == []
     )
+
+
+def test_a_control_process_starts_without_the_observer_and_its_compiler() -> None:
+    assert loaded("bench_service.bench.__main__", HEAVY) == []
