@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.signal import lfilter
 
 from models.data.timeseries import FloatArray
 from models.identification.penalty_strengths import Factored, StrengthJudge
@@ -123,6 +122,8 @@ def filtered(data: Dataset, a: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     if len(a) == 0:
         return data.u, data.y
+    from scipy.signal import lfilter  # Lazy: 0.4 s of processor time, which a network without feedback does without.
+
     since = samples_since_start(len(data), data.starts)
     target = data.y - initial_response(np.nan_to_num(data.y), a, since)
     inputs = np.where((since < len(a))[:, None], 0.0, data.u)

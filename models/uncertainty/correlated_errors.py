@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import oaconvolve
 
 from models.data.timeseries import FloatArray
 
@@ -29,6 +28,8 @@ def least_squares_covariance(jacobian: FloatArray, residual: FloatArray, starts:
     Newey and West, Econometrica 55, 1987 (Bartlett window); its length after Andrews, Econometrica 59, 1991, eq. 6.2
     and 6.4 with a first-order autoregression.
     """
+    from scipy.signal import oaconvolve  # Lazy: 0.4 s of processor time.
+
     n, p = jacobian.shape
     bread = np.linalg.inv(jacobian.T @ jacobian)
     white = bread * float(residual @ residual) / max(n - p, 1)

@@ -53,10 +53,20 @@ def low_pass(values: FloatArray, time_constant_s: float, dt_s: float) -> FloatAr
 
 
 def _smoothed(values: FloatArray, pole: float) -> FloatArray:
-    """First-order low-pass of unit gain by its pole."""
-    from scipy.signal import lfilter  # Lazy: 700 ms of processor time, which a control process without a model saves.
+    """First-order low-pass of unit gain by its pole.
 
-    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], values), dtype=np.float64)
+    To the bit what SciPy's `lfilter` gives; its package alone takes 0.4 s of processor time at every start.
+    """
+    return _low_passed(np.ascontiguousarray(values, dtype=np.float64), float(pole))
+
+
+@njit(cache=True)
+def _low_passed(values: np.ndarray, pole: float) -> np.ndarray:
+    out, state = np.empty(values.shape[0]), 0.0
+    for k in range(values.shape[0]):
+        state = pole * state + (1.0 - pole) * values[k]
+        out[k] = state
+    return out
 
 
 # Roots of tan(x) = x: the modes in which concentration evens out in a sphere, slowest first. Of their infinite number

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scipy.signal import impulse
+from scipy.signal import impulse, lfilter
 
 from models.network.signals import filters
 
@@ -60,3 +60,12 @@ def test_diffusion_against_the_series_in_closed_form() -> None:
     tau = 300.0 * (roots[0] / roots) ** 2
     expected = ((1.0 - np.exp(-t[:, None] / tau)) * roots**-2.0).sum(axis=1) / (roots**-2.0).sum()
     np.testing.assert_allclose(filters.diffusion(np.ones(2000), 300.0, np.ones(1), 1.0), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("time_constant_s", [0.3, 20.0, 3e4])
+@pytest.mark.parametrize("dt_s", [0.1, 1.0, 10.0])
+def test_a_low_pass_is_scipys_to_the_bit(time_constant_s: float, dt_s: float) -> None:
+    rng = np.random.default_rng(0)
+    values = rng.standard_normal(5000) * rng.choice([0.0, 1.0, 1e-9, 1e6], 5000)
+    pole = float(np.exp(-dt_s / time_constant_s))
+    np.testing.assert_array_equal(low_pass(values, time_constant_s, dt_s), lfilter([1.0 - pole], [1.0, -pole], values))
