@@ -15,7 +15,9 @@ def group_numbers(run_index: np.ndarray, run_group: np.ndarray | None) -> np.nda
 
     Whole runs where there are at least as many as folds; else each run in blocks in time, long enough that a block
     spans operating points which the rest of its fold has not seen. The free run passes through held-out samples, so
-    the error there is one of simulation, not of prediction from measured voltage.
+    the error there is one of simulation, not of prediction from measured voltage. Blocks are numbered so that each run
+    gives each fold as many, and another part in each run: runs often pass the same states of charge at the same share
+    of their time, and a fold that took the same part of each would have to extrapolate.
 
     Parameters
     ----------
@@ -26,11 +28,12 @@ def group_numbers(run_index: np.ndarray, run_group: np.ndarray | None) -> np.nda
     if n_runs >= N_FOLDS:
         own = np.arange(n_runs) if run_group is None else run_group
         return own[run_index].astype(np.int64)
-    blocks = -(-_GROUPS // n_runs)
+    blocks = N_FOLDS * -(-_GROUPS // (N_FOLDS * n_runs))
     out = np.empty(len(run_index), dtype=np.int64)
     for run in range(n_runs):
         index = np.flatnonzero(run_index == run)
-        out[index] = run * blocks + (np.arange(len(index)) * blocks) // len(index)
+        block = (np.arange(len(index)) * blocks) // len(index)
+        out[index] = run * blocks + (block + run) % blocks
     return out
 
 

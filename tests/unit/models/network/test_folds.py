@@ -3,7 +3,7 @@
 import numpy as np
 
 from models.data.resampling import GridRun
-from models.network.folds import N_FOLDS, balanced_groups, folds
+from models.network.folds import N_FOLDS, balanced_groups, folds, group_numbers
 from tests.unit.models.hand_network import grid_run
 
 
@@ -36,3 +36,19 @@ def test_groups_are_numbered_without_gaps() -> None:
 def test_runs_without_temperature_are_ordered_by_load() -> None:
     runs = [_run(-load, float("nan")) for load in (2.0, 1.0, 3.0)]
     assert balanced_groups(runs).tolist() == [1, 0, 2]
+
+
+def test_of_few_runs_each_fold_takes_another_part() -> None:
+    """One to six runs: every run is held out as much by each fold, but never the same part of all runs at once."""
+    for n_runs in range(1, 7):
+        index = np.repeat(np.arange(n_runs), 400)
+        group = group_numbers(index, None)
+        held = [np.isin(group, fold) for fold in folds(int(group.max()) + 1)]
+        np.testing.assert_array_equal(np.sum(held, axis=0), 1)
+        if n_runs >= N_FOLDS:
+            assert all(len(set(group[index == run].tolist())) == 1 for run in range(n_runs))
+            continue
+        for fold in held:
+            places = [set(np.flatnonzero(fold[index == run]).tolist()) for run in range(n_runs)]
+            assert all(len(each) == 80 for each in places)
+            assert n_runs == 1 or not places[0].intersection(*places[1:])

@@ -1,0 +1,1 @@
+"""A network that is physical by construction: monotone open-circuit voltage, no negative gain, no output feedback."""

@@ -1,0 +1,93 @@
+"""Least squares with some coefficients not below zero, on the normal equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from models.data.timeseries import FloatArray
+
+# Rounds of exchanging all at once without progress, before one is exchanged at a time, which always ends.
+_PATIENCE = 4
+_MOST_ROUNDS = 600
+# Relative to the unit diagonal of the scaled equations.
+_TOLERANCE = 1e-9
+_RIDGE = 1e-11
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A minimum of 1/2 x'Gx - h'x with x >= 0 where bounded.
+
+    Attributes
+    ----------
+    x : (P,) coefficients
+    free : (P,) bool, those that are not at their bound
+    """
+
+    x: FloatArray
+    free: np.ndarray
+
+
+def solve(information: FloatArray, right: FloatArray, bounded: np.ndarray, start: np.ndarray | None = None) -> Solution:
+    """Find the minimum by block principal pivoting.
+
+    Parameters
+    ----------
+    information : (P, P) symmetric, positive semidefinite
+    right : (P,)
+    bounded : (P,) bool, which coefficients must not be negative
+    start : (P,) bool, the set of coefficients off their bounds to begin with; by default all
+
+    Returns
+    -------
+    Solution
+
+    Notes
+    -----
+    Judice and Pires, Computers and Operations Research 21, 1994; Kim and Park, SIAM J. Sci. Comput. 33, 2011. All
+    coefficients that break their condition change sides at once; where that makes no progress for a few rounds, only
+    the last one does, which cannot go round in circles.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scaled = information * np.outer(scale, scale)
+    scaled[np.diag_indices_from(scaled)] += _RIDGE
+    h = right * scale
+    tolerance = _TOLERANCE * max(float(np.abs(h).max(initial=0.0)), 1e-300)
+    free = np.ones(len(h), dtype=bool) if start is None else (start | ~bounded)
+    fewest, patience = len(h) + 1, _PATIENCE
+    x = np.zeros(len(h))
+    for _ in range(_MOST_ROUNDS):
+        x, slope = _of_set(scaled, h, free)
+        wrong = bounded & ((free & (x < -tolerance)) | (~free & (slope < -tolerance)))
+        count = int(wrong.sum())
+        if count == 0:
+            break
+        if count < fewest:
+            fewest, patience = count, _PATIENCE
+        elif patience > 0:
+            patience -= 1
+        else:
+            last = int(np.flatnonzero(wrong)[-1])
+            wrong[:] = False
+            wrong[last] = True
+        free = free ^ wrong
+    x = np.where(bounded, np.maximum(x, 0.0), x)
+    return Solution(x * scale, free)
+
+
+def _of_set(scaled: FloatArray, h: FloatArray, free: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    """Minimum with the others at zero, and the slope there."""
+    own = np.flatnonzero(free)
+    part = scaled[np.ix_(own, own)]
+    try:
+        values = cho_solve(cho_factor(part, check_finite=False), h[own], check_finite=False)
+    except LinAlgError:
+        values = np.linalg.lstsq(part, h[own], rcond=None)[0]
+    x = np.zeros(len(h))
+    x[own] = values
+    slope = scaled[:, own] @ values - h
+    slope[own] = 0.0
+    return x, slope

@@ -1,0 +1,195 @@
+"""The sums of products that a bounded network is solved from, fold by fold, and its penalties."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.identification.bounded.knots import Knots, hats
+from models.identification.bounded.terms import Basis
+from models.network.folds import N_FOLDS, balanced_groups, group_numbers
+from models.network.regression import SignalBank, delayed
+
+_BLOCK = 8192
+# The temperature of which the open-circuit curve is that of the network's offset.
+REFERENCE_DEGC = 25.0
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each coefficient stands.
+
+    The first are the curve's values at its knots in V, then each term's gains in V per largest value of its signal.
+
+    Attributes
+    ----------
+    basis, knots : what there is
+    scale : (B,) largest magnitude of each term's signal; of the temperature its distance from 25 degC
+    first : (B + 1,) place of each term's first coefficient; the last: number of all
+    """
+
+    basis: Basis
+    knots: Knots
+    scale: FloatArray
+    first: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return int(self.first[-1])
+
+    @property
+    def n_curve(self) -> int:
+        """Number of the curve's knots."""
+        return len(self.knots.soc)
+
+    @property
+    def bounded(self) -> np.ndarray:
+        """(P,) whether a coefficient must not be negative, the curve given by its first value and its increments."""
+        out = np.ones(self.size, dtype=bool)
+        out[0] = False
+        for b, term in enumerate(self.basis.terms):
+            out[self.first[b] : self.first[b + 1]] = term.bounded
+        return out
+
+    def places(self, term: int) -> np.ndarray:
+        """Knots of a term, as places among those of the curve."""
+        return self.knots.gain if self.basis.terms[term].bounded else self.knots.slope
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums of products of each fold; curve by its values.
+
+    Attributes
+    ----------
+    layout : of the coefficients
+    xx : (folds, P, P), xy : (folds, P), yy, count : (folds,)
+    penalties : (4, P, P) forms in V^2: bend of the curve, differences of gains, their size, those of the temperature's
+    """
+
+    layout: Layout
+    xx: FloatArray
+    xy: FloatArray
+    yy: FloatArray
+    count: FloatArray
+    penalties: FloatArray
+
+    def by_increments(self) -> Sums:
+        """The same with the curve given by its first value and its increments, so that bounds are on coefficients."""
+        n = self.layout.n_curve
+
+        def turned(matrix: FloatArray) -> FloatArray:
+            out = matrix.copy()
+            # With U = cumulated increments, the derivative by an increment is the sum over all later knots.
+            out[..., :n, :] = np.flip(np.cumsum(np.flip(out[..., :n, :], -2), axis=-2), -2)
+            out[..., :, :n] = np.flip(np.cumsum(np.flip(out[..., :, :n], -1), axis=-1), -1)
+            return out
+
+        xy = self.xy.copy()
+        xy[:, :n] = np.flip(np.cumsum(np.flip(xy[:, :n], -1), axis=-1), -1)
+        return Sums(self.layout, turned(self.xx), xy, self.yy, self.count, turned(self.penalties))
+
+
+def soc_over(bank: SignalBank, axis: str) -> list[FloatArray]:
+    """(n,) of each run: state of charge on the partition axis, that of the sample before."""
+    return [delayed(values, 1) for values in bank.values(axis)]
+
+
+def make_layout(bank: SignalBank, basis: Basis, knots: Knots) -> Layout:
+    """Lay the coefficients out, with scales from the runs."""
+    scale, first = [], [len(knots.soc)]
+    for term in basis.terms:
+        offset = 0.0 if term.bounded else REFERENCE_DEGC
+        largest = max(float(np.abs(values - offset).max()) for values in bank.values(term.signal))
+        scale.append(max(largest, 1e-9))
+        first.append(first[-1] + len(knots.gain if term.bounded else knots.slope))
+    return Layout(basis, knots, np.array(scale), np.array(first))
+
+
+def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.ndarray | None = None) -> Sums:
+    """Sums of products over all samples with a measured voltage.
+
+    Parameters
+    ----------
+    bank : signals of the runs
+    layout : of the coefficients
+    keep_every : every n-th sample is counted
+    fold : (N,) number of the fold of each sample of all runs; by default as `folds` has them
+    """
+    rows = regressors(bank, layout.basis, layout.scale)
+    soc = np.concatenate(soc_over(bank, layout.basis.axis))
+    voltage = np.concatenate([run.voltage_V for run in bank.runs])
+    index = np.repeat(np.arange(len(bank.runs)), [len(run) for run in bank.runs])
+    own = group_numbers(index, balanced_groups(bank.runs)) % N_FOLDS if fold is None else fold
+    counted = np.zeros(len(voltage), dtype=bool)
+    counted[::keep_every] = True
+    counted &= ~np.isnan(voltage)
+    chosen = np.flatnonzero(counted)
+    n_folds, size = int(own.max()) + 1, layout.size
+    xx, xy = np.zeros((n_folds, size, size)), np.zeros((n_folds, size))
+    yy, count = np.zeros(n_folds), np.zeros(n_folds)
+    inner = layout.knots.soc[layout.knots.gain]
+    cell = np.clip(np.searchsorted(inner, soc[chosen], side="right") - 1, 0, len(inner) - 2)
+    key = own[chosen] * len(inner) + cell
+    order = np.argsort(key, kind="stable")
+    edges = np.flatnonzero(np.diff(key[order], prepend=-1))
+    for begin, end in zip(edges, [*edges[1:], len(order)], strict=True):
+        fold_number, at = divmod(int(key[order[begin]]), len(inner))
+        for start in range(begin, end, _BLOCK):
+            part = chosen[order[start : min(start + _BLOCK, end)]]
+            block, columns = _block(layout, at, rows[part], soc[part])
+            y = voltage[part]
+            xx[fold_number][np.ix_(columns, columns)] += block.T @ block
+            xy[fold_number][columns] += block.T @ y
+            yy[fold_number] += y @ y
+            count[fold_number] += len(y)
+    rms = np.sqrt(np.mean(rows[chosen] ** 2, axis=0))
+    return Sums(layout, xx, xy, yy, count, penalty_forms(layout, rms))
+
+
+def regressors(bank: SignalBank, basis: Basis, scale: FloatArray) -> FloatArray:
+    """(N, B) signals of the terms over their largest values."""
+    columns = []
+    for term, largest in zip(basis.terms, scale, strict=True):
+        values = np.concatenate(bank.values(term.signal))
+        columns.append((values - (0.0 if term.bounded else REFERENCE_DEGC)) / largest)
+    return np.column_stack(columns)
+
+
+def _block(layout: Layout, cell: int, rows: FloatArray, soc: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """Regressors of samples between two neighbouring knots of the gains, and which coefficients they belong to."""
+    knots, n_curve = layout.knots, layout.n_curve
+    low, high = int(knots.gain[cell]), int(knots.gain[cell + 1])
+    curve = hats(knots.soc[low : high + 1], soc)
+    pair = hats(knots.soc[[low, high]], soc)
+    gains = np.array([b for b, term in enumerate(layout.basis.terms) if term.bounded], dtype=np.int64)
+    parts = [curve, rows[:, gains] * pair[:, :1], rows[:, gains] * pair[:, 1:]]
+    columns = [np.arange(low, high + 1), layout.first[gains] + cell, layout.first[gains] + cell + 1]
+    for b, term in enumerate(layout.basis.terms):
+        if not term.bounded:
+            parts.append(rows[:, b : b + 1] * hats(knots.soc[knots.slope], soc))
+            columns.append(np.arange(layout.first[b], layout.first[b + 1]))
+    del n_curve
+    return np.hstack(parts), np.concatenate(columns)
+
+
+def penalty_forms(layout: Layout, rms: FloatArray) -> FloatArray:
+    """(4, P, P) forms in V^2, each a mean over knots and, of gains, of the voltage that they stand for."""
+    size, n = layout.size, layout.n_curve
+    forms = np.zeros((4, size, size))
+    bend = np.diff(np.eye(n), 2, axis=0)
+    forms[0, :n, :n] = bend.T @ bend / len(bend)
+    for b, term in enumerate(layout.basis.terms):
+        part = slice(int(layout.first[b]), int(layout.first[b + 1]))
+        count = part.stop - part.start
+        steps = np.diff(np.eye(count), axis=0)
+        differences = rms[b] ** 2 * steps.T @ steps / len(steps)
+        if term.bounded:
+            forms[1, part, part] = differences
+            forms[2, part, part] = rms[b] ** 2 * np.eye(count) / count
+        else:
+            forms[3, part, part] = differences + 1e-2 * rms[b] ** 2 * np.eye(count) / count
+    return forms

@@ -1,0 +1,92 @@
+"""Strengths of the penalties of a bounded network, chosen by its error on held-out folds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.identification.bounded.nonnegative import Solution, solve
+from models.identification.bounded.problem import Sums
+
+# Logarithms to base 10: bend of the curve, differences of gains, their size, slope with temperature.
+START = (-2.0, -3.0, -5.0, -3.0)
+_STEP = 1.0
+_LOWEST, _HIGHEST = -8.0, 3.0
+_PASSES = 4
+
+
+@dataclass
+class HeldOut:
+    """Held-out errors of one set of sums, each set of strengths solved once.
+
+    Attributes
+    ----------
+    sums : the curve given by its increments
+    """
+
+    sums: Sums
+    _known: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
+    _free: dict[int, np.ndarray] = field(default_factory=dict)
+
+    def mse(self, logs: tuple[float, ...]) -> FloatArray:
+        """(folds,) mean squared error in V^2 of each fold by a fit to the others."""
+        if logs not in self._known:
+            total = range(len(self.sums.count))
+            self._known[logs] = np.array([self._of_fold(logs, f) if self.sums.count[f] > 0 else 0.0 for f in total])
+        return self._known[logs]
+
+    def mean_mse(self, logs: tuple[float, ...]) -> float:
+        """Mean squared error in V^2 over all samples."""
+        return float(self.mse(logs) @ self.sums.count / self.sums.count.sum())
+
+    def best(self, start: tuple[float, ...] = START) -> tuple[float, ...]:
+        """Strengths with the least held-out error, found one after the other."""
+        best = start
+        for _ in range(_PASSES):
+            before = best
+            for place in range(len(best)):
+                best = self._along(best, place)
+            if best == before:
+                break
+        return best
+
+    def whole(self, logs: tuple[float, ...]) -> Solution:
+        """The fit to all folds."""
+        sums, count = self.sums, float(self.sums.count.sum())
+        matrix = sums.xx.sum(axis=0) / count + penalty(sums, logs)
+        return solve(matrix, sums.xy.sum(axis=0) / count, sums.layout.bounded, self._free.get(-1))
+
+    def _along(self, best: tuple[float, ...], place: int) -> tuple[float, ...]:
+        for sign in (_STEP, -_STEP):
+            moved = False
+            while True:
+                trial = (*best[:place], best[place] + sign, *best[place + 1 :])
+                if not _LOWEST <= trial[place] <= _HIGHEST or self.mean_mse(trial) >= self.mean_mse(best):
+                    break
+                best, moved = trial, True
+            if moved:
+                break
+        return best
+
+    def _of_fold(self, logs: tuple[float, ...], fold: int) -> float:
+        x = self.without(logs, fold).x
+        sums = self.sums
+        squared = sums.yy[fold] - 2.0 * x @ sums.xy[fold] + x @ sums.xx[fold] @ x
+        return float(max(squared, 0.0) / sums.count[fold])
+
+    def without(self, logs: tuple[float, ...], fold: int) -> Solution:
+        """The fit to all folds but one."""
+        sums = self.sums
+        kept = np.arange(len(sums.count)) != fold
+        count = float(sums.count[kept].sum())
+        matrix = sums.xx[kept].sum(axis=0) / count + penalty(sums, logs)
+        found = solve(matrix, sums.xy[kept].sum(axis=0) / count, sums.layout.bounded, self._free.get(fold))
+        self._free[fold] = found.free
+        return found
+
+
+def penalty(sums: Sums, logs: tuple[float, ...]) -> FloatArray:
+    """(P, P) sum of the penalties with their strengths."""
+    return np.tensordot(10.0 ** np.array(logs), sums.penalties, axes=1)

@@ -1,0 +1,119 @@
+"""What a bounded network's voltage is made of: signals, the effect that each stands for, and its bound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from models.data.errors import ModelError
+
+# Time constants of the low-passes: each a factor of about three from the next.
+_RELAXATION_S = (2.0, 6.0, 20.0, 60.0, 200.0, 600.0, 2000.0)
+# From here on a branch is slower than what charge transfer and double layer do: it is named relaxation.
+_SLOW_S = 100.0
+# A non-negative sum over these can neither turn negative nor rise with temperature, and bends as measured ones do.
+_ACTIVATIONS_K = (0.0, 3500.0, 7500.0)
+# Where all runs have one temperature no scaling can be told from another; this one is common to many cells.
+_TYPICAL_K = 3500.0
+# Exchange currents over the capacity, 1/h, and their activation.
+_EXCHANGE_RATES = (0.02, 0.1, 0.5, 2.0)
+_EXCHANGE_K = 4000.0
+_SLOWED_S = 20.0
+_LOOP_RATES = (10.0, 40.0, 150.0)
+_SQUARED_S = (60.0, 600.0)
+# Below this many samples a low-pass cannot be told from the current itself.
+_FASTEST_SAMPLES = 1.5
+
+
+@dataclass(frozen=True)
+class Term:
+    """One input: a signal with a gain over the state of charge.
+
+    Attributes
+    ----------
+    signal : as `models.network.signals` names it
+    effects : physical effects without which it is not there; none: it always is
+    bounded : its gain must not be negative
+    """
+
+    signal: str
+    effects: tuple[str, ...] = ()
+    bounded: bool = True
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What a bounded network may be made of.
+
+    Attributes
+    ----------
+    axis : state of charge that curve and gains stand over
+    terms : inputs
+    """
+
+    axis: str
+    terms: tuple[Term, ...]
+
+    def without(self, effects: Iterable[str]) -> Basis:
+        """Leave out all terms of some effects; hysteresis, for one, or whatever depends on temperature.
+
+        Raises
+        ------
+        ModelError
+            No term stands for one of them, or nothing would be left.
+        """
+        wanted = set(effects)
+        known = {name for term in self.terms for name in term.effects}
+        unknown = sorted(wanted - known)
+        if unknown:
+            raise ModelError(
+                f"effect {', '.join(unknown)} cannot be left out of a bounded network of these runs; "
+                f"it has {', '.join(sorted(known))}"
+            )
+        left = tuple(term for term in self.terms if not wanted.intersection(term.effects))
+        if not left:
+            raise ModelError(f"nothing is left of the network without {', '.join(sorted(wanted))}")
+        return replace(self, terms=left)
+
+
+def make_basis(
+    dt_s: float,
+    capacity_Ah: float,
+    temperature: str,
+    *,
+    axis: str = "soc",
+    slowest_s: float = 2000.0,
+    squared: bool = False,
+) -> Basis:
+    """All terms that runs can tell something of.
+
+    Parameters
+    ----------
+    dt_s : sampling time
+    capacity_Ah : of the cell
+    temperature : "moves", "one" (measured, but hardly moving) or "missing"
+    axis : state of charge that curve and gains stand over
+    slowest_s : longest time constant
+    squared : whether overvoltages that grow faster than the current are offered
+    """
+    factors = {"moves": _ACTIVATIONS_K, "one": (_TYPICAL_K,), "missing": (0.0,)}[temperature]
+    exchange_K = 0.0 if temperature == "missing" else _EXCHANGE_K
+    terms = []
+    for kelvin in factors:
+        scaled = ("temperature_dependence",) if kelvin and temperature == "moves" else ()
+        terms.append(Term(f"scaled_current:{kelvin:g}" if kelvin else "current", scaled))
+        for tau_s in _RELAXATION_S:
+            if _FASTEST_SAMPLES * dt_s <= tau_s <= slowest_s:
+                slow = ("relaxation",) if tau_s >= _SLOW_S else ()
+                terms.append(Term(f"low_pass:{tau_s:g}/{kelvin:g}", (*scaled, *slow)))
+        if squared:
+            for tau_s in _SQUARED_S:
+                terms.append(Term(f"squared_current:{tau_s:g}/{kelvin:g}", (*scaled, "relaxation")))
+    for rate in _EXCHANGE_RATES:
+        for tau_s in (0.0, _SLOWED_S) if _FASTEST_SAMPLES * dt_s <= _SLOWED_S else (0.0,):
+            signal = f"charge_transfer:{rate * capacity_Ah:.6g}/{exchange_K:g}/{tau_s:g}"
+            terms.append(Term(signal, ("charge_transfer",)))
+    terms += [Term(f"hysteresis_state:{rate:g}", ("hysteresis",)) for rate in _LOOP_RATES]
+    if temperature == "moves":
+        terms.append(Term("temperature", ("entropic_voltage", "temperature_dependence"), bounded=False))
+    return Basis(axis, tuple(terms))
