@@ -1,10 +1,11 @@
 """The long proofs, one after the other; what has been proven already is not proven again.
 
-``python benchmarks/proof.py [--into proof] [NAME ...]``, or ``make proof``
+``python benchmarks/proof.py [--into proof] [--data FOLDER] [NAME ...]``, or ``make proof``
 
 Each proof is another benchmark in the size that docs/results.md quotes. What it prints goes to `proof/NAME.txt` once
 it has ended; a proof whose file is there is skipped, one that was stopped goes on at its next case where it keeps them
-(`proof/NAME.rows`, `proof/models`). Ends with 1 where one has failed.
+(`proof/NAME.rows`, `proof/models`). Records of real cells are not in the repository: what needs them is left out where
+`--data` does not name their folder. Ends with 1 where one has failed.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 HERE = Path(__file__).parent
-MODELS, ROWS = "{into}/models", "{into}/{name}.rows"
+MODELS, ROWS, DATA = "{into}/models", "{into}/{name}.rows", "{data}"
 PROOFS: dict[str, tuple[str, ...]] = {
     "recorder_kill": ("recorder_kill", "--kills", "100"),
     "fault_sequences": ("fault_sequences", "--cases", "500", "--seed", "1"),
@@ -30,6 +31,8 @@ PROOFS: dict[str, tuple[str, ...]] = {
     "observer_cases": ("observer_cases", "--cases", "200", "--filter-cases", "4", "--models", MODELS, "--json"),
     "observer_health": ("observer_health", "--cases", "40", "--models", MODELS, "--json"),
     "observer_modules": ("observer_modules", "--cases", "200", "--models", MODELS, "--json"),
+    "real_cells": ("real_cells", "--data", DATA, "--peers", "--resume", ROWS),
+    "pybamm_cells": ("pybamm_cells", "--data", f"{DATA}/pybamm"),
 }
 _LAST_WORDS = 100
 
@@ -38,17 +41,19 @@ def main() -> int:
     """Run what has no result yet, then show all results."""
     arguments = _arguments()
     arguments.into.mkdir(parents=True, exist_ok=True)
-    states = {name: prove(name, arguments.into) for name in arguments.names or PROOFS}
+    states = {name: prove(name, arguments.into, arguments.data) for name in arguments.names or PROOFS}
     _show(states, arguments.into)
     return int("failed" in states.values())
 
 
-def prove(name: str, into: Path) -> str:
+def prove(name: str, into: Path, data: Path | None) -> str:
     """Run one proof unless its result is there; returns what became of it."""
     result = into / f"{name}.txt"
     if result.exists():
         return "there"
-    module, *options = (part.format(into=into, name=name) for part in PROOFS[name])
+    if data is None and any(DATA in part for part in PROOFS[name]):
+        return "needs --data"
+    module, *options = (part.format(into=into, name=name, data=data) for part in PROOFS[name])
     command = [sys.executable, str(HERE / f"{module}.py"), *options]
     found = filter(None, [str(HERE.parent), os.environ.get("PYTHONPATH")])
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(found)}
@@ -67,7 +72,7 @@ def _show(states: dict[str, str], into: Path) -> None:
     table = Table("proof", "", "its last words")
     for name, state in states.items():
         file = into / f"{name}{'.part' if state == 'failed' else '.txt'}"
-        words = file.read_text(encoding="utf-8").strip().splitlines()
+        words = file.read_text(encoding="utf-8").strip().splitlines() if file.exists() else []
         table.add_row(name, state, words[-1][:_LAST_WORDS] if words else "")
     Console().print(table)
 
@@ -75,6 +80,7 @@ def _show(states: dict[str, str], into: Path) -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--into", type=Path, default=Path("proof"), help="folder of the results")
+    parser.add_argument("--data", type=Path, metavar="FOLDER", help="records of real cells, see real_cells.toml")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PROOFS)}; default: all")
     arguments = parser.parse_args()
     if unknown := set(arguments.names) - set(PROOFS):
