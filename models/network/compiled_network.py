@@ -165,7 +165,7 @@ def step_validity(net: FlatNetwork, history: np.ndarray, weight: np.ndarray) -> 
     n_models, n_axes = net.centres.shape
     if net.kernel == HAT:
         weight[:] = 0.0
-        below, share = hat_interval(net.centres, history[net.axis_lag[0], net.axis_signal[0]])
+        below, share = hat_interval(net.centres, float(history[net.axis_lag[0], net.axis_signal[0]]))
         weight[below], weight[below + 1] = 1.0 - share, share
         return below, below + 2
     nearest, far = 0, np.inf
