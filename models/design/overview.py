@@ -13,7 +13,8 @@ from models.design.information.experiment import Evaluator, Experiment, paramete
 from models.design.optimise.block_design import DesignRequest
 from models.design.test_signals import find_families
 
-_POINTS = 60
+# With many parameters, as networks by hats have them, each point takes half a second.
+_POINTS, _FEW_POINTS, _MANY = 60, 20, 1000
 _SOC_BINS, _CURRENT_BINS = 20, 15
 
 
@@ -24,12 +25,10 @@ def mean_std_over_time(experiment: Experiment, current_A: FloatArray) -> tuple[F
     -------
     time_s, mean_std : (n,) normalised units; from the start, where the prior alone tells
     """
-    rows = Evaluator(experiment, len(current_A)).predict(current_A).sensitivity_V / experiment.noise_V
-    ends = np.unique(np.linspace(0, len(current_A), _POINTS + 1).astype(int))
-    information, std = experiment.prior_information().copy(), []
-    for first, last in zip([0, *ends[:-1]], ends, strict=True):
-        information += rows[first:last].T @ rows[first:last]
-        std.append(mean_std(information))
+    points = _POINTS if experiment.network.theta.size <= _MANY else _FEW_POINTS
+    ends = np.unique(np.linspace(0, len(current_A), points + 1).astype(int))
+    evaluator = Evaluator(experiment, len(current_A))
+    std = [mean_std(information) for information in evaluator.information_over_time(current_A, ends)]
     return ends * experiment.network.structure.dt_s, np.array(std)
 
 

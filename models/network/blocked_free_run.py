@@ -2,11 +2,13 @@
 
 Signals, validity functions, blend and recursion of a block are made and used while they are in the cache, where the
 arrays of a regression would take some hundred bytes for each sample. Gaussian kernels factorise over the axes, and
-local models share edges, so that fewer exponentials are needed than there are local models.
+local models share edges, so that fewer exponentials are needed than there are local models. Of hats only two count at
+a time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,10 +17,13 @@ from numba import njit
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.network.compiled_network import FlatNetwork, flat_network, has_loop_forms, step_signals
+from models.network.hats import blend_block
 from models.network.local_model_network import LocalModelNetwork
 from models.network.signals import soc_by_counting
 
 _BLOCK = 4096
+# Hats blend tap by tap and need no validity functions beside; the signals then stay in the cache.
+_HAT_BLOCK = 1024
 # OpenBLAS takes one thread for matrix products of up to this many multiplications (interface/gemm.c); a pool of threads
 # for small ones can be ten times slower, and to pin it for each call takes as long as simulating 10 000 samples.
 _ONE_THREAD = 1 << 18
@@ -44,9 +49,9 @@ class Factors(NamedTuple):
 
 
 def runs_in_blocks(network: LocalModelNetwork, run: GridRun) -> bool:
-    """Whether the blocked run covers a network and a run: Gaussian kernels, no missing temperature, not too short."""
+    """Whether the blocked run covers a network and a run: Gaussian or hats, no missing temperature, not too short."""
     whole = len(run) >= _SHORT and not bool(np.isnan(run.temperature_degC).any())
-    return network.partition.kernel == "gaussian" and whole and has_loop_forms(network.structure)
+    return network.partition.kernel in ("gaussian", "hat") and whole and has_loop_forms(network.structure)
 
 
 def blocked_free_run_V(network: LocalModelNetwork, run: GridRun, initial_soc: float) -> FloatArray:
@@ -57,25 +62,50 @@ def blocked_free_run_V(network: LocalModelNetwork, run: GridRun, initial_soc: fl
     network, run : as `runs_in_blocks` asks for
     initial_soc : fraction 0..1
     """
-    net, factors, order = flat_network(network), _factors(network), network.structure.output_order
+    out = np.empty(len(run))
+    if network.partition.kernel == "hat":
+        _run_hats(network, run, initial_soc, out)
+    else:
+        _run_gaussian(network, run, initial_soc, out)
+    return network.to_volts(out)
+
+
+class Block(NamedTuple):
+    """A block of the run: where it lies, and the normalised signals, whose own values begin at `depth`."""
+
+    part: slice
+    values: FloatArray
+    depth: int
+
+
+def _blocks(
+    network: LocalModelNetwork, net: FlatNetwork, run: GridRun, initial_soc: float, most: int
+) -> Iterator[Block]:
+    """Signals of one block after the other, of up to `most` samples, in the same memory."""
     depth = int(max(net.tap_lag.max(), net.axis_lag.max()))
-    since = _since_start(run, order)
-    # The last row sums the validity functions, which are normalised only then.
-    weights = np.vstack([network.theta.T, np.ones(network.n_models)])
     filters, held = np.zeros((len(net.form), 3)), np.array([-1.0, run.current_A[0]])
-    values = np.empty((len(net.form), depth + _BLOCK))
-    validity = np.empty((network.n_models, _BLOCK))
-    past, out = np.zeros(2), np.empty(len(run))
+    values = np.empty((len(net.form), depth + most))
     soc = initial_soc
-    for begin in range(0, len(run), _BLOCK):
-        part = slice(begin, min(begin + _BLOCK, len(run)))
+    for begin in range(0, len(run), most):
+        part = slice(begin, min(begin + most, len(run)))
         size = part.stop - part.start
         counted, soc = _counted(network, run.charge_Ah, part, initial_soc, soc)
-        current, degC = run.current_A[part], run.temperature_degC[part]
         now = values[:, depth : depth + size]
-        _signals(net, filters, held, current, degC, counted, now)
+        _signals(net, filters, held, run.current_A[part], run.temperature_degC[part], counted, now)
         if begin == 0:
             values[:, :depth] = now[:, :1]
+        yield Block(part, values, depth)
+        values[:, :depth] = values[:, size : size + depth].copy()
+
+
+def _run_gaussian(network: LocalModelNetwork, run: GridRun, initial_soc: float, out: FloatArray) -> None:
+    net, factors = flat_network(network), _factors(network)
+    since, past = _since_start(run, net.order), np.zeros(2)
+    # The last row sums the validity functions, which are normalised only then.
+    weights = np.vstack([network.theta.T, np.ones(network.n_models)])
+    validity = np.empty((network.n_models, _BLOCK))
+    for part, values, depth in _blocks(network, net, run, initial_soc, _BLOCK):
+        size = part.stop - part.start
         kernels = _exponents(net, factors, values, depth, size)
         np.exp(kernels, out=kernels)
         _products(factors.of_model, kernels, validity[:, :size])
@@ -84,8 +114,14 @@ def blocked_free_run_V(network: LocalModelNetwork, run: GridRun, initial_soc: fl
         if lost.any():
             _repair(network, net, values, depth, np.flatnonzero(lost), weights, blended)
         _recursion(net, values, depth, blended, since[part], run.voltage_V[part], past, out[part])
-        values[:, :depth] = values[:, size : size + depth].copy()
-    return network.to_volts(out)
+
+
+def _run_hats(network: LocalModelNetwork, run: GridRun, initial_soc: float, out: FloatArray) -> None:
+    net, share = flat_network(network), np.empty(_HAT_BLOCK)
+    for part, values, depth in _blocks(network, net, run, initial_soc, _HAT_BLOCK):
+        begin = depth - net.axis_lag[0]
+        axis = values[net.axis_signal[0], begin : begin + part.stop - part.start]
+        blend_block(net.theta, net.centres, axis, values, net.tap_signal, net.tap_lag, depth, share, out[part])
 
 
 def _since_start(run: GridRun, order: int) -> np.ndarray:

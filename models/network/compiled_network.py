@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from models.data.errors import StructureError
+from models.network.hats import hat_interval
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import VOLTAGE, axis_lag
 from models.network.signals import KELVIN, REFERENCE_K, parse_signal
@@ -32,6 +33,7 @@ from models.network.structure import KERNELS, Structure
 # where the call is not inlined; nothing inside allocates.
 _UNCOUNTED: dict[str, Any] = {"cache": True, "_nrt": False}
 _GAUSSIAN, _UNIFORM = KERNELS.index("gaussian"), KERNELS.index("uniform")
+HAT = KERNELS.index("hat")
 
 
 class FlatNetwork(NamedTuple):
@@ -132,12 +134,12 @@ def step_output(
     """Normalised voltage of sample k from the signals in `history` and the past outputs in `out`."""
     if k < net.order and (k > 0 or not np.isnan(initial_y)):
         return float(out[k - 1, 0]) if k > 0 else initial_y
-    n_models, n_params = net.theta.shape
-    step_validity(net, history, weight)
+    n_params = net.theta.shape[1]
+    first, last = step_validity(net, history, weight)
     y, poles_sum = 0.0, 0.0
     for p in range(n_params):
         blended = 0.0
-        for i in range(n_models):
+        for i in range(first, last):
             blended += weight[i] * net.theta[i, p]
         if p < net.order:
             if k == 0:
@@ -153,9 +155,19 @@ def step_output(
 
 
 @njit(cache=True)
-def step_validity(net: FlatNetwork, history: np.ndarray, weight: np.ndarray) -> None:
-    """Write the (M,) validity functions, as `Partition.validity` has them."""
+def step_validity(net: FlatNetwork, history: np.ndarray, weight: np.ndarray) -> tuple[int, int]:
+    """Write the (M,) validity functions, as `Partition.validity` has them.
+
+    Returns
+    -------
+    first, last : the range of local models, its end excluded, beyond which all of them are 0
+    """
     n_models, n_axes = net.centres.shape
+    if net.kernel == HAT:
+        weight[:] = 0.0
+        below, share = hat_interval(net.centres, float(history[net.axis_lag[0], net.axis_signal[0]]))
+        weight[below], weight[below + 1] = 1.0 - share, share
+        return below, below + 2
     nearest, far = 0, np.inf
     for i in range(n_models):
         squared, kernel = 0.0, 1.0
@@ -179,6 +191,7 @@ def step_validity(net: FlatNetwork, history: np.ndarray, weight: np.ndarray) -> 
         weight[nearest] = total = 1.0
     for i in range(n_models):
         weight[i] /= total
+    return 0, n_models
 
 
 def flat_network(network: LocalModelNetwork) -> FlatNetwork:

@@ -7,25 +7,32 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from models.data.errors import StructureError
 from models.data.timeseries import FloatArray
+from models.network.hats import boxes_around, hat_validity, knots_of
 from models.network.structure import PartitionAxis
 
 
 @dataclass(frozen=True)
 class Partition:
-    """Boxes that tile the normalised partition space.
+    """Boxes that tile the normalised partition space, or lie about the knots of hats.
 
     Attributes
     ----------
     lower, upper : (M, n_axes) box edges; every partition variable is normalised to 0..1 over the trained range
     k_sigma : (n_axes,) kernel width over box width
-    kernel : "gaussian", "uniform" or "triangular"
+    kernel : "gaussian", "uniform", "triangular" or "hat"
     """
 
     lower: FloatArray
     upper: FloatArray
     k_sigma: FloatArray
     kernel: str = "gaussian"
+
+    def __post_init__(self) -> None:
+        """Check the knots of hats."""
+        if self.kernel == "hat":
+            knots_of(self.lower, self.upper)
 
     @property
     def n_models(self) -> int:
@@ -34,7 +41,7 @@ class Partition:
 
     @property
     def centres(self) -> FloatArray:
-        """(M, n_axes) box centres c_ij of eq. 2.5."""
+        """(M, n_axes) box centres c_ij of eq. 2.5; of hats the knots."""
         return 0.5 * (self.lower + self.upper)
 
     @property
@@ -54,6 +61,8 @@ class Partition:
         (N, M), each row sums to 1. Far outside the boxes the nearest one takes all.
         """
         z = np.ascontiguousarray(z)
+        if self.kernel == "hat":
+            return np.asarray(hat_validity(self.centres, z[:, 0]))
         if self.kernel == "gaussian":
             out = np.asarray(_relative_exponents(z, self.centres, 1.0 / self.widths))
             np.exp(out, out=out)
@@ -62,7 +71,15 @@ class Partition:
         return _normalised(self._bounded_kernel(z), z, self.centres, self.widths)
 
     def split(self, model: int, axis: int) -> Partition:
-        """Cut one box in two halves along `axis`; the upper half becomes the last model."""
+        """Cut one box in two halves along `axis`; the upper half becomes the last model.
+
+        Raises
+        ------
+        StructureError
+            The partition is one by hats, which needs its knots in order.
+        """
+        if self.kernel == "hat":
+            raise StructureError("a partition by hats is not split; give `hat_partition` more knots")
         middle = 0.5 * (self.lower[model, axis] + self.upper[model, axis])
         lower = np.vstack([self.lower, self.lower[model]])
         upper = np.vstack([self.upper, self.upper[model]])
@@ -71,7 +88,9 @@ class Partition:
         return Partition(lower, upper, self.k_sigma, self.kernel)
 
     def neighbours(self) -> list[tuple[int, int]]:
-        """Pairs of boxes that share a face."""
+        """Pairs of boxes that share a face; of hats, of knots that follow each other."""
+        if self.kernel == "hat":
+            return [(i, i + 1) for i in range(self.n_models - 1)]
         low, high = self.lower, self.upper
         overlap = np.minimum(high[:, None], high[None]) - np.maximum(low[:, None], low[None])
         touching = np.abs(overlap) < 1e-12
@@ -92,6 +111,23 @@ def initial_partition(axes: tuple[PartitionAxis, ...], kernel: str = "gaussian")
     lower = np.array([[edges[a][c] for a, c in enumerate(cell)] for cell in cells])
     upper = np.array([[edges[a][c + 1] for a, c in enumerate(cell)] for cell in cells])
     return Partition(lower, upper, np.array([axis.k_sigma for axis in axes]), kernel)
+
+
+def hat_partition(knots: FloatArray) -> Partition:
+    """Partition by hats: local models at knots, blended in straight lines.
+
+    Parameters
+    ----------
+    knots : (M,) normalised states of charge, strictly rising; they need not be even
+
+    Raises
+    ------
+    StructureError
+        There are fewer than two knots, or they do not rise.
+    """
+    given = np.asarray(knots, dtype=np.float64)
+    knots_of(given[:, None], given[:, None])
+    return Partition(*boxes_around(given), np.ones(1), "hat")
 
 
 @njit(cache=True, fastmath=False)

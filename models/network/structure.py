@@ -9,7 +9,7 @@ from models.data.errors import StructureError
 from models.network.signals import is_soc, parse_signal
 
 # Compiled functions (njit) know kernels by their places here.
-KERNELS = ("gaussian", "uniform", "triangular")
+KERNELS = ("gaussian", "uniform", "triangular", "hat")
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,16 @@ class Structure:
             raise StructureError(f"sampling time {self.dt_s:g} s must be positive and finite")
         if not self.inputs or not self.axes:
             raise StructureError("a network needs at least one input and one partition variable")
+        if self.kernel == "hat":
+            self._check_hats()
+
+    def _check_hats(self) -> None:
+        """Hats interpolate along one state of charge, and leave no room for past outputs."""
+        axes = ", ".join(axis.signal for axis in self.axes)
+        if len(self.axes) != 1 or not is_soc(self.axes[0].signal):
+            raise StructureError(f"kernel 'hat' needs one partition axis along a state of charge; the axes are {axes}")
+        if self.output_order != 0:
+            raise StructureError(f"kernel 'hat' needs output order 0, without past outputs; it is {self.output_order}")
 
     @property
     def n_regressors(self) -> int:

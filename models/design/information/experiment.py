@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor
+from scipy.linalg.lapack import dtrtri
 
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
+from models.design.information.active_models import MarginalPrior, add_products, picked, spread_out, times_block
 from models.design.information.criteria import CRITERIA
 from models.design.information.sensitivity_path import sensitivities, signal_gradient
 from models.design.information.signal_path import current_gradient, signal_values
@@ -104,7 +107,8 @@ class Evaluator:
         self._net = flat_network(experiment.network)
         self._free_run = experiment.sensitivity == "free_run"
         self._prior = experiment.prior_information()
-        self._by_information = self._prior
+        # The derivative of the criterion to the information on the parameters from number `_begin` on.
+        self._by_information, self._begin = self._prior, 0
         # In normalised units, as the sensitivities.
         self._variance = (experiment.noise_V / experiment.network.voltage_span_V) ** 2
         n, (n_models, n_params) = n_samples + experiment.lead, experiment.network.theta.shape
@@ -112,13 +116,27 @@ class Evaluator:
         self._temperature_degC = np.full(n, experiment.temperature_degC)
         self._current_A, self._soc, self._y = np.zeros(n), np.empty(n), np.empty(n)
         self._signals, self._slopes = np.empty((n, n_signals)), np.ones((n, n_signals))
-        self._validity, self._blended = np.empty((n, n_models)), np.empty((n, n_params))
-        self._psi, self._weights = np.empty((n, n_models * n_params)), np.empty((n, n_models * n_params))
+        hats = experiment.network.structure.kernel == "hat"
+        active, self._first = 2 if hats else n_models, np.zeros(n, dtype=np.int64)
+        self._validity, self._blended = np.empty((n, active)), np.empty((n, n_params))
+        self._psi, self._weights = np.empty((n, active * n_params)), np.empty((n, active * n_params))
+        self._marginal = None
+        if hats and criterion == "D":
+            self._marginal = MarginalPrior(experiment.prior, n_models * n_params, experiment.prior_std)
         self._by_signal, self._gradient = np.empty((n, n_signals)), np.empty(n)
 
     def value(self, current_A: FloatArray) -> float:
         """Criterion of a current; larger is better."""
-        value, self._by_information = self._criterion(self.information(current_A))
+        if self._marginal is None:
+            value, self._by_information = self._criterion(self.information(current_A))
+            return value
+        self._simulate(current_A)
+        n_params, lowest = self._blended.shape[1], int(self._first.min())
+        self._begin = lowest * n_params
+        size = (int(self._first.max()) - lowest) * n_params + self._psi.shape[1]
+        added = np.zeros((size, size))
+        add_products(added, self._psi, self._first - lowest, n_params, 1.0 / self._variance)
+        value, self._by_information = self._marginal.d_optimality(added, self._begin)
         return value
 
     def value_and_gradient(self, current_A: FloatArray) -> tuple[float, FloatArray]:
@@ -127,21 +145,33 @@ class Evaluator:
 
     def gradient(self) -> FloatArray:
         """(N,) derivative of the criterion to the current whose value was asked for last, in 1/A."""
-        np.matmul(self._psi, (2.0 / self._variance) * self._by_information, out=self._weights)
+        by_product, n_params = (2.0 / self._variance) * self._by_information, self._blended.shape[1]
+        times_block(self._psi, self._first - self._begin // n_params, n_params, by_product, self._weights)
         return self._back(np.zeros(len(self._y)))
 
     def information(self, current_A: FloatArray) -> FloatArray:
         """(M p, M p) information after the experiment, prior included (eq. 2.12)."""
         self._simulate(current_A)
-        return self._psi.T @ self._psi / self._variance + self._prior
+        total = self._prior.copy()
+        add_products(total, self._psi, self._first, self._blended.shape[1], 1.0 / self._variance)
+        return total
+
+    def information_over_time(self, current_A: FloatArray, ends: np.ndarray) -> Iterator[FloatArray]:
+        """Information after the first `ends` samples of a current, one matrix after the other in the same memory."""
+        self._simulate(current_A)
+        total, lead, before = self._prior.copy(), self.experiment.lead, 0
+        for end in ends:
+            part = slice(lead + before, lead + int(end))
+            add_products(total, self._psi[part], self._first[part], self._blended.shape[1], 1.0 / self._variance)
+            before = int(end)
+            yield total
 
     def predict(self, current_A: FloatArray) -> Prediction:
         """Predict voltage, state of charge and the voltage's sensitivities."""
         self._simulate(current_A)
         lead, network = self.experiment.lead, self.experiment.network
-        return Prediction(
-            network.to_volts(self._y[lead:]), self._soc[lead:].copy(), network.voltage_span_V * self._psi[lead:]
-        )
+        psi = spread_out(self._psi[lead:], self._first[lead:], *network.theta.shape)
+        return Prediction(network.to_volts(self._y[lead:]), self._soc[lead:].copy(), network.voltage_span_V * psi)
 
     def voltage_gradient(
         self, current_A: FloatArray, by_voltage: FloatArray, by_sensitivity: FloatArray | None = None
@@ -157,7 +187,9 @@ class Evaluator:
         self._simulate(current_A)
         self._weights[:] = 0.0
         if by_sensitivity is not None:
-            self._weights[self.experiment.lead :] = self.experiment.network.voltage_span_V * by_sensitivity
+            lead, shape = self.experiment.lead, (self._psi.shape[1], self._blended.shape[1])
+            own = picked(by_sensitivity, self._first[lead:], *shape)
+            self._weights[lead:] = self.experiment.network.voltage_span_V * own
         by_output = np.zeros(len(self._y))
         by_output[self.experiment.lead :] = self.experiment.network.voltage_span_V * by_voltage
         return self._back(by_output)
@@ -174,13 +206,15 @@ class Evaluator:
             self._slopes,
             self._soc,
         )
-        sensitivities(net, self._signals, self._free_run, self._validity, self._blended, self._y, self._psi)
+        written = (self._first, self._validity, self._blended, self._y, self._psi)
+        sensitivities(net, self._signals, self._free_run, *written)
 
     def _back(self, by_output: FloatArray) -> FloatArray:
         signal_gradient(
             self._net,
             self._signals,
             self._free_run,
+            self._first,
             self._validity,
             self._blended,
             self._y,
@@ -195,8 +229,9 @@ class Evaluator:
 
 def parameter_std(information: FloatArray) -> FloatArray:
     """Standard deviation of each parameter, normalised units: the Cramer-Rao bound."""
-    factor = cho_factor(information, lower=True, check_finite=False)
-    return np.sqrt(np.diag(cho_solve(factor, np.eye(len(information)), check_finite=False)))
+    factor, _ = cho_factor(information, lower=True, check_finite=False)
+    inverse = np.tril(dtrtri(factor, lower=1)[0])
+    return np.sqrt(np.sum(inverse**2, axis=0))
 
 
 def parameter_names(network: LocalModelNetwork) -> list[str]:

@@ -3,6 +3,9 @@
 Forwards: validity Phi, output y and psi(k) = Phi(k) x phi(k), where asked for carried through the output recursion,
 s(k) = psi(k) + sum_l a_l(k) s(k-l). Backwards: from the derivatives of a criterion to each sensitivity to those to each
 signal; mu(k) = w(k) + sum_l a_l(k+l) mu(k+l) undoes the recursion of the sensitivities, lambda(k) that of the output.
+
+Arrays hold the K local models that can count at a sample, from model `first[k]` on: all M of them, or the two next
+knots of hats.
 """
 
 from __future__ import annotations
@@ -10,7 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from models.network.compiled_network import FlatNetwork
+from models.network.compiled_network import HAT, FlatNetwork
+from models.network.hats import hat_interval, hat_slope
 from models.network.structure import KERNELS
 
 _GAUSSIAN, _TRIANGULAR = KERNELS.index("gaussian"), KERNELS.index("triangular")
@@ -21,6 +25,7 @@ def sensitivities(
     net: FlatNetwork,
     signals: np.ndarray,
     free_run: bool,
+    first: np.ndarray,
     validity: np.ndarray,
     blended: np.ndarray,
     y: np.ndarray,
@@ -33,27 +38,32 @@ def sensitivities(
     net : the network
     signals : (N, S) normalised signals
     free_run : whether the sensitivities run through the past outputs
-    validity : (N, M), written
+    first : (N,) the first of the local models that can count, written
+    validity : (N, K), written
     blended : (N, p) blended parameters, written
     y : (N,) normalised output, written; it begins settled at the first sample
-    psi : (N, M p) sensitivities, written; those of the first samples, which hold initial values, are 0
+    psi : (N, K p) sensitivities, written; those of the first samples, which hold initial values, are 0
     """
     n_samples = signals.shape[0]
-    n_models, n_params = net.theta.shape
+    n_models, n_params = validity.shape[1], net.theta.shape[1]
     order, n_taps = net.order, net.tap_signal.shape[0]
     phi, sharpness = np.empty(n_params), 1.0 / net.widths
     phi[n_params - 1] = 1.0
     for k in range(n_samples):
+        first[k] = 0
         if net.kernel == _GAUSSIAN:
             _gaussian_validity(net, sharpness, signals, k, validity[k])
+        elif net.kernel == HAT:
+            first[k], share = hat_interval(net.centres, _axis_value(net, 0, signals, k))
+            validity[k, 0], validity[k, 1] = 1.0 - share, share
         else:
             _bounded_validity(net, signals, k, validity[k])
         for p in range(n_params):
             blended[k, p] = 0.0
         for i in range(n_models):
-            weight = validity[k, i]
+            weight, theta = validity[k, i], net.theta[first[k] + i]
             for p in range(n_params):
-                blended[k, p] += weight * net.theta[i, p]
+                blended[k, p] += weight * theta[p]
         f = blended[k, n_params - 1]
         for t in range(n_taps):
             phi[order + t] = signals[max(k - net.tap_lag[t], 0), net.tap_signal[t]]
@@ -79,6 +89,12 @@ def sensitivities(
                 a, before = blended[k, lag], psi[k - 1 - lag]
                 for c in range(n_models * n_params):
                     row[c] += a * before[c]
+
+
+@njit(cache=True)
+def _axis_value(net: FlatNetwork, axis: int, signals: np.ndarray, k: int) -> float:
+    """Partition variable of one sample."""
+    return float(signals[max(k - net.axis_lag[axis], 0), net.axis_signal[axis]])
 
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz", "arcp"})
@@ -134,6 +150,7 @@ def signal_gradient(
     net: FlatNetwork,
     signals: np.ndarray,
     free_run: bool,
+    first: np.ndarray,
     validity: np.ndarray,
     blended: np.ndarray,
     y: np.ndarray,
@@ -146,12 +163,12 @@ def signal_gradient(
 
     Parameters
     ----------
-    net, signals, free_run, validity, blended, y, psi : as `sensitivities` left them
-    weights : (N, M p) derivative of a criterion to each sensitivity; overwritten
+    net, signals, free_run, first, validity, blended, y, psi : as `sensitivities` left them
+    weights : (N, K p) derivative of a criterion to each sensitivity; overwritten
     by_output : (N,) derivative of the criterion to each output; overwritten
     by_signal : (N, S) written
     """
-    n_models, n_params = net.theta.shape
+    n_models, n_params = validity.shape[1], net.theta.shape[1]
     n_samples, n_taps, order = signals.shape[0], net.tap_signal.shape[0], net.order
     phi, by_phi, by_validity = np.empty(n_params), np.empty(n_params), np.empty(n_models)
     sharpness = 1.0 / net.widths
@@ -168,12 +185,17 @@ def signal_gradient(
             phi[j] = y[k - 1 - j]
         for t in range(n_taps):
             phi[order + t] = signals[max(k - net.tap_lag[t], 0), net.tap_signal[t]]
-        _by_regressor(net, k, free_run, validity, blended, psi, weights, by_output[k], phi, by_phi, by_validity)
+        _by_regressor(net, k, free_run, first, validity, blended, psi, weights, by_output[k], phi, by_phi, by_validity)
         for j in range(order):
             by_output[k - 1 - j] += by_phi[j]
         for t in range(n_taps):
             by_signal[max(k - net.tap_lag[t], 0), net.tap_signal[t]] += by_phi[order + t]
-        _by_axes(net, sharpness, signals, k, validity[k], by_validity, by_signal)
+        if net.kernel == HAT:
+            slope = hat_slope(net.centres, first[k], _axis_value(net, 0, signals, k))
+            row = max(k - net.axis_lag[0], 0)
+            by_signal[row, net.axis_signal[0]] += slope * (by_validity[1] - by_validity[0])
+        else:
+            _by_axes(net, sharpness, signals, k, validity[k], by_validity, by_signal)
 
 
 # Arguments one by one: with fast mathematics another form of the call may round otherwise.
@@ -182,6 +204,7 @@ def _by_regressor(
     net: FlatNetwork,
     k: int,
     free_run: bool,
+    first: np.ndarray,
     validity: np.ndarray,
     blended: np.ndarray,
     psi: np.ndarray,
@@ -192,11 +215,12 @@ def _by_regressor(
     by_validity: np.ndarray,
 ) -> None:
     """Derivatives to one sample's regressors and validity functions; `adjoint` is that to its output."""
-    n_models, n_params = net.theta.shape
+    n_models, n_params = validity.shape[1], net.theta.shape[1]
     for p in range(n_params):
         by_phi[p] = adjoint * blended[k, p]
     for i in range(n_models):
-        row, theta, weight, total = weights[k, i * n_params : (i + 1) * n_params], net.theta[i], validity[k, i], 0.0
+        row, theta = weights[k, i * n_params : (i + 1) * n_params], net.theta[first[k] + i]
+        weight, total = validity[k, i], 0.0
         for p in range(n_params):
             by_phi[p] += weight * row[p]
             total += phi[p] * (row[p] + adjoint * theta[p])
@@ -207,7 +231,7 @@ def _by_regressor(
             for c in range(n_models * n_params):
                 through += row[c] * before[c]
             for i in range(n_models):
-                by_validity[i] += net.theta[i, lag] * through
+                by_validity[i] += net.theta[first[k] + i, lag] * through
 
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz", "arcp"})

@@ -4,7 +4,8 @@ State matrix and gain are blended one by one, so the error goes through sums of 
 phi_i phi_j. G_ij and G_ji always have the same weight, so that their mean H_ij stands for both; the error dies out for
 every blend where one P > 0 has P - H_ij' P H_ij >= 0 for all pairs that overlap (Tanaka, Ikeda and Wang, IEEE Trans.
 Fuzzy Systems 6, 1998). P comes from linear matrix inequalities where a solver for them is installed, else from a
-series; either is verified. This holds for the steady-state gains; the gain from the covariance
+series; either is verified. Of hats the state matrix holds the slope between two knots, which is no blend of theirs:
+each interval has pairs of its own. This holds for the steady-state gains; the gain from the covariance
 of the moment is that of a Kalman filter of the same matrices.
 """
 
@@ -18,7 +19,13 @@ from scipy.linalg import solve_discrete_lyapunov
 from models.data.timeseries import FloatArray
 from models.network.local_model_network import LocalModelNetwork
 from models.observer.certificate.lyapunov_lmi import lyapunov_by_lmi
-from models.observer.filter.gains import observer_matrices, output_rows, steady_state_gains
+from models.observer.filter.gains import (
+    hat_slopes,
+    knot_slopes,
+    observer_matrices,
+    output_rows,
+    steady_state_gains,
+)
 from models.observer.filter.settings import ObserverSettings, default_settings, error_levels
 
 # Two local models overlap where both weigh at least this much.
@@ -62,13 +69,30 @@ def stability(network: LocalModelNetwork, settings: ObserverSettings | None = No
     matrices, process = observer_matrices(network, assumed)
     rows = output_rows(network, assumed, error_levels(network))
     gains = steady_state_gains(matrices, rows, process, (assumed.voltage_std_V / network.voltage_span_V) ** 2)[:, :-1]
-    eye = np.eye(matrices.shape[1])
+    left = np.eye(matrices.shape[1]) - gains[:, :, None] * rows[:, None, :]
+    if network.structure.kernel == "hat":
+        return common_lyapunov(_maps_between_knots(network, left, matrices))
     pairs = overlapping_pairs(network)
+    return common_lyapunov(np.array([0.5 * (left[j] @ matrices[i] + left[i] @ matrices[j]) for i, j in pairs]))
 
-    def error_map(i: int, j: int) -> FloatArray:
-        return (eye - np.outer(gains[j], rows[j])) @ matrices[i]
 
-    return common_lyapunov(np.array([0.5 * (error_map(i, j) + error_map(j, i)) for i, j in pairs]))
+def _maps_between_knots(network: LocalModelNetwork, left: FloatArray, matrices: FloatArray) -> FloatArray:
+    """(3 (M - 1), s, s) error maps of the pairs in each interval between knots, with the slope that it has.
+
+    Parameters
+    ----------
+    network : by hats
+    left : (M, s, s) what the gain at each knot leaves of the error, I - K_j C_j
+    matrices : (M, s, s) state matrices with the mean slopes at the knots
+    """
+    maps, mean, at_soc = [], knot_slopes(network), max(network.structure.output_order, 1)
+    for below, slope in enumerate(hat_slopes(network)):
+        both = slice(below, below + 2)
+        own = matrices[both].copy()
+        own[:, 0, at_soc] += slope - mean[both]
+        a, b = left[both]
+        maps += [a @ own[0], 0.5 * (a @ own[1] + b @ own[0]), b @ own[1]]
+    return np.array(maps)
 
 
 def common_lyapunov(maps: FloatArray) -> Stability:

@@ -1,7 +1,7 @@
 """The local models of a network blended at a state of charge, from what can be worked out once beforehand.
 
 A validity function is a product of kernels, one for each axis. Boxes are cut from one another, so that many share their
-interval along an axis: its kernel is worked out once.
+interval along an axis: its kernel is worked out once. Of hats only the two next knots count.
 Called by `compiled.step` only.
 """
 
@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from models.network.compiled_network import FlatNetwork
+from models.network.hats import hat_interval
 from models.network.signals.loop_form import SOC
 from models.observer.filter.places import AXIS_ROWS, BLENDED_ROW, COMPILED, TILT_ROW, TILTED_ROW, VALIDITY_ROW
 
@@ -107,6 +108,30 @@ def blend(
         phi[i] *= share
         turned[i] = phi[i] * (turned[i] - mean_tilt)
     _parameters(prepared.theta, phi, turned, scratch[BLENDED_ROW], scratch[TILTED_ROW])
+
+
+@njit(**COMPILED)
+def blend_hats(net: FlatNetwork, per_span: np.ndarray, history: np.ndarray, scratch: np.ndarray, base: float) -> int:
+    """Do the same for hats, whose derivative by the state of charge is the slope between the two next knots.
+
+    At and beyond the outermost knots the slope goes on for the derivative alone: where the estimate has run out of the
+    curve, the voltage must still lead it back.
+
+    Returns
+    -------
+    The lower of the two local models; validity functions of all others are not written.
+    """
+    phi, turned, blended, tilted = scratch[VALIDITY_ROW], scratch[TILT_ROW], scratch[BLENDED_ROW], scratch[TILTED_ROW]
+    knots, theta, s = net.centres, net.theta, net.axis_signal[0]
+    below, share = hat_interval(knots, history[0, net.axis_lag[0], s] + base * per_span[s])
+    slope = per_span[s] / (knots[below + 1, 0] - knots[below, 0])
+    phi[below], phi[below + 1] = 1.0 - share, share
+    turned[below], turned[below + 1] = -slope, slope
+    for p in range(theta.shape[1]):
+        step = theta[below + 1, p] - theta[below, p]
+        blended[p] = theta[below, p] + share * step
+        tilted[p] = slope * step
+    return below
 
 
 @njit(**COMPILED)

@@ -107,14 +107,15 @@ class FuzzyObserver:
 
     Parameters
     ----------
-    network : a model with SoC(k-1) among its inputs
+    network : a model with SoC(k-1) among its inputs, or by hats along it
     settings : noise and errors the filter is designed for; by default those in the model's record
     more_slow_V : (M,) what makes the slow error larger near each local model, standard deviation; nothing by default
 
     Raises
     ------
     ModelError
-        The network has no SoC input, kernels other than Gaussian, or a signal that is not made sample by sample.
+        The network has no SoC input, kernels other than Gaussian or hats, or a signal that is not made sample by
+        sample.
     """
 
     def __init__(
@@ -123,8 +124,11 @@ class FuzzyObserver:
         settings: ObserverSettings | None = None,
         more_slow_V: FloatArray | None = None,
     ) -> None:
-        if network.structure.kernel != "gaussian":
-            raise ModelError("the observer needs a network with Gaussian validity functions")
+        if network.structure.kernel not in ("gaussian", "hat"):
+            raise ModelError(
+                f"the observer needs a network with Gaussian validity functions or hats; its kernel is "
+                f"{network.structure.kernel!r}"
+            )
         self.network = network
         self.settings = settings or default_settings(network)
         self.more_slow_V = np.zeros(network.n_models) if more_slow_V is None else more_slow_V

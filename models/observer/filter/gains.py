@@ -9,6 +9,8 @@ The printed method contradicts itself in places; what is used here, and why:
 - The validity functions are taken at SoC(k-1) and the direction and temperature of k, in training and here alike.
 - State matrix and gain are blended one by one, so the error goes through (I - K_j C) A_i of *pairs* of local models,
   not of each with itself; see `stability`.
+- Of hats the validity functions are straight lines over the state of charge, and the open-circuit curve is in the
+  offsets at the knots: what SoC(k-1) does to the output is the slope between the knots, with or without an input.
 
 The model's error is no white noise, so the state carries it too (see `settings`); the printed state is the part without
 it. The bottom rows are the integrator scaled to the state of charge as a fraction (remark after eq. 2.38).
@@ -24,9 +26,12 @@ from models.data.timeseries import FloatArray
 from models.network.local_model_network import LocalModelNetwork
 from models.network.signals import is_soc
 from models.observer.filter.settings import ObserverSettings
+from models.readouts.steady_state import OperatingPoints, settled_regressors
 
 # Current in multiples of 1C at which the slow error's fading is taken for the steady state.
 _TYPICAL_C = 0.5
+# Where slopes at rest are taken.
+_USUAL_DEGC = 25.0
 
 
 def state_matrices(network: LocalModelNetwork) -> FloatArray:
@@ -39,11 +44,16 @@ def state_matrices(network: LocalModelNetwork) -> FloatArray:
     ------
     ModelError
         The network has no state of charge among its inputs, so that an observer cannot see it, or one without delay.
+
+    Notes
+    -----
+    Of hats, at each knot the mean slope of both sides at rest is added.
     """
     structure = network.structure
     order, n = structure.output_order, max(structure.output_order, 1)
+    hats = structure.kernel == "hat"
     on_soc = [(i, signal, lag) for i, (signal, lag) in enumerate(structure.taps()) if is_soc(signal)]
-    if not on_soc:
+    if not on_soc and not hats:
         raise ModelError("the observer needs SoC(k-1) among the model's inputs; this model has none")
     if any(lag < 1 for _, _, lag in on_soc):
         raise ModelError("the observer needs the model's SoC with a delay of one sample; this model has SoC(k)")
@@ -56,7 +66,29 @@ def state_matrices(network: LocalModelNetwork) -> FloatArray:
         for row in range(1, n):
             matrices[i, row, row - 1] = 1.0
         matrices[i, n, n] = 1.0
+    if hats:
+        matrices[:, 0, n] += knot_slopes(network)
     return matrices
+
+
+def knot_slopes(network: LocalModelNetwork) -> FloatArray:
+    """(M,) mean of the slopes on both sides of each knot; see `hat_slopes`."""
+    slopes = hat_slopes(network)
+    return 0.5 * (np.append(slopes[:1], slopes) + np.append(slopes, slopes[-1:]))
+
+
+def hat_slopes(network: LocalModelNetwork) -> FloatArray:
+    """(M - 1,) slope between each two knots of a network by hats at rest, normalised output per unit of SoC.
+
+    What a state of charge among the inputs does by itself is not in it.
+    """
+    structure, knots = network.structure, network.partition.centres[:, 0]
+    low, high = network.scaling[structure.axes[0].signal]
+    soc = low + (high - low) * 0.5 * (knots[1:] + knots[:-1])
+    rest = np.zeros(len(soc))
+    u, _ = settled_regressors(network, OperatingPoints(soc, rest, rest, np.full(len(soc), _USUAL_DEGC)))
+    step = np.diff(network.theta, axis=0)[:, structure.output_order :]
+    return np.einsum("kp,kp->k", step, u) / ((high - low) * np.diff(knots))
 
 
 def observer_matrices(network: LocalModelNetwork, settings: ObserverSettings) -> tuple[FloatArray, FloatArray]:

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from models.network.compiled_network import FlatNetwork
+from models.network.compiled_network import HAT, FlatNetwork
 from models.network.signals.loop_form import CASCADE, DRIVEN, LOOP, SOC
-from models.observer.filter.blending import Prepared, blend
+from models.observer.filter.blending import Prepared, blend, blend_hats
 from models.observer.filter.places import (
     AT_CAPACITY,
     AT_LOOP,
@@ -63,9 +63,13 @@ def predict(
     Returns the sizes of the model's quick and slow error here, and what the current does to the output (normalised).
     """
     order, n = net.order, max(net.order, 1)
-    blend(prepared, net.axis_signal, net.axis_lag, net.form, history, scratch, base)
+    first_model, count = 0, errors.shape[1]
+    if net.kernel == HAT:
+        first_model, count = blend_hats(net, prepared.per_span, history, scratch, base), 2
+    else:
+        blend(prepared, net.axis_signal, net.axis_lag, net.form, history, scratch, base)
     y, overpotential = _output(net, prepared.per_span, constants[MORE_A], x, filters, history, scratch, base)
-    quick, slow = _weigh(errors, gains, scratch, constants[STEADY] > 0.0)
+    quick, slow = _weigh(errors, gains, scratch, constants[STEADY] > 0.0, first_model, first_model + count)
     if first and order > 0:
         # No output before the first sample: start from the measurement.
         y = voltage if not np.isnan(voltage) else x[0]
@@ -143,17 +147,22 @@ def _output(
 
 
 @njit(**COMPILED)
-def _weigh(errors: np.ndarray, gains: np.ndarray, scratch: np.ndarray, steady: bool) -> tuple[float, float]:
-    """Blended sizes of the model's errors; where they are used, the blended steady-state gains too."""
+def _weigh(
+    errors: np.ndarray, gains: np.ndarray, scratch: np.ndarray, steady: bool, begin: int, end: int
+) -> tuple[float, float]:
+    """Blended sizes of the model's errors; where they are used, the blended steady-state gains too.
+
+    Only local models `begin` to `end` count.
+    """
     phi, gain = scratch[VALIDITY_ROW], scratch[GAIN_ROW]
     quick, slow = 0.0, 0.0
-    for i in range(errors.shape[1]):
+    for i in range(begin, end):
         quick += phi[i] * errors[QUICK_SIZE, i]
         slow += phi[i] * errors[SLOW_SIZE, i]
     if steady:
         for a in range(gains.shape[1]):
             gain[a] = 0.0
-            for i in range(gains.shape[0]):
+            for i in range(begin, end):
                 gain[a] += phi[i] * gains[i, a]
     return quick, slow
 

@@ -7,7 +7,7 @@ import numpy as np
 from models.data.resampling import GridRun
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import ModelRecord
-from models.network.partition import Partition, initial_partition
+from models.network.partition import Partition, hat_partition, initial_partition
 from models.network.regression import VOLTAGE, CellContext
 from models.network.structure import InputChannel, PartitionAxis, Structure
 
@@ -101,6 +101,35 @@ def everything(order: int, kernel: str = "gaussian") -> LocalModelNetwork:
         ]
     )
     return network(structure, np.hstack([past, stationary * gains]))
+
+
+# Uneven, and with room beyond the outermost ones.
+KNOTS = np.array([0.03, 0.08, 0.2, 0.37, 0.5, 0.71, 0.9, 0.96])
+
+
+def hats(axis: str = "soc", knots: np.ndarray = KNOTS) -> LocalModelNetwork:
+    """A network by hats with no state of charge among its inputs: the offset at each knot is the rest voltage."""
+    inputs = (
+        InputChannel("current"),
+        InputChannel("low_pass:30", delay=1),
+        InputChannel("hysteresis_state:40"),
+        InputChannel("charge_transfer:3/2500/20"),
+        InputChannel("squared_current:60/3000"),
+        InputChannel("temperature"),
+    )
+    structure = Structure(0, inputs, (PartitionAxis(axis),), DT_S, "hat")
+    low, high = SCALING[axis]
+    soc, bend = low + (high - low) * knots, (knots - 0.6) ** 2
+    rest_V = 3.2 + 0.8 * soc - 0.25 * np.exp(-soc / 0.08) + 0.05 * np.tanh((soc - 0.6) / 0.1)
+    gains = [
+        0.010 + 0.020 * bend,
+        0.006 + 0.030 * bend,
+        0.010 + 0.010 * bend,
+        0.020 + 0.020 * bend,
+        2e-4 + 2e-4 * bend,
+        -3e-4 + 5e-4 * bend,
+    ]
+    return network(structure, np.column_stack([*gains, rest_V]), hat_partition(knots))
 
 
 def grid_run(

@@ -79,6 +79,8 @@ def sensitivities(experiment: Experiment, current_A: np.ndarray) -> tuple[np.nda
 
 
 def _validity(network: LocalModelNetwork, z: np.ndarray) -> np.ndarray:
+    if network.partition.kernel == "hat":
+        return _hats(network.partition.centres[:, 0], z[0])
     away = (z - network.partition.centres) / network.partition.widths
     if network.partition.kernel == "gaussian":
         exponent = -0.5 * (away**2).sum(axis=1)
@@ -89,6 +91,20 @@ def _validity(network: LocalModelNetwork, z: np.ndarray) -> np.ndarray:
         if mu.sum() == 0.0:
             mu[(size.real**2).sum(axis=1).argmin()] = 1.0
     return mu / mu.sum()
+
+
+def _hats(knots: np.ndarray, z: complex) -> np.ndarray:
+    """Each knot's own roof, which falls to 0 at its neighbours; flat beyond the ends."""
+    out = np.zeros(len(knots), np.asarray(z).dtype)
+    held = z if knots[0] <= z.real < knots[-1] else min(max(z.real, knots[0]), knots[-1])
+    for i, knot in enumerate(knots):
+        if i > 0 and knots[i - 1] <= held.real < knot:
+            out[i] = (held - knots[i - 1]) / (knot - knots[i - 1])
+        elif i + 1 < len(knots) and knot <= held.real < knots[i + 1]:
+            out[i] = (knots[i + 1] - held) / (knots[i + 1] - knot)
+    if held.real == knots[-1]:
+        out[-1] = 1.0
+    return out
 
 
 def _signal(network: LocalModelNetwork, name: str, current: np.ndarray, experiment: Experiment) -> np.ndarray:

@@ -9,7 +9,7 @@ from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.recursion import free_run
 from models.network.regression import CellContext
-from tests.unit.models.hand_network import DT_S, everything
+from tests.unit.models.hand_network import DT_S, everything, hats
 
 # More than two blocks.
 N = 9000
@@ -71,6 +71,23 @@ def test_far_outside_all_boxes_the_nearest_one_takes_over() -> None:
     expected = on_arrays_V(network, run, 0.5)
     assert np.isfinite(expected).all()
     np.testing.assert_allclose(blocked_free_run_V(network, run, 0.5), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500"])
+@pytest.mark.parametrize("largest_A", [5.0, 400.0])
+def test_hats_run_in_blocks(axis: str, largest_A: float) -> None:
+    network, run = hats(axis), measured_run(largest_A=largest_A)
+    assert runs_in_blocks(network, run)
+    expected = on_arrays_V(network, run, 0.5)
+    np.testing.assert_allclose(blocked_free_run_V(network, run, 0.5), expected, rtol=1e-12, atol=1e-11)
+    assert np.ptp(expected) > 0.2
+
+
+def test_hats_come_back_from_a_document() -> None:
+    network, run = hats(), measured_run(600)
+    again = LocalModelNetwork.from_json(network.to_json())
+    np.testing.assert_allclose(again.partition.centres, network.partition.centres, atol=1e-16)
+    np.testing.assert_array_equal(free_run_V(again, run, 0.5), free_run_V(network, run, 0.5))
 
 
 def test_other_kernels_and_missing_temperatures_take_the_arrays() -> None:

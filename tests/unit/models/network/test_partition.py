@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.network.partition import Partition, initial_partition
-from models.network.structure import PartitionAxis
+from models.data.errors import StructureError
+from models.network.partition import Partition, hat_partition, initial_partition
+from models.network.structure import InputChannel, PartitionAxis, Structure
 
 AXES = (
     PartitionAxis("soc", k_sigma=0.4),
@@ -30,6 +31,7 @@ def test_boxes_tile_the_space() -> None:
 
 
 @pytest.mark.parametrize("kernel", ["gaussian", "uniform", "triangular"])
+@settings(deadline=None)  # the first one compiles
 @given(st.lists(st.floats(-3.0, 4.0), min_size=3, max_size=3))
 def test_validity_sums_to_one_everywhere(kernel: str, z: list[float]) -> None:
     phi = grown(kernel).validity(np.array([z]))
@@ -56,3 +58,72 @@ def test_neighbours_share_a_face() -> None:
     partition = initial_partition(AXES)
     # Each of two directions has two temperature borders; each of three temperatures one direction border.
     assert len(partition.neighbours()) == 2 * 2 + 3
+
+
+def rising(gaps: list[float]) -> np.ndarray:
+    return -0.1 + np.cumsum(gaps)
+
+
+GAPS = st.lists(st.floats(1e-3, 0.3), min_size=2, max_size=12)
+
+
+@settings(deadline=None)  # the first one compiles
+@given(GAPS, st.floats(-2.0, 3.0))
+def test_hats_sum_to_one_and_blend_the_two_next_knots(gaps: list[float], z: float) -> None:
+    knots = rising(gaps)
+    phi = hat_partition(knots).validity(np.array([[z]]))[0]
+    assert phi.sum() == 1.0
+    assert (phi >= 0.0).all()
+    assert np.ptp(np.flatnonzero(phi)) <= 1
+
+
+@settings(deadline=None)  # the first one compiles
+@given(GAPS, st.floats(0.0, 1.0), st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
+def test_hats_reproduce_a_straight_line_and_hold_it_beyond(gaps: list[float], at: float, a: float, b: float) -> None:
+    knots = rising(gaps)
+    partition = hat_partition(knots)
+    z = knots[0] + at * (knots[-1] - knots[0])
+    points = np.array([[z], [knots[0] - 1.0], [knots[-1] + 1.0]])
+    expected = a + b * np.array([z, knots[0], knots[-1]])
+    np.testing.assert_allclose(partition.validity(points) @ (a + b * knots), expected, atol=1e-11)
+
+
+def test_hats_are_an_interpolation_between_uneven_knots() -> None:
+    knots, z = np.array([0.0, 0.02, 0.1, 0.5, 0.9, 1.0]), np.linspace(-0.3, 1.3, 200)
+    values = np.random.default_rng(3).normal(size=(len(knots), 2))
+    blended = hat_partition(knots).validity(z[:, None]) @ values
+    for column in range(2):
+        np.testing.assert_allclose(blended[:, column], np.interp(z, knots, values[:, column]), atol=1e-14)
+    np.testing.assert_array_equal(hat_partition(knots).validity(knots[:, None]), np.eye(len(knots)))
+
+
+def test_boxes_of_hats_give_their_knots_back() -> None:
+    knots = np.array([0.0, 0.02, 0.1, 0.5, 0.9])
+    partition = hat_partition(knots)
+    np.testing.assert_allclose(partition.centres[:, 0], knots, rtol=0.0, atol=1e-16)
+    np.testing.assert_allclose((partition.upper - partition.lower)[:, 0], [0.02, 0.02, 0.08, 0.4, 0.4])
+    assert partition.neighbours() == [(0, 1), (1, 2), (2, 3), (3, 4)]
+
+
+@pytest.mark.parametrize("knots", [[0.5], [0.1, 0.1, 0.4], [0.1, 0.5, 0.3], [0.1, np.nan]])
+def test_knots_that_do_not_rise_are_refused(knots: list[float]) -> None:
+    with pytest.raises(StructureError, match="knots"):
+        hat_partition(np.array(knots))
+
+
+def test_hats_are_not_split() -> None:
+    with pytest.raises(StructureError, match="not split"):
+        hat_partition(np.array([0.0, 1.0])).split(0, 0)
+
+
+@pytest.mark.parametrize(
+    ("axes", "order", "says"),
+    [
+        (("soc", "temperature"), 0, "soc, temperature"),
+        (("temperature",), 0, "state of charge"),
+        (("soc",), 1, "output order 0"),
+    ],
+)
+def test_hats_lie_along_one_state_of_charge_without_past_outputs(axes: tuple[str, ...], order: int, says: str) -> None:
+    with pytest.raises(StructureError, match=says):
+        Structure(order, (InputChannel("current"),), tuple(PartitionAxis(name) for name in axes), 1.0, "hat")

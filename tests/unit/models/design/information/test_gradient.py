@@ -11,7 +11,7 @@ from models.network.free_run import free_run_V
 from models.network.partition import initial_partition
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from tests.unit.models.design import reference
-from tests.unit.models.hand_network import CELL, everything, grid_run, network
+from tests.unit.models.hand_network import CELL, everything, grid_run, hats, network
 
 NOISE_V = 5e-3
 # Strong enough that some dozen samples leave no direction without information, weak enough that they still count.
@@ -133,6 +133,52 @@ def test_the_methods_recursion_is_the_part_that_the_current_has_directly(order: 
     _, without = Evaluator(huge, 40).value_and_gradient(current)
     assert relative(without, methods_recursion(huge, current)) < 1e-7
     assert relative(full, direct) > 1e-4
+
+
+@pytest.mark.parametrize("criterion", sorted(CRITERIA))
+@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500"])
+def test_hats_against_the_complex_step(axis: str, criterion: str) -> None:
+    net = hats(axis)
+    rng = np.random.default_rng(4)
+    # What is known hangs together over the local models, those too that the current does not reach.
+    mixed = rng.standard_normal((net.theta.size, net.theta.size)) / np.sqrt(net.theta.size)
+    prior = (np.diag(np.linspace(1.0, 10.0, net.theta.size)) + mixed @ mixed.T) / PRIOR_STD**2
+    experiment = Experiment(net, 0.3, NOISE_V, 25.0, "free_run", prior)
+    # Large enough to cross knots, and to reach beyond the first one.
+    current = np.concatenate([10.0 * excitation(30), np.full(10, -200.0)])
+    evaluator = Evaluator(experiment, len(current), criterion)
+    value, gradient = evaluator.value_and_gradient(current)
+    plain = reference.information(experiment, current)
+    assert value == pytest.approx(float(np.real(reference.criterion(criterion, plain))), rel=1e-9)
+    assert relative(gradient, reference.complex_step_gradient(experiment, criterion, current)) < 1e-8
+    np.testing.assert_allclose(evaluator.information(current), plain, rtol=1e-9, atol=1e-9 * np.abs(plain).max())
+    predicted, (psi, _) = evaluator.predict(current), reference.sensitivities(experiment, current)
+    np.testing.assert_allclose(predicted.sensitivity_V, net.voltage_span_V * psi[experiment.lead :], atol=1e-12)
+
+
+def test_hats_know_nothing_beforehand_but_the_size_of_parameters() -> None:
+    experiment = Experiment(hats(), 0.3, NOISE_V, 25.0, prior_std=PRIOR_STD)
+    current = 10.0 * excitation(40)
+    value, gradient = Evaluator(experiment, 40).value_and_gradient(current)
+    plain = reference.information(experiment, current)
+    assert value == pytest.approx(float(np.real(reference.criterion("D", plain))), rel=1e-9)
+    assert relative(gradient, reference.complex_step_gradient(experiment, "D", current)) < 1e-8
+
+
+def test_hats_give_the_derivative_of_a_function_of_voltage_and_sensitivities() -> None:
+    experiment = Experiment(hats(), 0.3, NOISE_V, 25.0)
+    current, rng = 10.0 * excitation(30), np.random.default_rng(5)
+    by_voltage, by_sensitivity = rng.standard_normal(30), rng.standard_normal((30, experiment.network.theta.size))
+    evaluator = Evaluator(experiment, 30)
+    gradient = evaluator.voltage_gradient(current, by_voltage, by_sensitivity)
+    wanted = np.empty(30)
+    for k in range(30):
+        moved = current.astype(complex)
+        moved[k] += 1e-25j
+        psi, y = reference.sensitivities(experiment, moved)
+        lead = experiment.lead
+        wanted[k] = (by_voltage @ y[lead:].imag + np.sum(by_sensitivity * psi[lead:].imag)) / 1e-25
+    assert relative(gradient, wanted * experiment.network.voltage_span_V) < 1e-8
 
 
 def test_the_prediction_is_the_networks_free_run() -> None:
