@@ -9,12 +9,14 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from models.data.timeseries import FloatArray
 
-# Rounds of exchanging all at once without progress, before one is exchanged at a time, which always ends.
+# Rounds of exchanging all at once without progress, before one is exchanged at a time, which ends where no two sets are
+# equally good to rounding.
 _PATIENCE = 4
-_MOST_ROUNDS = 600
-# Relative to the unit diagonal of the scaled equations.
+_MOST_ROUNDS = 60
+# Relative to the unit diagonal of the scaled equations. Where regressors are all but alike, the exchange can go round in
+# circles over differences of rounding; a larger ridge then tells them apart.
+_RIDGES = (1e-10, 1e-8, 1e-6, 1e-4)
 _TOLERANCE = 1e-9
-_RIDGE = 1e-11
 
 
 @dataclass(frozen=True)
@@ -53,18 +55,29 @@ def solve(information: FloatArray, right: FloatArray, bounded: np.ndarray, start
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information * np.outer(scale, scale)
-    scaled[np.diag_indices_from(scaled)] += _RIDGE
     h = right * scale
-    tolerance = _TOLERANCE * max(float(np.abs(h).max(initial=0.0)), 1e-300)
     free = np.ones(len(h), dtype=bool) if start is None else (start | ~bounded)
-    fewest, patience = len(h) + 1, _PATIENCE
-    x = np.zeros(len(h))
+    x, diagonal = np.zeros(len(h)), np.diag_indices_from(scaled)
+    for ridge in _RIDGES:
+        scaled[diagonal] = 1.0 + ridge
+        x, free, done = _exchanged(scaled, h, bounded, free)
+        if done:
+            break
+    return Solution(np.where(bounded, np.maximum(x, 0.0), x) * scale, free)
+
+
+def _exchanged(
+    scaled: FloatArray, h: FloatArray, bounded: np.ndarray, free: np.ndarray
+) -> tuple[FloatArray, np.ndarray, bool]:
+    """Coefficients, which are free, and whether all conditions hold."""
+    tolerance = _TOLERANCE * max(float(np.abs(h).max(initial=0.0)), 1e-300)
+    fewest, patience, x = len(h) + 1, _PATIENCE, np.zeros(len(h))
     for _ in range(_MOST_ROUNDS):
         x, slope = _of_set(scaled, h, free)
         wrong = bounded & ((free & (x < -tolerance)) | (~free & (slope < -tolerance)))
         count = int(wrong.sum())
         if count == 0:
-            break
+            return x, free, True
         if count < fewest:
             fewest, patience = count, _PATIENCE
         elif patience > 0:
@@ -74,8 +87,7 @@ def solve(information: FloatArray, right: FloatArray, bounded: np.ndarray, start
             wrong[:] = False
             wrong[last] = True
         free = free ^ wrong
-    x = np.where(bounded, np.maximum(x, 0.0), x)
-    return Solution(x * scale, free)
+    return x, free, False
 
 
 def _of_set(scaled: FloatArray, h: FloatArray, free: np.ndarray) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ from models.identification.bounded.problem import Sums
 # Logarithms to base 10: bend of the curve, differences of gains, their size, slope with temperature.
 START = (-2.0, -3.0, -5.0, -3.0)
 _STEP = 1.0
-_LOWEST, _HIGHEST = -8.0, 3.0
+_LOWEST, _HIGHEST = -6.0, 3.0
 _PASSES = 4
 
 

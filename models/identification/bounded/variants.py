@@ -1,0 +1,178 @@
+"""Which forms a bounded network is tried in: with the surface's state of charge ahead of the mean, with squared terms.
+
+A form is taken where its error on held-out folds is lower by more than the standard error of the difference: a surface
+that runs ahead cannot be told from a moved curve where all runs have the same mean current, and then harms elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.identification.bounded.knots import make_knots
+from models.identification.bounded.problem import make_layout, make_sums, soc_over
+from models.identification.bounded.strengths import START, HeldOut
+from models.identification.bounded.terms import Basis, make_basis
+from models.network.regression import SignalBank
+from models.network.signals.filters import low_pass
+
+# Knots of the curve, of gains and of the slope with temperature, over SoC 0..1.
+CURVE, GAINS, SLOPES, FINE_SLOPES = 48, 9, 6, 24
+# Samples in the sums while forms are compared.
+_SEARCH_SAMPLES = 45_000
+# Depth in h, time constant in s and activation in K of the surface: those to begin with.
+_SURFACES = ((0.02, 200.0, 5500.0), (0.02, 700.0, 5500.0), (0.05, 1000.0, 4500.0), (0.1, 2000.0, 2500.0))
+_ONE_TEMPERATURE = ((0.02, 200.0, 3500.0), (0.05, 400.0, 3500.0), (0.1, 1500.0, 3500.0))
+# The range of temperature from which on its influence can be told, and from which on a surface's activation can.
+_MOVING_K = 2.0
+_WIDE_K = 10.0
+# The mean current over this time has to vary by this share of the capacity per hour at one state of charge.
+_MEAN_OVER_S = 600.0
+_LEAST_SPREAD = 0.0
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One form.
+
+    Attributes
+    ----------
+    surface : depth in h, time constant in s, activation in K; None: the mean state of charge
+    squared : whether overvoltages that grow faster than the current are offered
+    """
+
+    surface: tuple[float, float, float] | None = None
+    squared: bool = False
+    fine_slope: bool = False
+
+    @property
+    def axis(self) -> str:
+        """State of charge that curve and gains stand over."""
+        return "soc" if self.surface is None else "surface_soc:" + "/".join(f"{value:.4g}" for value in self.surface)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a document of plain types."""
+        return {"axis": self.axis, "squared": self.squared, "fine_slope": self.fine_slope}
+
+
+@dataclass
+class Trials:
+    """Forms that were tried on the runs of a bank.
+
+    Attributes
+    ----------
+    bank : signals of the runs
+    without : effects that are left out
+    progress : called with each form's document
+    """
+
+    bank: SignalBank
+    without: tuple[str, ...] = ()
+    progress: Callable[[Variant], None] = lambda _variant: None
+    known: dict[Variant, tuple[HeldOut, tuple[float, ...]]] = field(default_factory=dict)
+
+    def error(self, variant: Variant, start: tuple[float, ...] = START) -> FloatArray:
+        """(folds,) mean squared error of a form on each held-out fold, with the strengths that serve it best."""
+        if variant not in self.known:
+            self.progress(variant)
+            held = self.held_out(variant, self.keep_every)
+            self.known[variant] = held, held.best(start)
+        held, logs = self.known[variant]
+        return held.mse(logs)
+
+    def held_out(self, variant: Variant, keep_every: int) -> HeldOut:
+        """Sums of a form on every n-th sample."""
+        soc = np.concatenate(soc_over(self.bank, variant.axis))
+        knots = make_knots(float(soc.min()), float(soc.max()), CURVE, GAINS, FINE_SLOPES if variant.fine_slope else SLOPES)
+        layout = make_layout(self.bank, self.basis(variant), knots)
+        return HeldOut(make_sums(self.bank, layout, keep_every).by_increments())
+
+    def basis(self, variant: Variant) -> Basis:
+        """Terms of a form."""
+        run, cell = self.bank.runs[0], self.bank.cell
+        made = make_basis(
+            run.dt_s, cell.capacity_Ah, temperature_in(self.bank), axis=variant.axis, squared=variant.squared
+        )
+        return made.without(self.without) if self.without else made
+
+    @property
+    def keep_every(self) -> int:
+        """Every n-th sample is counted while forms are compared."""
+        return max(1, round(sum(len(run) for run in self.bank.runs) / _SEARCH_SAMPLES))
+
+    @property
+    def counts(self) -> FloatArray:
+        """(folds,) samples of each fold."""
+        held, _ = next(iter(self.known.values()))
+        return held.sums.count
+
+    def mean(self, errors: FloatArray) -> float:
+        """Mean squared error over all samples."""
+        return float(np.sqrt(errors) @ self.counts / self.counts.sum())
+
+
+def best_variant(trials: Trials) -> Variant:
+    """Return the form to take: the plain one, unless a richer one is clearly better, and that without what it can spare."""
+    plain = Variant()
+    trials.error(plain)
+    best = min((plain, *_richer(trials)), key=lambda variant: trials.mean(trials.error(variant)))
+    if not clearly_better(trials.error(best), trials.error(plain), trials.counts):
+        return plain
+    for simpler in (replace(best, fine_slope=False), replace(best, squared=False)):
+        trial = replace(best, squared=best.squared and simpler.squared, fine_slope=best.fine_slope and simpler.fine_slope)
+        if not clearly_better(trials.error(best), trials.error(trial, trials.known[best][1]), trials.counts):
+            best = trial
+    return best
+
+
+def _richer(trials: Trials) -> list[Variant]:
+    moves = temperature_in(trials.bank) == "moves"
+    surfaces: list[tuple[float, float, float] | None] = [None]
+    if "relaxation" not in trials.without and mean_current_varies(trials.bank):
+        wide = _span(run.temperature_degC for run in trials.bank.runs) >= _WIDE_K
+        surfaces += _SURFACES if wide else _ONE_TEMPERATURE
+    return [Variant(surface, squared=True, fine_slope=moves) for surface in surfaces]
+
+
+def clearly_better(trial: FloatArray, present: FloatArray, counts: FloatArray) -> bool:
+    """Whether a mean squared error is lower by more than the standard error of its difference over the folds.
+
+    Breiman et al., "Classification and Regression Trees", 1984, ch. 3.4.3, for the rule.
+    """
+    share = counts / counts.sum()
+    used = share > 0.0
+    difference = (np.sqrt(present) - np.sqrt(trial))[used]
+    mean = float(share[used] @ difference)
+    if used.sum() < 2:
+        return mean > 0.0
+    spread = float(np.sqrt(share[used] @ (difference - mean) ** 2 / (used.sum() - 1)))
+    return mean > spread
+
+
+def temperature_in(bank: SignalBank) -> str:
+    """What the runs say of the temperature, as `make_basis` asks for it."""
+    if any(np.isnan(run.temperature_degC).any() for run in bank.runs):
+        return "missing"
+    return "moves" if _span(run.temperature_degC for run in bank.runs) >= _MOVING_K else "one"
+
+
+def mean_current_varies(bank: SignalBank) -> bool:
+    """Whether different mean currents flowed at the same state of charge."""
+    rate, soc = [], []
+    for run, values in zip(bank.runs, bank.values("soc"), strict=True):
+        rate.append(low_pass(run.current_A, _MEAN_OVER_S, run.dt_s) / bank.cell.capacity_Ah)
+        soc.append(values)
+    every, at = np.concatenate(rate), np.concatenate(soc)
+    place = np.clip((20.0 * (at - at.min()) / max(float(np.ptp(at)), 1e-9)).astype(np.int64), 0, 19)
+    count = np.maximum(np.bincount(place, minlength=20), 1)
+    mean = np.bincount(place, every, minlength=20) / count
+    return float(np.sqrt(np.mean((every - mean[place]) ** 2))) >= _LEAST_SPREAD
+
+
+def _span(parts: Iterable[FloatArray]) -> float:
+    every = np.concatenate(list(parts))
+    return float(np.nanmax(every) - np.nanmin(every)) if not np.isnan(every).all() else 0.0
