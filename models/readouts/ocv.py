@@ -21,6 +21,7 @@ from models.readouts.steady_state import (
     standard_deviation,
     temperature_axis,
 )
+from models.uncertainty.spread import LocalFactor
 
 SCHEMA_VERSION = 1
 DIRECTIONS = (-1.0, 1.0)
@@ -110,7 +111,7 @@ def ocv_table(
     network: LocalModelNetwork,
     soc: ArrayLike | None = None,
     temperature_degC: ArrayLike | None = None,
-    covariance: FloatArray | None = None,
+    local: LocalFactor | None = None,
 ) -> OcvTable:
     """Open-circuit voltage of a network: no current, relaxation died out, direction held.
 
@@ -118,7 +119,7 @@ def ocv_table(
     ----------
     network : any structure
     soc, temperature_degC : axes; by default over the trained range
-    covariance : (M p, M p) of the network's parameters in normalised units, for the bands
+    local : factor of the covariance of the network's parameters in normalised units, for the bands
 
     Returns
     -------
@@ -131,7 +132,7 @@ def ocv_table(
     points = OperatingPoints.grid(s, 0.0, np.array(DIRECTIONS)[:, None, None], t[:, None])
     settled = settled_voltage(network, points)
     voltage = settled.voltage_V.reshape(shape)
-    std = None if covariance is None else standard_deviation(settled.gradient_V, covariance).reshape(shape)
+    std = None if local is None else standard_deviation(settled.gradient_V, local).reshape(shape)
     reservations = [
         *outside_reservations(network, {"soc": s, "temperature_degC": t}),
         *_physical_reservations(s, t, voltage, std),

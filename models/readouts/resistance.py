@@ -22,6 +22,7 @@ from models.readouts.steady_state import (
     standard_deviation,
     temperature_axis,
 )
+from models.uncertainty.spread import LocalFactor
 
 SCHEMA_VERSION = 1
 
@@ -108,7 +109,7 @@ def resistance_table(
     soc: ArrayLike | None = None,
     current_A: ArrayLike | None = None,
     temperature_degC: ArrayLike | None = None,
-    covariance: FloatArray | None = None,
+    local: LocalFactor | None = None,
 ) -> ResistanceTable:
     """Static resistance of a network.
 
@@ -116,7 +117,7 @@ def resistance_table(
     ----------
     network : any structure
     soc, current_A, temperature_degC : axes, rising; by default over the trained range. No current may be zero
-    covariance : (M p, M p) of the network's parameters in normalised units, for the bands
+    local : factor of the covariance of the network's parameters in normalised units, for the bands
 
     Returns
     -------
@@ -141,9 +142,9 @@ def resistance_table(
     rested = settled_voltage(network, OperatingPoints.grid(s, 0.0 * held, np.sign(held), degC))
     resistance = ((loaded.voltage_V - rested.voltage_V) / points.current_A).reshape(shape)
     std = None
-    if covariance is not None:
+    if local is not None:
         gradient = (loaded.gradient_V - rested.gradient_V) / points.current_A[:, None]
-        std = standard_deviation(gradient, covariance).reshape(shape)
+        std = standard_deviation(gradient, local).reshape(shape)
     reservations = [
         *outside_reservations(network, {"soc": s, "current_A": i, "temperature_degC": t}),
         *_physical_reservations(i, t, s, resistance),

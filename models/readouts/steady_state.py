@@ -17,6 +17,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import normalise
 from models.network.signals import Held, parse_signal
 from models.network.structure import Structure
+from models.uncertainty.spread import LocalFactor, gradient_variance
 
 # A trained range narrower than this is one temperature: sensors and self-heating move it by as much.
 _ONE_TEMPERATURE_K = 2.0
@@ -102,18 +103,20 @@ def settled_regressors(network: LocalModelNetwork, points: OperatingPoints) -> t
     return u, z
 
 
-def standard_deviation(gradient: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(n,) standard deviations by the delta method from (n, P) gradients and a (P, P) covariance.
+def standard_deviation(gradient: FloatArray, local: LocalFactor) -> FloatArray:
+    """(n,) standard deviations by the delta method from (n, M p) gradients and the covariance's factor.
 
     Raises
     ------
     ModelError
-        The covariance does not fit the parameters.
+        The factor does not fit the parameters.
     """
     size = gradient.shape[1]
-    if covariance.shape != (size, size):
-        raise ModelError(f"the parameter covariance has shape {covariance.shape}; the network needs {(size, size)}")
-    return np.sqrt(np.maximum(np.einsum("kp,pq,kq->k", gradient, covariance, gradient, optimize=True), 0.0))
+    if local.factor.shape[0] != size:
+        raise ModelError(
+            f"the factor of the parameters' covariance has shape {local.factor.shape}; the network needs {size} rows"
+        )
+    return np.sqrt(gradient_variance(local, gradient))
 
 
 def soc_axis(network: LocalModelNetwork, n: int = 51) -> FloatArray:

@@ -14,6 +14,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.recursion import run_recursion, sensitivity_block
 from models.network.regression import VOLTAGE, axis_lag, normalise
 from models.readouts.steady_state import OperatingPoints, settled_voltage, standard_deviation
+from models.uncertainty.spread import LocalFactor
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class CurrentStep:
 
 
 def step_response(
-    network: LocalModelNetwork, step: CurrentStep, duration_s: float, covariance: FloatArray | None = None
+    network: LocalModelNetwork, step: CurrentStep, duration_s: float, local: LocalFactor | None = None
 ) -> StepResponse:
     """Run the network's recursion through a step of the current, from a settled state.
 
@@ -116,7 +117,7 @@ def step_response(
     network : any structure
     step : where, from which current to which
     duration_s : how long to run; rounded up to samples
-    covariance : (M p, M p) of the network's parameters in normalised units, for the band
+    local : factor of the covariance of the network's parameters in normalised units, for the band
 
     Returns
     -------
@@ -143,7 +144,7 @@ def step_response(
     y0 = float(normalise(start.voltage_V, network.scaling[VOLTAGE])[0])
     run = _run(network, u, network.partition.validity(z), y0)
     resistance = network.voltage_span_V * (run.y[lead:] - y0) / step.change_A
-    std = None if covariance is None else _std(network, run, start.gradient_V[0], lead, step.change_A, covariance)
+    std = None if local is None else _std(network, run, start.gradient_V[0], lead, step.change_A, local)
     return StepResponse(
         step.soc,
         step.temperature_degC,
@@ -178,13 +179,13 @@ def _std(
     gradient_V: FloatArray,
     lead: int,
     change_A: float,
-    covariance: FloatArray,
+    local: LocalFactor,
 ) -> FloatArray:
     """(n,) standard deviation of the resistance; `gradient_V` is that of the settled voltage before the step."""
     settled, n = gradient_V / network.voltage_span_V, len(run.y) - lead
     carry, rows = np.tile(settled, (lead, 1)), np.empty((n, len(settled)))
     sensitivity_block(lead, run.validity, run.u, run.y, run.a, np.zeros(len(run.y), np.uint8), carry, rows)
-    return standard_deviation(network.voltage_span_V / change_A * (rows - settled), covariance)
+    return standard_deviation(network.voltage_span_V / change_A * (rows - settled), local)
 
 
 def _regressors(

@@ -8,13 +8,13 @@ from typing import Any, TypedDict
 import numpy as np
 
 from models.data.errors import ModelError
-from models.data.timeseries import FloatArray
 from models.network.local_model_network import LocalModelNetwork
 from models.readouts.ocv import OcvTable, ocv_table
 from models.readouts.resistance import ResistanceTable, resistance_table
 from models.readouts.steady_state import soc_axis, temperature_axis
 from models.readouts.step_response import CurrentStep, StepResponse, step_response
 from models.uncertainty.model_uncertainty import uncertainty_of
+from models.uncertainty.spread import LocalFactor
 
 _STEP_S = 1800.0
 _STEP_POINTS = 30
@@ -68,9 +68,9 @@ def read_out(network: LocalModelNetwork) -> Tables:
         `ocv`, `resistance` and `step_response` as their own documents, and `reservations` of them all.
     """
     uncertainty = uncertainty_of(network)
-    covariance = None if uncertainty is None else uncertainty.parameters.covariance
-    ocv, resistance = ocv_table(network, covariance=covariance), resistance_table(network, covariance=covariance)
-    steps = _steps(network, covariance)
+    local = None if uncertainty is None else LocalFactor(uncertainty.parameters.theta_factor)
+    ocv, resistance = ocv_table(network, local=local), resistance_table(network, local=local)
+    steps = _steps(network, local)
     reservations = [*ocv.reservations, *resistance.reservations, *(r for step in steps for r in step.reservations)]
     if uncertainty is not None and uncertainty.thin.any():
         count = int(uncertainty.thin.sum())
@@ -141,7 +141,7 @@ def _known(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _steps(network: LocalModelNetwork, covariance: FloatArray | None) -> list[StepResponse]:
+def _steps(network: LocalModelNetwork, local: LocalFactor | None) -> list[StepResponse]:
     """Step responses from rest in both directions, at a few states of charge and temperatures."""
     soc = soc_axis(network, 101)
     low, high = network.record.domain.get("current_A", (0.0, 0.0))
@@ -156,7 +156,7 @@ def _steps(network: LocalModelNetwork, covariance: FloatArray | None) -> list[St
                         network,
                         CurrentStep(soc=float(np.quantile(soc, share)), to_A=to_A, temperature_degC=float(degC)),
                         duration_s=_STEP_S,
-                        covariance=covariance,
+                        local=local,
                     )
                 except ModelError:
                     # It does not settle there, which the tables' reservations say.

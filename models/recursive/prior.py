@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from models.data.timeseries import FloatArray
+from models.network.compiled_network import flat_network
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import normalise
-from models.network.signals import is_soc, parse_signal
+from models.network.signals import Held, is_soc, parse_signal
+from models.network.signals.loop_form import LOOP, is_overpotential
 from models.recursive.settings import UpdateSettings
 from models.recursive.update_step import FlatUpdate
 
@@ -15,6 +17,7 @@ from models.recursive.update_step import FlatUpdate
 _REACH = 10.0
 # A tap is taken to be at least this share of all taps of the current.
 _LEAST_SHARE = 0.1
+_USUAL_DEGC = 25.0
 
 
 def update_rule(network: LocalModelNetwork, settings: UpdateSettings) -> FlatUpdate:
@@ -32,7 +35,31 @@ def update_rule(network: LocalModelNetwork, settings: UpdateSettings) -> FlatUpd
     forgetting = 1.0 - float(np.exp(-network.structure.dt_s / settings.memory_s))
     theta = network.theta
     noise = (_noise_V(network, settings) / network.voltage_span_V) ** 2
-    return FlatUpdate(prior, theta - reach, theta + reach, noise, forgetting)
+    low = theta - reach
+    rest_low, rest_high = np.full(n_models, -np.inf), np.full(n_models, np.inf)
+    if network.structure.kernel == "hat":
+        low = np.where(_of_current(network) & (theta >= 0.0), np.maximum(low, 0.0), low)
+        rest_low, rest_high = _between_neighbours(np.einsum("ip,ip->i", theta, at))
+    return FlatUpdate(prior, low, theta + reach, noise, forgetting, at, rest_low, rest_high)
+
+
+def _of_current(network: LocalModelNetwork) -> np.ndarray:
+    """(p,) whether a parameter multiplies what a current does: of hats it keeps its sign."""
+    net = flat_network(network)
+    codes = net.form[net.tap_signal].tolist()
+    past = [False] * network.structure.output_order
+    return np.array([*past, *(is_overpotential(code) or code == LOOP for code in codes), False])
+
+
+def _between_neighbours(rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Range of the output at rest at each knot, (M,) each: halfway to its neighbours where the curve rises.
+
+    Knots may lie closer together than the open-circuit voltage is known; each moving by itself, the curve could fall.
+    """
+    halfway = 0.5 * (rest[1:] + rest[:-1])
+    rises = rest[1:] > rest[:-1]
+    low = np.concatenate([[-np.inf], np.where(rises, halfway, -np.inf)])
+    return low, np.concatenate([np.where(rises, halfway, np.inf), [np.inf]])
 
 
 def _noise_V(network: LocalModelNetwork, settings: UpdateSettings) -> float:
@@ -50,6 +77,8 @@ def _distance(network: LocalModelNetwork) -> FloatArray:
 def _middle(network: LocalModelNetwork) -> FloatArray:
     """(M, p) regressors in the middle of each local model, at rest and settled."""
     structure, theta = network.structure, network.theta
+    if structure.kernel == "hat":
+        return _at_knots(network)
     order = structure.output_order
     at = np.ones_like(theta)
     for column, (signal, _) in enumerate(structure.taps(), start=order):
@@ -62,6 +91,18 @@ def _middle(network: LocalModelNetwork) -> FloatArray:
     settled = np.einsum("ip,ip->i", theta[:, order:], at[:, order:]) / _distance(network)
     at[:, :order] = settled[:, None]
     return at
+
+
+def _at_knots(network: LocalModelNetwork) -> FloatArray:
+    """(M, p) regressors at the knots of hats, at rest, between the branches of hysteresis."""
+    low, high = network.scaling[network.structure.axes[0].signal]
+    soc = low + (high - low) * network.partition.centres[:, 0]
+    degC = network.record.domain.get("temperature_degC", (_USUAL_DEGC, _USUAL_DEGC))
+    rest = np.zeros(len(soc))
+    held = Held(rest, np.full(len(soc), float(np.mean(degC))), soc, rest, network.cell.capacity_Ah)
+    parsed = [parse_signal(signal) for signal, _ in network.structure.taps()]
+    columns = [normalise(each.definition.settled(each, held), network.scaling[each.name]) for each in parsed]
+    return np.column_stack([*columns, np.ones(len(soc))])
 
 
 def _directions(network: LocalModelNetwork, settings: UpdateSettings, i: int) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from models.network.compiled_network import FlatNetwork, step_signals, step_validity
+from models.network.compiled_network import HAT, FlatNetwork, step_signals, step_validity
 
 # Columns of the output row.
 VOLTAGE_OUT, ERROR_OUT, ERROR_STD_OUT = range(3)
@@ -33,6 +33,9 @@ class FlatUpdate(NamedTuple):
     high: np.ndarray
     noise: float  # variance of the voltage's noise with the model's own error
     forgetting: float  # share of what is known that a sample in the middle of a local model forgets
+    at_rest: np.ndarray  # (M, p) regressors in the middle of each local model, at rest and settled
+    rest_low: np.ndarray  # (M,) range that the output there is kept in; of hats only
+    rest_high: np.ndarray
 
 
 # Arguments one by one: from Python a named tuple of seven arrays costs 0.5 to 0.8 us more at each live sample.
@@ -70,7 +73,7 @@ def step(
     _signals(net, filters, history, held, current_A, temperature_degC, soc)
     n_models, n_params = theta.shape
     weight, phi = np.empty(n_models), np.empty(n_params)
-    step_validity(net, history, weight)
+    first, last = step_validity(net, history, weight)
     for p in range(n_params):
         if p < net.order:
             phi[p] = past[p]
@@ -81,7 +84,7 @@ def step(
     poles, y = np.zeros(max(net.order, 1)), 0.0
     for p in range(n_params):
         blended = 0.0
-        for i in range(n_models):
+        for i in range(first, last):
             blended += weight[i] * theta[i, p]
         if p < net.order:
             poles[p] = blended
@@ -93,7 +96,7 @@ def step(
     psi = np.zeros((n_models, n_params))
     largest = 0.0
     if not begins:
-        for i in range(n_models):
+        for i in range(first, last):
             for p in range(n_params):
                 value = weight[i] * phi[p]
                 for lag in range(net.order):
@@ -112,9 +115,11 @@ def step(
     past[0] = y
     sensitivity[0] = psi
     if not begins and np.isfinite(voltage):
-        out[ERROR_STD_OUT] = _learn(rule, theta, covariance, weight, psi, voltage - y)
-        for i in range(n_models):
+        out[ERROR_STD_OUT] = _learn(rule, theta, covariance, weight, psi, voltage - y, first, last)
+        for i in range(first, last):
             _keep_stable(theta[i], net.order)
+            if net.kernel == HAT:
+                _keep_rising(rule, theta[i], i)
 
 
 @njit(cache=True)
@@ -177,13 +182,23 @@ def _first_output(
 
 @njit(cache=True)
 def _learn(
-    rule: FlatUpdate, theta: np.ndarray, covariance: np.ndarray, weight: np.ndarray, psi: np.ndarray, error: float
+    rule: FlatUpdate,
+    theta: np.ndarray,
+    covariance: np.ndarray,
+    weight: np.ndarray,
+    psi: np.ndarray,
+    error: float,
+    first: int,
+    last: int,
 ) -> float:
-    """Correct all local models by their share of the error and move their covariances on; returns its variance."""
+    """Correct all local models by their share of the error and move their covariances on; returns its variance.
+
+    Those before `first` and from `last` on have no share.
+    """
     n_models, n_params = theta.shape
     gain = np.zeros((n_models, n_params))
     variance = rule.noise
-    for i in range(n_models):
+    for i in range(first, last):
         for p in range(n_params):
             total = 0.0
             for q in range(n_params):
@@ -192,7 +207,7 @@ def _learn(
             variance += total * psi[i, p]
     bound = _SPIKE * np.sqrt(variance)
     corrected = min(max(error, -bound), bound)
-    for i in range(n_models):
+    for i in range(first, last):
         forget = rule.forgetting * weight[i]
         for p in range(n_params):
             moved = theta[i, p] + gain[i, p] * corrected / variance
@@ -202,6 +217,15 @@ def _learn(
                 # Towards the prior instead of by a common factor: what is not excited cannot blow up.
                 covariance[i, p, q] = kept + forget * (rule.prior[i, p, q] - kept)
     return variance
+
+
+@njit(cache=True)
+def _keep_rising(rule: FlatUpdate, row: np.ndarray, model: int) -> None:
+    """Move the offset of one local model by hats so that its voltage at rest stays between those of its neighbours."""
+    rest = 0.0
+    for p in range(row.shape[0]):
+        rest += row[p] * rule.at_rest[model, p]
+    row[-1] += min(max(rest, rule.rest_low[model]), rule.rest_high[model]) - rest
 
 
 @njit(cache=True)

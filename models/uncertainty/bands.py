@@ -16,6 +16,7 @@ from models.network.regression import Dataset
 from models.network.signals import soc_by_counting
 from models.uncertainty.covariance import ParameterCovariance
 from models.uncertainty.model_uncertainty import Uncertainty
+from models.uncertainty.spread import LocalFactor, blended_variance
 
 # Beyond the trained range the residual level grows by itself for each tenth of the range: nothing was seen there.
 _DOUBLING_SHARE = 0.1
@@ -56,7 +57,11 @@ class PredictionBand:
 
 
 def prediction_band(
-    network: LocalModelNetwork, run: GridRun, initial_soc: float, uncertainty: Uncertainty
+    network: LocalModelNetwork,
+    run: GridRun,
+    initial_soc: float,
+    uncertainty: Uncertainty,
+    local: LocalFactor | None = None,
 ) -> PredictionBand:
     """Simulate a run with its 95 % band.
 
@@ -66,6 +71,7 @@ def prediction_band(
     run : on a grid of the network's sampling time
     initial_soc : fraction 0..1
     uncertainty : of this network, see `uncertainty_of`
+    local : factor of its parameters' covariance, for many calls
 
     Notes
     -----
@@ -76,7 +82,7 @@ def prediction_band(
     order, span = network.structure.output_order, network.voltage_span_V
     validity = network.partition.validity(data.z)
     simulated = network.to_volts(free_run(network.theta, order, validity, data))
-    variance = span**2 * parameter_variance(uncertainty.parameters, network.theta, order, validity, data)
+    variance = span**2 * parameter_variance(uncertainty.parameters, network.theta, order, validity, data, local)
     soc = soc_by_counting(run.charge_Ah, initial_soc, network.cell.capacity_Ah, network.cell.efficiency)
     level2 = validity @ uncertainty.level_V**2 * (1.0 + _distance(network, run, soc) / _DOUBLING_SHARE) ** 2
     return PredictionBand(simulated, np.sqrt(variance), uncertainty.band_factor * np.sqrt(variance + level2))
@@ -93,9 +99,16 @@ def _distance(network: LocalModelNetwork, run: GridRun, soc: FloatArray) -> Floa
 
 
 def parameter_variance(
-    parameters: ParameterCovariance, theta: FloatArray, order: int, validity: FloatArray, data: Dataset
+    parameters: ParameterCovariance,
+    theta: FloatArray,
+    order: int,
+    validity: FloatArray,
+    data: Dataset,
+    local: LocalFactor | None = None,
 ) -> FloatArray:
     """(N,) variance of the free run by the parameters' covariance, normalised units; in blocks."""
+    if order == 0:
+        return blended_variance(local or LocalFactor(parameters.theta_factor), validity, data.u)
     factor, out = parameters.theta_factor, np.empty(len(data))
     with threadpool_limits(1, user_api="blas"):
         for part, rows in sensitivities(theta, order, validity, data):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +16,7 @@ from models.design.information.experiment import Experiment, Prediction
 from models.network.local_model_network import LocalModelNetwork
 from models.uncertainty.bands import prediction_band
 from models.uncertainty.model_uncertainty import Uncertainty, uncertainty_of
+from models.uncertainty.spread import LocalFactor
 
 CONFIDENCE = 0.997
 # A run that the model has not seen finds larger errors than the largest so far. Less is added where that was found on
@@ -110,9 +112,14 @@ class LearntBand:
 
     def width_V(self, experiment: Experiment, current_A: FloatArray, prediction: Prediction) -> FloatArray:
         """(N,) in V."""
-        run = planned_run(experiment, current_A)
-        pointwise = prediction_band(experiment.network, run, experiment.initial_soc, self.uncertainty).std_V
+        run, soc = planned_run(experiment, current_A), experiment.initial_soc
+        pointwise = prediction_band(experiment.network, run, soc, self.uncertainty, self._local).std_V
         return self.scale(len(current_A)) * pointwise[experiment.lead :]
+
+    @cached_property
+    def _local(self) -> LocalFactor:
+        """Factor of the parameters' covariance, with what of it was needed so far."""
+        return LocalFactor(self.uncertainty.parameters.theta_factor)
 
     def scale(self, n_samples: int) -> float:
         """Standard deviations within which all samples of a sequence lie."""

@@ -7,6 +7,7 @@ import pytest
 from models.data.errors import ModelError
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.readouts.ocv import OcvTable, ocv_table, soc_from_rest_voltage
+from models.uncertainty.spread import LocalFactor
 from tests.unit.models import hand_network
 
 STRUCTURE = Structure(
@@ -16,6 +17,7 @@ STRUCTURE = Structure(
     hand_network.DT_S,
     kernel="uniform",
 )
+
 # Offsets in V of: discharge cold, discharge warm, charge cold, charge warm.
 OFFSETS_V = np.array([3.38, 3.40, 3.42, 3.43])
 
@@ -45,8 +47,8 @@ def test_interpolation_between_points_and_beyond() -> None:
 
 def test_document_comes_back_the_same() -> None:
     network = by_direction()
-    covariance = 1e-8 * np.eye(network.theta.size)
-    table = ocv_table(network, soc=np.linspace(-0.2, 0.9, 5), covariance=covariance)
+    local = LocalFactor(1e-4 * np.eye(network.theta.size))
+    table = ocv_table(network, soc=np.linspace(-0.2, 0.9, 5), local=local)
     again = OcvTable.from_json(json.loads(json.dumps(table.to_json())))
     assert again.reservations == table.reservations != ()
     for name in ("soc", "temperature_degC", "voltage_V", "std_V"):
@@ -63,7 +65,7 @@ def test_band_is_the_spread_over_drawn_parameters(order: int) -> None:
     rng = np.random.default_rng(5)
     root = 2e-6 * rng.standard_normal((network.theta.size, network.theta.size))
     axes = {"soc": [0.2, 0.5, 0.8], "temperature_degC": [10.0, 30.0]}
-    table = ocv_table(network, **axes, covariance=root @ root.T)
+    table = ocv_table(network, **axes, local=LocalFactor(root))
     assert table.std_V is not None
     draws = [
         ocv_table(
@@ -96,7 +98,9 @@ def test_a_loop_the_wrong_way_round_is_a_reservation() -> None:
 
 def test_a_fall_inside_the_band_is_none() -> None:
     network = by_direction(slope_V=-0.001)
-    wide = ocv_table(network, soc=[0.1, 0.9], temperature_degC=[30.0], covariance=1e-4 * np.eye(network.theta.size))
+    wide = ocv_table(
+        network, soc=[0.1, 0.9], temperature_degC=[30.0], local=LocalFactor(1e-2 * np.eye(network.theta.size))
+    )
     assert wide.reservations == ()
     assert len(ocv_table(network, soc=[0.1, 0.9], temperature_degC=[30.0]).reservations) == 2
 

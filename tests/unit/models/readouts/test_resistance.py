@@ -8,6 +8,7 @@ from models.data.errors import ModelError
 from models.network.free_run import free_run_V
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.readouts.resistance import ResistanceTable, resistance_table
+from models.uncertainty.spread import LocalFactor
 from tests.unit.models import hand_network
 
 STRUCTURE = Structure(
@@ -17,6 +18,7 @@ STRUCTURE = Structure(
     hand_network.DT_S,
     kernel="uniform",
 )
+
 # Ohm of: discharge cold, discharge warm, charge cold, charge warm.
 OHM = np.array([0.080, 0.040, 0.100, 0.050])
 
@@ -68,8 +70,8 @@ def test_document_comes_back_the_same_with_points_that_do_not_settle() -> None:
     network = by_direction()
     theta = network.theta.copy()
     theta[3, 0] = 1.3
-    covariance = 1e-8 * np.eye(theta.size)
-    table = resistance_table(replace(network, theta=theta), temperature_degC=[10.0, 35.0], covariance=covariance)
+    local = LocalFactor(1e-4 * np.eye(theta.size))
+    table = resistance_table(replace(network, theta=theta), temperature_degC=[10.0, 35.0], local=local)
     assert any("does not settle" in text for text in table.reservations)
     again = ResistanceTable.from_json(json.loads(json.dumps(table.to_json(), allow_nan=False)))
     for name in ("soc", "temperature_degC", "current_A", "resistance_Ohm", "std_Ohm"):
@@ -85,7 +87,7 @@ def test_band_in_closed_form() -> None:
     """R = b v / i for one tap without past outputs; its standard deviation is that of b times v / i."""
     structure = Structure(0, (InputChannel("current"),), (PartitionAxis("soc"),), hand_network.DT_S)
     network = hand_network.network(structure, np.array([[0.05, 3.5]]))
-    table = resistance_table(network, soc=[0.3, 0.6], covariance=np.diag([0.01**2, 0.3**2]))
+    table = resistance_table(network, soc=[0.3, 0.6], local=LocalFactor(np.diag([0.01, 0.3])))
     assert table.std_Ohm is not None
     np.testing.assert_allclose(table.std_Ohm, 0.01 * (4.31 - 2.7) / 12.0, rtol=1e-9)
 
@@ -96,7 +98,7 @@ def test_band_is_the_spread_over_drawn_parameters(order: int) -> None:
     rng = np.random.default_rng(5)
     root = 2e-6 * rng.standard_normal((network.theta.size, network.theta.size))
     axes = {"soc": [0.2, 0.8], "current_A": [-5.0, 3.0], "temperature_degC": [10.0]}
-    table = resistance_table(network, **axes, covariance=root @ root.T)
+    table = resistance_table(network, **axes, local=LocalFactor(root))
     assert table.std_Ohm is not None
     draws = []
     for _ in range(400):

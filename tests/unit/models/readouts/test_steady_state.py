@@ -16,6 +16,7 @@ from models.readouts.steady_state import (
     standard_deviation,
     temperature_axis,
 )
+from models.uncertainty.spread import LocalFactor
 from tests.unit.models import hand_network
 
 SOC_LINE = Structure(
@@ -74,10 +75,10 @@ def test_what_does_not_settle_is_not_a_number() -> None:
 
 def test_bands_need_a_covariance_of_the_right_size() -> None:
     gradient = np.array([[1.0, 2.0], [0.0, 1.0]])
-    covariance = np.array([[4.0, 1.0], [1.0, 9.0]])
-    np.testing.assert_allclose(standard_deviation(gradient, covariance), np.sqrt([4 + 4 + 36, 9.0]))
+    factor = np.linalg.cholesky(np.array([[4.0, 1.0], [1.0, 9.0]]))
+    np.testing.assert_allclose(standard_deviation(gradient, LocalFactor(factor)), np.sqrt([4 + 4 + 36, 9.0]))
     with pytest.raises(ModelError, match=r"shape \(3, 3\)"):
-        standard_deviation(gradient, np.eye(3))
+        standard_deviation(gradient, LocalFactor(np.eye(3)))
 
 
 def test_axes_cover_the_trained_range() -> None:

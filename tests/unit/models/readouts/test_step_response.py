@@ -9,6 +9,7 @@ from models.network.free_run import free_run_V
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.readouts.resistance import resistance_table
 from models.readouts.step_response import CurrentStep, step_response
+from models.uncertainty.spread import LocalFactor
 from tests.unit.models import hand_network
 
 AXES = (PartitionAxis("soc"),)
@@ -75,16 +76,16 @@ def test_band_is_the_spread_over_drawn_parameters(order: int) -> None:
     rng = np.random.default_rng(5)
     root = 2e-6 * rng.standard_normal((network.theta.size, network.theta.size))
 
-    def response(theta: np.ndarray, covariance: np.ndarray | None = None):
+    def response(theta: np.ndarray, local: LocalFactor | None = None):
         changed = replace(network, theta=theta)
         return step_response(
             changed,
             CurrentStep(soc=0.45, from_A=1.0, to_A=4.0, temperature_degC=20.0),
             duration_s=30.0,
-            covariance=covariance,
+            local=local,
         )
 
-    band = response(network.theta, root @ root.T).std_Ohm
+    band = response(network.theta, LocalFactor(root)).std_Ohm
     assert band is not None
     draws = [
         response(network.theta + (root @ rng.standard_normal(len(root))).reshape(network.theta.shape)).resistance_Ohm

@@ -14,6 +14,7 @@ from models.pipeline.fit import FitResult, fit_network
 from models.readouts.ocv import ocv_table
 from models.uncertainty.bands import prediction_band
 from models.uncertainty.model_uncertainty import Uncertainty, uncertainty_of
+from models.uncertainty.spread import LocalFactor
 from tests.unit.models import synthetic
 
 NOISE_V = 1e-3
@@ -50,8 +51,8 @@ def test_rounding_the_factor_keeps_every_band(fitted: FitResult, known: Uncertai
     size = len(known.parameters.factor)
     noise = 1.0 + 5e-8 * np.random.default_rng(0).uniform(-1, 1, (size, size))
     shaken = replace(known.parameters, factor=known.parameters.factor * noise)
-    first = ocv_table(fitted.network, covariance=known.parameters.covariance).std_V
-    second = ocv_table(fitted.network, covariance=shaken.covariance).std_V
+    first = ocv_table(fitted.network, local=LocalFactor(known.parameters.theta_factor)).std_V
+    second = ocv_table(fitted.network, local=LocalFactor(shaken.theta_factor)).std_V
     assert first is not None and second is not None
     np.testing.assert_allclose(second, first, rtol=1e-3)
 
