@@ -24,6 +24,7 @@ from models.network.penalty import Penalty
 from models.network.recursion import blend, initial_samples, run_recursion, sensitivity_block
 from models.network.regression import Dataset
 from models.uncertainty.correlation import ResidualCorrelation
+from models.uncertainty.expansion import Expansion
 
 _BLOCK = 8192
 # Blocks beyond this many samples are left out evenly: they would tell the same, and the products cost N P^2.
@@ -43,6 +44,7 @@ class ParameterCovariance:
     n_shared : output coefficients that all local models share, the first of the free parameters; 0: none shared
     n_models, order : of the network
     data_share : (M,) how much of each local model is determined by its data rather than by the penalties, 0..1
+    expansion : of parameters that are free at some knots only; None: each local model has its own
     """
 
     factor: FloatArray
@@ -50,10 +52,13 @@ class ParameterCovariance:
     n_models: int
     order: int
     data_share: FloatArray
+    expansion: Expansion | None = None
 
     @property
     def theta_factor(self) -> FloatArray:
         """(M p, P) factor of the covariance of `theta.ravel()`."""
+        if self.expansion is not None:
+            return self.expansion.matrix() @ self.factor
         if self.n_shared == 0:
             return self.factor
         return self.factor[free_index(self.n_models, self.order, len(self.factor), self.n_shared)]

@@ -12,6 +12,7 @@ from models.data.timeseries import FloatArray
 from models.network.local_model_network import LocalModelNetwork
 from models.uncertainty.correlation import ResidualCorrelation
 from models.uncertainty.covariance import ParameterCovariance
+from models.uncertainty.expansion import Expansion
 
 SCHEMA_VERSION = 1
 # Of the covariance's factor, which is better conditioned than the covariance itself.
@@ -43,7 +44,7 @@ class Uncertainty:
 
     def to_json(self) -> dict[str, Any]:
         """Return a document of plain types; the factor's lower triangle is rounded to seven digits."""
-        size = len(self.parameters.factor)
+        size, expansion = len(self.parameters.factor), self.parameters.expansion
         triangle = self.parameters.factor[np.tril_indices(size)]
         local = zip(
             self.samples,
@@ -58,6 +59,7 @@ class Uncertainty:
             "kind": "parameter_uncertainty",
             "n_free": size,
             "n_shared": self.parameters.n_shared,
+            **({} if expansion is None else {"expansion": expansion.to_json()}),
             "covariance_factor": [float(f"{value:.{_DIGITS}g}") for value in triangle],
             "band_factor": self.band_factor,
             "correlation": {
@@ -100,7 +102,8 @@ class Uncertainty:
             correlation = ResidualCorrelation(
                 float(memory["white"]), np.array(memory["shares"], float), np.array(memory["keep"], float)
             )
-            parameters = ParameterCovariance(factor, n_shared, n_models, order, columns["data_share"])
+            expansion = Expansion.from_json(document["expansion"]) if "expansion" in document else None
+            parameters = ParameterCovariance(factor, n_shared, n_models, order, columns["data_share"], expansion)
             out = cls(
                 parameters,
                 1e-3 * columns["residual_std_mV"],
@@ -112,7 +115,11 @@ class Uncertainty:
             )
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise ModelError(f"parameter uncertainty is damaged: {error!r}") from None
-        if len(local) != n_models or n_shared not in (0, order) or (size - n_shared) % n_models:
+        if expansion is not None:
+            fits = len(expansion.centres) == n_models and expansion.size == size
+        else:
+            fits = n_shared in (0, order) and (size - n_shared) % n_models == 0
+        if len(local) != n_models or not fits:
             raise ModelError(f"parameter uncertainty is of another network: {len(local)} local models, not {n_models}")
         return out
 

@@ -57,7 +57,7 @@ class BoundedFit:
 
 
 def fit_variant(trials: Trials, variant: Variant) -> BoundedFit:
-    """Fit a form to all samples, with the strengths that served it best; terms that come out as nothing are left out."""
+    """Fit a form to all samples with the strengths that served it best; terms that come out as nothing are left out."""
     trials.error(variant)
     held, logs = trials.known[variant]
     n_samples = sum(len(run) for run in trials.bank.runs)

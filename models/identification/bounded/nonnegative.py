@@ -13,8 +13,8 @@ from models.data.timeseries import FloatArray
 # equally good to rounding.
 _PATIENCE = 4
 _MOST_ROUNDS = 60
-# Relative to the unit diagonal of the scaled equations. Where regressors are all but alike, the exchange can go round in
-# circles over differences of rounding; a larger ridge then tells them apart.
+# Relative to the unit diagonal of the scaled equations. Where regressors are all but alike, the exchange can go round
+# in circles over differences of rounding; a larger ridge then tells them apart.
 _RIDGES = (1e-10, 1e-8, 1e-6, 1e-4)
 _TOLERANCE = 1e-9
 

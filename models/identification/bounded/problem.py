@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -122,8 +123,7 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
     rows = regressors(bank, layout.basis, layout.scale)
     soc = np.concatenate(soc_over(bank, layout.basis.axis))
     voltage = np.concatenate([run.voltage_V for run in bank.runs])
-    index = np.repeat(np.arange(len(bank.runs)), [len(run) for run in bank.runs])
-    own = group_numbers(index, balanced_groups(bank.runs)) % N_FOLDS if fold is None else fold
+    own = fold_of(bank) if fold is None else fold
     counted = np.zeros(len(voltage), dtype=bool)
     counted[::keep_every] = True
     counted &= ~np.isnan(voltage)
@@ -131,16 +131,8 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
     n_folds, size = int(own.max()) + 1, layout.size
     xx, xy = np.zeros((n_folds, size, size)), np.zeros((n_folds, size))
     yy, count = np.zeros(n_folds), np.zeros(n_folds)
-    inner = layout.knots.soc[layout.knots.gain]
-    cell = np.clip(np.searchsorted(inner, soc[chosen], side="right") - 1, 0, len(inner) - 2)
-    key = own[chosen] * len(inner) + cell
-    order = np.argsort(key, kind="stable")
-    edges = np.flatnonzero(np.diff(key[order], prepend=-1))
-    for begin, end in zip(edges, [*edges[1:], len(order)], strict=True):
-        fold_number, at = divmod(int(key[order[begin]]), len(inner))
-        for start in range(begin, end, _BLOCK):
-            part = chosen[order[start : min(start + _BLOCK, end)]]
-            block, columns = _block(layout, at, rows[part], soc[part])
+    for fold_number in range(n_folds):
+        for part, block, columns in blocks(layout, rows, soc, chosen[own[chosen] == fold_number]):
             y = voltage[part]
             xx[fold_number][np.ix_(columns, columns)] += block.T @ block
             xy[fold_number][columns] += block.T @ y
@@ -148,6 +140,12 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
             count[fold_number] += len(y)
     rms = np.sqrt(np.mean(rows[chosen] ** 2, axis=0))
     return Sums(layout, xx, xy, yy, count, penalty_forms(layout, rms))
+
+
+def fold_of(bank: SignalBank) -> np.ndarray:
+    """(N,) number of the fold that holds out each sample of all runs."""
+    index = np.repeat(np.arange(len(bank.runs)), [len(run) for run in bank.runs])
+    return group_numbers(index, balanced_groups(bank.runs)) % N_FOLDS
 
 
 def regressors(bank: SignalBank, basis: Basis, scale: FloatArray) -> FloatArray:
@@ -159,9 +157,31 @@ def regressors(bank: SignalBank, basis: Basis, scale: FloatArray) -> FloatArray:
     return np.column_stack(columns)
 
 
+def blocks(
+    layout: Layout, rows: FloatArray, soc: FloatArray, chosen: np.ndarray
+) -> Iterator[tuple[np.ndarray, FloatArray, np.ndarray]]:
+    """Samples between the same two knots of the gains together: which, their regressors, and of which coefficients.
+
+    Parameters
+    ----------
+    layout : of the coefficients
+    rows : (N, B) signals of the terms over their largest values
+    soc : (N,) on the partition axis
+    chosen : samples to go through
+    """
+    inner = layout.knots.soc[layout.knots.gain]
+    cell = np.clip(np.searchsorted(inner, soc[chosen], side="right") - 1, 0, len(inner) - 2)
+    for at in np.unique(cell):
+        own = chosen[cell == at]
+        for start in range(0, len(own), _BLOCK):
+            part = own[start : start + _BLOCK]
+            block, columns = _block(layout, int(at), rows[part], soc[part])
+            yield part, block, columns
+
+
 def _block(layout: Layout, cell: int, rows: FloatArray, soc: FloatArray) -> tuple[FloatArray, np.ndarray]:
     """Regressors of samples between two neighbouring knots of the gains, and which coefficients they belong to."""
-    knots, n_curve = layout.knots, layout.n_curve
+    knots = layout.knots
     low, high = int(knots.gain[cell]), int(knots.gain[cell + 1])
     curve = hats(knots.soc[low : high + 1], soc)
     pair = hats(knots.soc[[low, high]], soc)
@@ -172,7 +192,6 @@ def _block(layout: Layout, cell: int, rows: FloatArray, soc: FloatArray) -> tupl
         if not term.bounded:
             parts.append(rows[:, b : b + 1] * hats(knots.soc[knots.slope], soc))
             columns.append(np.arange(layout.first[b], layout.first[b + 1]))
-    del n_curve
     return np.hstack(parts), np.concatenate(columns)
 
 

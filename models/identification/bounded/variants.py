@@ -87,7 +87,9 @@ class Trials:
     def held_out(self, variant: Variant, keep_every: int) -> HeldOut:
         """Sums of a form on every n-th sample."""
         soc = np.concatenate(soc_over(self.bank, variant.axis))
-        knots = make_knots(float(soc.min()), float(soc.max()), CURVE, GAINS, FINE_SLOPES if variant.fine_slope else SLOPES)
+        knots = make_knots(
+            float(soc.min()), float(soc.max()), CURVE, GAINS, FINE_SLOPES if variant.fine_slope else SLOPES
+        )
         layout = make_layout(self.bank, self.basis(variant), knots)
         return HeldOut(make_sums(self.bank, layout, keep_every).by_increments())
 
@@ -123,7 +125,9 @@ def best_variant(trials: Trials) -> Variant:
     if not clearly_better(trials.error(best), trials.error(plain), trials.counts):
         return plain
     for simpler in (replace(best, fine_slope=False), replace(best, squared=False)):
-        trial = replace(best, squared=best.squared and simpler.squared, fine_slope=best.fine_slope and simpler.fine_slope)
+        trial = replace(
+            best, squared=best.squared and simpler.squared, fine_slope=best.fine_slope and simpler.fine_slope
+        )
         if not clearly_better(trials.error(best), trials.error(trial, trials.known[best][1]), trials.counts):
             best = trial
     return best

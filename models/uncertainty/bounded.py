@@ -1,0 +1,142 @@
+"""What a bounded network does not know, from its errors on samples that were held out."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from models.data.timeseries import FloatArray
+from models.identification.bounded.fitted import BoundedFit, held_out_error, simulated
+from models.identification.bounded.problem import Layout, blocks, fold_of, regressors, soc_over
+from models.identification.bounded.strengths import penalty
+from models.network.regression import VOLTAGE
+from models.uncertainty.bands import NORMAL_95
+from models.uncertainty.correlation import ResidualCorrelation, fit_correlation
+from models.uncertainty.covariance import ParameterCovariance
+from models.uncertainty.expansion import Expansion
+from models.uncertainty.model_uncertainty import Uncertainty
+
+# Samples at which the parameters' variance is worked out.
+_SAMPLES = 40_000
+# A local level leans on that of all samples as if so many independent samples of it had been seen.
+_PRIOR_SAMPLES = 10.0
+_THIN_SHARE = 0.5
+
+
+def bounded_uncertainty(fit: BoundedFit) -> Uncertainty:
+    """Learn what a bounded network does not know.
+
+    The covariance is that of the penalised least squares, with residuals that hang together in time counted for what
+    they are worth. A coefficient at its bound would have no variance: it gets as much as makes an error of the size of
+    the held-out one, for what it would be if it were free is not known better.
+    """
+    layout, runs = fit.layout, fit.bank.runs
+    starts = np.cumsum([0, *(len(run) for run in runs[:-1])])
+    error = held_out_error(fit, fold_of(fit.bank))
+    known = ~np.isnan(error)
+    rows = regressors(fit.bank, layout.basis, layout.scale)
+    soc = np.concatenate(soc_over(fit.bank, layout.basis.axis))
+    voltage = np.concatenate([run.voltage_V for run in runs])
+    near = _Near(layout.knots.soc, soc)
+    seen = (voltage - simulated(layout, fit.coefficients, rows, soc)) ** 2
+    first = fit_correlation(error, starts)
+    least = near.local_mean(seen, known, first)
+    level = np.maximum(near.local_mean(error**2, known, first), least)
+    correlation = fit_correlation(error / np.sqrt(near.at(level)), starts)
+    covariance, determined = _covariance(fit, float(level.mean()), correlation)
+    factor = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(covariance) * np.eye(len(covariance)))
+    chosen = np.flatnonzero(known)[:: max(1, int(known.sum()) // _SAMPLES)]
+    variance = np.full(len(error), np.nan)
+    for part, block, columns in blocks(layout, rows, soc, chosen):
+        variance[part] = np.sum((block @ factor[columns]) ** 2, axis=1)
+    picked = ~np.isnan(variance)
+    level = np.maximum(near.local_mean(error**2 - np.nan_to_num(variance), picked, correlation), least)
+    ratio = np.sqrt(error[picked] ** 2 / (variance[picked] + near.at(level)[picked]))
+    own = near.counts(known)
+    share = np.clip(determined[: layout.n_curve], 0.0, 1.0)
+    return Uncertainty(
+        parameters=_parameters(fit, factor, _with_ends(share, 0.0)),
+        level_V=_with_ends(np.sqrt(level)),
+        samples=_with_ends(own, 0.0),
+        effective_samples=_with_ends(own / correlation.inflation, 0.0),
+        thin=_with_ends(share, 0.0) < _THIN_SHARE,
+        band_factor=max(1.0, float(np.percentile(ratio, 95.0)) / NORMAL_95),
+        correlation=correlation,
+    )
+
+
+class _Near:
+    """Weights of samples at the knots of the curve, two for each."""
+
+    def __init__(self, knots: FloatArray, soc: FloatArray) -> None:
+        self._n = len(knots)
+        self._left = np.clip(np.searchsorted(knots, soc, side="right") - 1, 0, self._n - 2)
+        gap = knots[self._left + 1] - knots[self._left]
+        self._share = np.clip((soc - knots[self._left]) / gap, 0.0, 1.0)
+
+    def at(self, values: FloatArray) -> FloatArray:
+        """(N,) values of the knots at the samples."""
+        return (1.0 - self._share) * values[self._left] + self._share * values[self._left + 1]
+
+    def counts(self, chosen: np.ndarray) -> FloatArray:
+        """(n,) samples for which each knot weighs most."""
+        nearest = self._left + (self._share > 0.5)
+        return np.bincount(nearest[chosen], minlength=self._n).astype(np.float64)
+
+    def local_mean(self, values: FloatArray, chosen: np.ndarray, correlation: ResidualCorrelation) -> FloatArray:
+        """(n,) mean near each knot, leaning on that of all where few independent samples are."""
+        part = chosen & ~np.isnan(values)
+        weight = self._summed(np.ones(len(values)), part)
+        local = self._summed(values, part) / np.maximum(weight, 1e-300)
+        independent = weight / correlation.inflation
+        return (independent * local + _PRIOR_SAMPLES * float(values[part].mean())) / (independent + _PRIOR_SAMPLES)
+
+    def _summed(self, values: FloatArray, part: np.ndarray) -> FloatArray:
+        left, share = self._left[part], self._share[part]
+        return np.bincount(left, (1.0 - share) * values[part], self._n) + np.bincount(
+            left + 1, share * values[part], self._n
+        )
+
+
+def _covariance(fit: BoundedFit, level2: float, correlation: ResidualCorrelation) -> tuple[FloatArray, FloatArray]:
+    """(P, P) covariance in V^2, the curve by its values, and (P,) share of each that the data determine."""
+    sums = fit.held.sums
+    information = sums.xx.sum(axis=0)
+    whole = information + float(sums.count.sum()) * penalty(sums, fit.log_strengths)
+    at_bound = ~fit.held.whole(fit.log_strengths).free
+    whole[np.diag_indices_from(whole)] += np.where(at_bound, correlation.inflation, 0.0)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    scaled = whole * np.outer(scale, scale) + 1e-10 * np.eye(len(whole))
+    inverse = cho_solve(cho_factor(scaled), np.eye(len(whole))) * np.outer(scale, scale)
+    n = sums.layout.n_curve
+    by_values = np.eye(len(whole))
+    by_values[:n, :n] = np.tril(np.ones((n, n)))
+    back = np.eye(len(whole))
+    back[:n, :n] = np.eye(n) - np.eye(n, k=-1)
+    determined = np.sum((by_values @ inverse @ information) * back.T, axis=1)
+    covariance = level2 * correlation.inflation * by_values @ inverse @ by_values.T
+    return 0.5 * (covariance + covariance.T), determined
+
+
+def _parameters(fit: BoundedFit, factor: FloatArray, data_share: FloatArray) -> ParameterCovariance:
+    """The same in the network's units, column after column of its parameters."""
+    layout = fit.layout
+    order = np.concatenate([np.arange(layout.n_curve, layout.size), np.arange(layout.n_curve)])
+    low, high = fit.bank.bounds(VOLTAGE)
+    covariance = (factor @ factor.T)[np.ix_(order, order)] / (high - low) ** 2
+    ridge = 1e-12 * np.trace(covariance) / len(covariance) * np.eye(len(covariance))
+    return ParameterCovariance(
+        np.linalg.cholesky(covariance + ridge), 0, layout.n_curve + 2, 0, data_share, expansion_of(layout)
+    )
+
+
+def expansion_of(layout: Layout) -> Expansion:
+    """Which knots of the network each column of its parameters is free at; the first and last knot only follow."""
+    places = [tuple((layout.places(b) + 1).tolist()) for b in range(len(layout.basis.terms))]
+    return Expansion(layout.knots.outer, (*places, tuple(range(1, layout.n_curve + 1))))
+
+
+def _with_ends(values: FloatArray, end: float | None = None) -> FloatArray:
+    """(n + 2,) values at the network's knots; the outermost as their neighbours where `end` is None."""
+    first, last = (values[0], values[-1]) if end is None else (end, end)
+    return np.concatenate([[first], values, [last]])
