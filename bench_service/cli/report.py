@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_service.cli.readout_page import readout_parts
+from models.comparison.placed_runs import place_runs
 from models.comparison.reach import bands
-from models.comparison.simulated_runs import RunComparison, simulate_runs
+from models.comparison.simulated_runs import RunComparison
 
 if TYPE_CHECKING:
     from models.data.timeseries import TimeSeries
@@ -58,7 +59,7 @@ def comparison_page(
         f"<h1>{escape(model)} against {len(runs)} measured run(s)</h1>",
         f"<p>Free run: the model sees current and temperature only. {floor(result['noise_floor_mV'])}"
         f" {100 * result['outside_training']:.1f} % of the samples lie outside the trained domain{_by(result)}."
-        f"{_band(result['band'])}{_temperature(result['temperature'])}</p>",
+        f"{_band(result['band'])}{fitted_start(result)}{_temperature(result['temperature'])}</p>",
         f"<p>Over time {escape(result['whiteness']['text'])}.</p>" if result["whiteness"] is not None else "",
         "".join(f"<p>The runs were corrected as the model says: {_correction(c)}.</p>" for c in result["corrections"]),
         table(("run", *_METRICS), rows),
@@ -66,8 +67,8 @@ def comparison_page(
         where_in_words(result["regions"]),
         table(_WHERE, result["where"]),
     ]
-    compared = simulate_runs(network, list(runs), list(initial_soc))
-    found = bands(network, [each.run for each in compared], list(initial_soc))
+    compared = place_runs(network, list(runs), list(initial_soc))
+    found = bands(network, [each.run for each in compared], [each.start for each in compared])
     for number, each in enumerate(compared):
         parts += curves(each, None if found is None else found[number])
     parts += readout_parts(network)
@@ -107,6 +108,19 @@ def _band(band: Mapping[str, Any] | None) -> str:
     if band is None or band["coverage_95"] is None:
         return ""
     return f" {100 * band['coverage_95']:.1f} % of the measured voltages lie within the model's 95 % band."
+
+
+def fitted_start(result: Mapping[str, Any]) -> str:
+    """Say what the error would be from other starts, and where those lie."""
+    soc = ", ".join(_soc(each["initial_soc"]) for each in result["runs"])
+    placed = [each["run"] for each in result["runs"] if each["started"] != "as_stated"]
+    text = f" From starts fitted to all of the voltage: RMSE {result['overall_fitted_start']['rmse_mV']:.2f} mV,"
+    text += f" SoC at the start {soc}."
+    return text + (f" Not at rest at first, by their first minute: {escape(', '.join(placed))}." if placed else "")
+
+
+def _soc(found: Mapping[str, Any]) -> str:
+    return f"{found['value']:.3f}" + ("" if found["std"] is None else f" ± {found['std']:.3f}")
 
 
 def _temperature(temperature: Mapping[str, Any] | None) -> str:

@@ -124,11 +124,11 @@ def compare_series(
         ``model_V`` and ``residual_mV`` (measured minus model); null where a value is missing.
     """
     # Lazy: numba and scipy take 1.0 s.
-    from models.comparison.simulated_runs import simulate_runs
+    from models.comparison.placed_runs import place_runs
     from models.network.local_model_network import LocalModelNetwork
 
     series = read_series(data_dir, [run.run_id for run in runs])
-    compared = simulate_runs(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs])
+    compared = place_runs(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs])
     pairs = zip(series, compared, strict=True)
     return plain({"runs": [_curves(each, beside, max_points) for each, beside in pairs]})
 

@@ -40,7 +40,7 @@ _SHOWS_OWN_ERROR = 500
 def start_from_head(model: CellModel, run: GridRun, stated: Start) -> Start:
     """Place a start by the first 60 s of a run's voltage; the stated one unless another is clearly better."""
     head = first_part(run, 1 + int(HEAD_S / run.dt_s))
-    if int(head.measured.sum()) < _FEWEST_SAMPLES:
+    if int(head.measured.sum()) < _FEWEST_SAMPLES or not _simulates(model, head, stated):
         return stated
     expected = error_model(model, head, stated.initial_soc)
     return _Estimate(model, head, stated, expected).best(_HEAD_CAUTION)
@@ -61,7 +61,7 @@ def start_from_run(model: CellModel, run: GridRun, stated: Start, expected: Erro
     Start
         With the standard deviation of the state of charge that prior, error and correlation leave.
     """
-    if int(run.measured.sum()) < _FEWEST_SAMPLES:
+    if int(run.measured.sum()) < _FEWEST_SAMPLES or not _simulates(model, run, stated):
         return stated
     head = first_part(run, max(1 + int(HEAD_S / run.dt_s), round(memory_s(model) / run.dt_s)))
     if expected is None:
@@ -198,6 +198,11 @@ class _Estimate:
             change[: len(run)] = free_run_from_V(self._model, run, self.start(x)) - simulated[: len(run)]
             out.append(-self._whitened(change) / moved)
         return np.column_stack(out)
+
+
+def _simulates(model: CellModel, run: GridRun, stated: Start) -> bool:
+    """Whether there is a voltage wherever one was measured; a missing temperature may leave none."""
+    return bool(np.isfinite(free_run_from_V(model, run, stated)[run.measured]).all())
 
 
 def _usual_A(model: CellModel, run: GridRun) -> float:

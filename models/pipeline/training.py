@@ -15,6 +15,7 @@ from models.identification.excitation import check_excitation, check_series
 from models.network.model_record import Domain
 from models.network.regression import CellContext
 from models.network.signals import soc_by_counting
+from models.network.signals.filters import slow_current_A
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,13 @@ class Training:
 
     @property
     def domain(self) -> Domain:
-        """Ranges of SoC, current and temperature."""
+        """Ranges of SoC, current, slow states and temperature."""
         counted = [
-            soc_by_counting(run.charge_Ah, s, self.cell.capacity_Ah) for run, s in zip(self.grid, self.soc, strict=True)
+            soc_by_counting(run.charge_Ah, s, self.cell.capacity_Ah, self.cell.efficiency) for run, s in zip(self.grid, self.soc, strict=True)
         ]
+        slow = [slow_current_A(run.current_A, run.dt_s) for run in self.grid]
         domain = {"soc": _range(counted), "current_A": _range([run.current_A for run in self.grid])}
+        domain["slow_current_A"] = _range(slow)
         if not any(np.isnan(run.temperature_degC).any() for run in self.grid):
             domain["temperature_degC"] = _range([run.temperature_degC for run in self.grid])
         return domain
