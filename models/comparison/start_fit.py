@@ -126,8 +126,12 @@ class _Estimate:
         rest = self._at(np.zeros(len(self._scale)))
         sizes = {"soc": 1, "all": len(self._scale)} if self._soc_open else {"all": len(self._scale)}
         worth = {name: caution * (_WORTH + _WORTH_EACH * (size - 1)) for name, size in sizes.items()}
-        if not np.isfinite(rest.cost) or rest.cost < min(worth.values()):
+        if not np.isfinite(rest.cost):
             return self._stated
+        # A network with past outputs begins at measured ones, whose noise alone is no reason for a history.
+        at_rest = min(rest.cost, self._settled_cost())
+        if at_rest < min(worth.values()):
+            return self._confirmed(rest)
         better: list[tuple[float, _Point, np.ndarray]] = []
         for name, needed in worth.items():
             free = np.ones(len(self._scale), dtype=bool)
@@ -136,10 +140,9 @@ class _Estimate:
             points = [self._descended(x, free) for x in (guesses if name == "all" else [rest.x])]
             point = min(points, key=lambda each: each.cost)
             # A misfit that remains says that errors are larger than expected, and the gain is worth less.
-            excess = max(1.0, float(point.white @ point.white) / max(len(point.white) - int(free.sum()), 1))
-            better.append(((rest.cost - point.cost) / excess - needed, point, free))
+            better.append(((at_rest - point.cost) / self._excess(point, free) - needed, point, free))
         gain, point, free = max(better, key=lambda each: each[0])
-        return self._with_std(point, free) if gain > 0.0 else self._stated
+        return self._with_std(point, free) if gain > 0.0 else self._confirmed(rest)
 
     @property
     def _soc_open(self) -> bool:
@@ -147,12 +150,26 @@ class _Estimate:
 
     def _with_std(self, point: _Point, free: np.ndarray) -> Start:
         start = self.start(point.x)
+        return replace(start, soc_std=self._scale[-1] * self._spread(point, free)[1]) if self._soc_open else start
+
+    def _confirmed(self, rest: _Point) -> Start:
+        """The stated start, its state of charge as well known as the voltage confirms it."""
         if not self._soc_open:
-            return start
-        excess = max(1.0, float(point.white @ point.white) / max(len(point.white) - int(free.sum()), 1))
+            return self._stated
+        off, std = self._spread(rest, np.ones(len(self._scale), dtype=bool))
+        return replace(self._stated, soc_std=float(self._scale[-1] * min(np.hypot(off, std), 1.0)))
+
+    def _spread(self, point: _Point, free: np.ndarray) -> tuple[float, float]:
+        """How far the next step would move the state of charge, and its standard deviation, both over the prior one."""
         slopes = self._slopes(point, free)
+        excess = self._excess(point, free)
         spread = np.linalg.inv(slopes.T @ slopes / excess + np.eye(slopes.shape[1]))
-        return replace(start, soc_std=float(self._scale[-1] * np.sqrt(spread[-1, -1])))
+        step = spread @ (-slopes.T @ point.white / excess - point.x[free])
+        return float(step[-1]), float(np.sqrt(spread[-1, -1]))
+
+    def _excess(self, point: _Point, free: np.ndarray) -> float:
+        """How much larger errors are than expected, as a factor of their variance."""
+        return max(1.0, float(point.white @ point.white) / max(len(point.white) - int(free.sum()), 1))
 
     def _descended(self, x: FloatArray, free: np.ndarray) -> _Point:
         now, damping = self._at(np.where(free, x, 0.0)), 1e-2
@@ -178,11 +195,14 @@ class _Estimate:
         return now
 
     def _at(self, x: FloatArray) -> _Point:
-        white = self._whitened(self._run.voltage_V - free_run_from_V(self._model, self._run, self.start(x)))
+        white = self._white.white(self._run.voltage_V - free_run_from_V(self._model, self._run, self.start(x)))
         return _Point(x, white, float(white @ white + x @ x) if np.isfinite(white).all() else np.inf)
 
-    def _whitened(self, error_V: FloatArray) -> FloatArray:
-        return self._white.white(error_V)
+    def _settled_cost(self) -> float:
+        """The cost of a long rest in front."""
+        rest = StartHistory(self._edges_s, (0.0,) * self._n_currents)
+        simulated_V = free_run_from_V(self._model, self._run, replace(self._stated, history=rest))
+        return float(np.sum(self._white.white(self._run.voltage_V - simulated_V) ** 2))
 
     def _slopes(self, point: _Point, free: np.ndarray) -> FloatArray:
         """(m, p) derivatives of the whitened error to the free parameters."""
@@ -196,7 +216,7 @@ class _Estimate:
             run = self._run if is_soc else self._head
             change = np.zeros(len(self._run))
             change[: len(run)] = free_run_from_V(self._model, run, self.start(x)) - simulated[: len(run)]
-            out.append(-self._whitened(change) / moved)
+            out.append(-self._white.white(change) / moved)
         return np.column_stack(out)
 
 

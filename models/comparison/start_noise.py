@@ -118,9 +118,7 @@ def _spans(n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array(edges[:-1]), np.array(edges[1:])
 
 
-def _covariance(
-    first: np.ndarray, end: np.ndarray, count: np.ndarray, correlation: ResidualCorrelation
-) -> FloatArray:
+def _covariance(first: np.ndarray, end: np.ndarray, count: np.ndarray, correlation: ResidualCorrelation) -> FloatArray:
     """(m, m) covariance of the means over spans of an error of variance 1."""
     n = (end - first).astype(np.float64)
     out = np.diag(correlation.white / count)

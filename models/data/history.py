@@ -53,7 +53,7 @@ class PlacedRun:
 
 def history_edges_s(memory_s: float) -> tuple[float, ...]:
     """Edges of the windows for a model that remembers a current for `memory_s`; at least one window."""
-    edges = [edge for edge in _EDGES_S if edge < memory_s]
+    edges = [0.0, *(edge for edge in _EDGES_S[1:] if edge < memory_s)]
     end = min(max(memory_s, _EDGES_S[1]), _EDGES_S[-1])
     if len(edges) > 1 and end < _LEAST_GROWTH * edges[-1]:
         edges.pop()

@@ -59,8 +59,10 @@ class Training:
     @property
     def domain(self) -> Domain:
         """Ranges of SoC, current, slow states and temperature."""
+        cell = self.cell
         counted = [
-            soc_by_counting(run.charge_Ah, s, self.cell.capacity_Ah, self.cell.efficiency) for run, s in zip(self.grid, self.soc, strict=True)
+            soc_by_counting(run.charge_Ah, soc, cell.capacity_Ah, cell.efficiency)
+            for run, soc in zip(self.grid, self.soc, strict=True)
         ]
         slow = [slow_current_A(run.current_A, run.dt_s) for run in self.grid]
         domain = {"soc": _range(counted), "current_A": _range([run.current_A for run in self.grid])}
