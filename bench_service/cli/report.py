@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_service.cli.readout_page import readout_parts
+from bench_service.cli.tables import start_line
 from models.comparison.placed_runs import place_runs
 from models.comparison.reach import bands
 from models.comparison.simulated_runs import RunComparison
@@ -59,7 +60,8 @@ def comparison_page(
         f"<h1>{escape(model)} against {len(runs)} measured run(s)</h1>",
         f"<p>Free run: the model sees current and temperature only. {floor(result['noise_floor_mV'])}"
         f" {100 * result['outside_training']:.1f} % of the samples lie outside the trained domain{_by(result)}."
-        f"{_band(result['band'])}{fitted_start(result)}{_temperature(result['temperature'])}</p>",
+        f"{_band(result['band'])}{_temperature(result['temperature'])}</p>",
+        f"<p>{escape(start_line(result))}.</p>",
         f"<p>Over time {escape(result['whiteness']['text'])}.</p>" if result["whiteness"] is not None else "",
         "".join(f"<p>The runs were corrected as the model says: {_correction(c)}.</p>" for c in result["corrections"]),
         table(("run", *_METRICS), rows),
@@ -108,19 +110,6 @@ def _band(band: Mapping[str, Any] | None) -> str:
     if band is None or band["coverage_95"] is None:
         return ""
     return f" {100 * band['coverage_95']:.1f} % of the measured voltages lie within the model's 95 % band."
-
-
-def fitted_start(result: Mapping[str, Any]) -> str:
-    """Say what the error would be from other starts, and where those lie."""
-    soc = ", ".join(_soc(each["initial_soc"]) for each in result["runs"])
-    placed = [each["run"] for each in result["runs"] if each["started"] != "as_stated"]
-    text = f" From starts fitted to all of the voltage: RMSE {result['overall_fitted_start']['rmse_mV']:.2f} mV,"
-    text += f" SoC at the start {soc}."
-    return text + (f" Not at rest at first, by their first minute: {escape(', '.join(placed))}." if placed else "")
-
-
-def _soc(found: Mapping[str, Any]) -> str:
-    return f"{found['value']:.3f}" + ("" if found["std"] is None else f" ± {found['std']:.3f}")
 
 
 def _temperature(temperature: Mapping[str, Any] | None) -> str:

@@ -94,6 +94,7 @@ class ComparisonResult(TypedDict):
     """The ``compare`` object of the public contract."""
 
     overall: Metrics
+    overall_fitted_start: Metrics
     runs: list[dict[str, Any]]
     noise_floor_mV: float | None
     where: list[dict[str, Any]]
