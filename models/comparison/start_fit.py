@@ -46,7 +46,9 @@ def start_from_head(model: CellModel, run: GridRun, stated: Start) -> Start:
     return _Estimate(model, head, stated, expected).best(_HEAD_CAUTION)
 
 
-def start_from_run(model: CellModel, run: GridRun, stated: Start, expected: ErrorModel | None = None) -> Start:
+def start_from_run(
+    model: CellModel, run: GridRun, stated: Start, expected: ErrorModel | None = None, soc_is_open: bool = False
+) -> Start:
     """Place a start by all of a run's voltage; the stated one unless another is clearly better.
 
     Parameters
@@ -55,6 +57,7 @@ def start_from_run(model: CellModel, run: GridRun, stated: Start, expected: Erro
     run : on its grid
     stated : where the run is said to begin; without `soc_std` its state of charge is taken as known
     expected : error of the model on such a run from the right start; by default what its record says
+    soc_is_open : the likeliest state of charge is taken, however little it tells
 
     Returns
     -------
@@ -70,10 +73,22 @@ def start_from_run(model: CellModel, run: GridRun, stated: Start, expected: Erro
     guess = first.found(first.branches())
     whole = _Estimate(model, run, stated, expected, len(head))
     if len(run) < _SHOWS_OWN_ERROR:
-        return whole.best(1.0, [guess])
+        return whole.best(1.0, [guess], soc_is_open)
     guess = whole.found([guess, np.zeros(len(guess))])
     error_V = run.voltage_V - free_run_from_V(model, run, whole.start(guess))
-    return _Estimate(model, run, stated, seen_error_model(error_V), len(head)).best(1.0, [guess])
+    return _Estimate(model, run, stated, seen_error_model([error_V]), len(head)).best(1.0, [guess], soc_is_open)
+
+
+def plainly_not_at_rest(model: CellModel, run: GridRun, stated: Start, expected: ErrorModel) -> bool:
+    """Whether the first ten minutes are so far off that a start other than rest may explain them; quick to tell.
+
+    A score test: by how much one step of the estimate would lower the error, were it linear.
+    """
+    head = first_part(run, 1 + int(10.0 * HEAD_S / run.dt_s))
+    if int(head.measured.sum()) < _FEWEST_SAMPLES or not _simulates(model, head, stated):
+        return False
+    estimate = _Estimate(model, head, stated, expected)
+    return estimate.score() > estimate.worth
 
 
 @dataclass(frozen=True)
@@ -121,15 +136,14 @@ class _Estimate:
         free = np.ones(len(self._scale), dtype=bool)
         return min((self._descended(x, free) for x in begin), key=lambda point: point.cost).x
 
-    def best(self, caution: float, begin: list[FloatArray] | None = None) -> Start:
+    def best(self, caution: float, begin: list[FloatArray] | None = None, soc_is_open: bool = False) -> Start:
         """The start that is clearly better than the stated one: another state of charge, a history, or both."""
         rest = self._at(np.zeros(len(self._scale)))
-        sizes = {"soc": 1, "all": len(self._scale)} if self._soc_open else {"all": len(self._scale)}
-        worth = {name: caution * (_WORTH + _WORTH_EACH * (size - 1)) for name, size in sizes.items()}
+        given = _WORTH if soc_is_open else 0.0
+        worth = {"all": caution * self.worth - given} | ({"soc": caution * _WORTH - given} if self._soc_open else {})
         if not np.isfinite(rest.cost):
             return self._stated
-        # A network with past outputs begins at measured ones, whose noise alone is no reason for a history.
-        at_rest = min(rest.cost, self._settled_cost())
+        at_rest = min(rest.cost, self._settled().cost)
         if at_rest < min(worth.values()):
             return self._confirmed(rest)
         better: list[tuple[float, _Point, np.ndarray]] = []
@@ -143,6 +157,11 @@ class _Estimate:
             better.append(((at_rest - point.cost) / self._excess(point, free) - needed, point, free))
         gain, point, free = max(better, key=lambda each: each[0])
         return self._with_std(point, free) if gain > 0.0 else self._confirmed(rest)
+
+    @property
+    def worth(self) -> float:
+        """By how much the cost must fall for all of it not to be chance."""
+        return _WORTH + _WORTH_EACH * (len(self._scale) - 1)
 
     @property
     def _soc_open(self) -> bool:
@@ -198,11 +217,22 @@ class _Estimate:
         white = self._white.white(self._run.voltage_V - free_run_from_V(self._model, self._run, self.start(x)))
         return _Point(x, white, float(white @ white + x @ x) if np.isfinite(white).all() else np.inf)
 
-    def _settled_cost(self) -> float:
-        """The cost of a long rest in front."""
+    def score(self) -> float:
+        """How much one step from rest would lower the cost, were the error linear in the start."""
+        settled = self._settled()
+        slopes = self._slopes(settled, np.ones(len(self._scale), dtype=bool))
+        downhill = slopes.T @ settled.white
+        return float(downhill @ np.linalg.solve(slopes.T @ slopes + np.eye(len(downhill)), downhill))
+
+    def _settled(self) -> _Point:
+        """A long rest in front.
+
+        A network with past outputs otherwise begins at measured ones, whose noise alone is no reason for a history.
+        """
         rest = StartHistory(self._edges_s, (0.0,) * self._n_currents)
         simulated_V = free_run_from_V(self._model, self._run, replace(self._stated, history=rest))
-        return float(np.sum(self._white.white(self._run.voltage_V - simulated_V) ** 2))
+        white = self._white.white(self._run.voltage_V - simulated_V)
+        return _Point(np.zeros(len(self._scale)), white, float(white @ white))
 
     def _slopes(self, point: _Point, free: np.ndarray) -> FloatArray:
         """(m, p) derivatives of the whitened error to the free parameters."""

@@ -7,6 +7,7 @@ has a closed form for exponentially fading correlations.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,12 +87,12 @@ def error_model(model: CellModel, run: GridRun, initial_soc: float) -> ErrorMode
     return ErrorModel(max(level_V, _LEAST_V), uncertainty.correlation)
 
 
-def seen_error_model(error_V: FloatArray) -> ErrorModel:
-    """Expected error as a long run shows it itself, from the best start that is known."""
+def seen_error_model(errors_V: Sequence[FloatArray]) -> ErrorModel:
+    """Expected error as long runs show it themselves, from the best starts that are known."""
+    error_V = np.concatenate(errors_V)
     known = error_V[~np.isnan(error_V)]
-    return ErrorModel(
-        max(float(np.sqrt(np.mean(known**2))), _LEAST_V), fit_correlation(error_V, np.zeros(1, dtype=np.int64))
-    )
+    starts = np.concatenate([[0], np.cumsum([len(each) for each in errors_V])[:-1]])
+    return ErrorModel(max(float(np.sqrt(np.mean(known**2))), _LEAST_V), fit_correlation(error_V, starts))
 
 
 def whitener(known: np.ndarray, expected: ErrorModel) -> Whitener:

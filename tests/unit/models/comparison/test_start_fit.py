@@ -167,5 +167,5 @@ def test_whitened_means_are_white() -> None:
 def test_the_level_of_an_error_is_its_own() -> None:
     error_V = 3e-3 * np.random.default_rng(1).standard_normal(5000)
     error_V[100:200] = np.nan
-    found = seen_error_model(error_V)
+    found = seen_error_model([error_V])
     assert found.level_V == pytest.approx(3e-3, rel=0.05) and found.correlation.white > 0.95
