@@ -31,6 +31,7 @@ class FitMetrics(TypedDict):
     seconds: float
     train: Metrics
     validation: Metrics | None
+    runs: dict[str, list[dict[str, Any]]]
 
 
 class FitResult(TypedDict):

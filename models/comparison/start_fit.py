@@ -46,9 +46,7 @@ def start_from_head(model: CellModel, run: GridRun, stated: Start) -> Start:
     return _Estimate(model, head, stated, expected).best(_HEAD_CAUTION)
 
 
-def start_from_run(
-    model: CellModel, run: GridRun, stated: Start, expected: ErrorModel | None = None, soc_is_open: bool = False
-) -> Start:
+def start_from_run(model: CellModel, run: GridRun, stated: Start, expected: ErrorModel | None = None) -> Start:
     """Place a start by all of a run's voltage; the stated one unless another is clearly better.
 
     Parameters
@@ -57,7 +55,6 @@ def start_from_run(
     run : on its grid
     stated : where the run is said to begin; without `soc_std` its state of charge is taken as known
     expected : error of the model on such a run from the right start; by default what its record says
-    soc_is_open : the likeliest state of charge is taken, however little it tells
 
     Returns
     -------
@@ -73,10 +70,10 @@ def start_from_run(
     guess = first.found(first.branches())
     whole = _Estimate(model, run, stated, expected, len(head))
     if len(run) < _SHOWS_OWN_ERROR:
-        return whole.best(1.0, [guess], soc_is_open)
+        return whole.best(1.0, [guess])
     guess = whole.found([guess, np.zeros(len(guess))])
     error_V = run.voltage_V - free_run_from_V(model, run, whole.start(guess))
-    return _Estimate(model, run, stated, seen_error_model([error_V]), len(head)).best(1.0, [guess], soc_is_open)
+    return _Estimate(model, run, stated, seen_error_model([error_V]), len(head)).best(1.0, [guess])
 
 
 def plainly_not_at_rest(model: CellModel, run: GridRun, stated: Start, expected: ErrorModel) -> bool:
@@ -136,11 +133,10 @@ class _Estimate:
         free = np.ones(len(self._scale), dtype=bool)
         return min((self._descended(x, free) for x in begin), key=lambda point: point.cost).x
 
-    def best(self, caution: float, begin: list[FloatArray] | None = None, soc_is_open: bool = False) -> Start:
+    def best(self, caution: float, begin: list[FloatArray] | None = None) -> Start:
         """The start that is clearly better than the stated one: another state of charge, a history, or both."""
         rest = self._at(np.zeros(len(self._scale)))
-        given = _WORTH if soc_is_open else 0.0
-        worth = {"all": caution * self.worth - given} | ({"soc": caution * _WORTH - given} if self._soc_open else {})
+        worth = {"all": caution * self.worth} | ({"soc": caution * _WORTH} if self._soc_open else {})
         if not np.isfinite(rest.cost):
             return self._stated
         at_rest = min(rest.cost, self._settled().cost)

@@ -21,12 +21,10 @@ from models.data.history import PlacedRun
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.network.local_model_network import LocalModelNetwork
+from models.pipeline.joint_soc import joint_soc
 from models.pipeline.training import Training
 
-_ROUNDS, _ROUNDS_WITH_SOC = 2, 6
-# A model follows the states of charge that it is fitted to, so that each round finds a share of what is left only. From
-# two rounds the sum of all is told, up to this share.
-_LARGEST_SHARE_LEFT = 0.8
+_ROUNDS, _ROUNDS_WITH_SOC = 2, 4
 # By how much a new round must lower the training error (RMS): less is what five more numbers a run bring by chance.
 _WORTH = 0.01
 
@@ -56,50 +54,38 @@ def with_starts(
     data, built
         As they were, but for standard deviations, where other starts do not explain the runs clearly better.
     """
-    stated = [Start(start.initial_soc, soc_std or None) for start in data.starts]
-    stated_soc = np.array([said.initial_soc for said in stated])
-    rounds: list[FloatArray] = []
+    stated = data.soc
     for number in range(_ROUNDS_WITH_SOC if soc_std > 0.0 else _ROUNDS):
         network = network_of(built)
         errors_V = _errors_V(network, data)
-        # What a wrong start does has mostly died out in the second half of a run.
-        expected = seen_error_model([each[len(each) // 2 :] for each in errors_V])
-        found = _found(network, data, stated, expected, number == 0)
-        if not any(_moved(new, old) for new, old in zip(found, data.starts, strict=True)):
+        trial = data
+        # A wrong state of charge would pass for a history: it is put right first.
+        if number > 0 or soc_std == 0.0:
+            trial = _placed(network, trial, _histories(network, trial, errors_V))
+        if soc_std > 0.0:
+            soc, _ = joint_soc(network, trial, stated, soc_std)
+            starts = [replace(start, initial_soc=float(each)) for start, each in zip(trial.starts, soc, strict=True)]
+            trial = _placed(network, trial, starts)
+        if trial.starts == data.starts:
             break
-        rounds.append(np.array([new.initial_soc - said.initial_soc for new, said in zip(found, stated, strict=True)]))
-        if number % 2 and soc_std > 0.0:
-            ahead = stated_soc + _extrapolated(rounds[-2], rounds[-1])
-            found = [replace(new, initial_soc=float(soc)) for new, soc in zip(found, ahead, strict=True)]
-        placed = _placed(network, data, found)
-        trial = build(placed)
-        if not _rms_V(_errors_V(network_of(trial), placed)) < (1.0 - _WORTH) * _rms_V(errors_V):
+        again = build(trial)
+        if _rms_V(_errors_V(network_of(again), trial)) < (1.0 - _WORTH) * _rms_V(errors_V):
+            data, built = trial, again
+        elif number > 0 or soc_std == 0.0:
             break
-        data, built = placed, trial
-    return (data, built) if soc_std == 0.0 else (_with_std(network_of(built), data, soc_std), built)
+    return (data, built) if soc_std == 0.0 else (_with_std(network_of(built), data, stated, soc_std), built)
 
 
-def _found(
-    network: LocalModelNetwork, data: Training, stated: list[Start], expected: ErrorModel, first: bool
-) -> list[Start]:
-    """Starts that a network shows; where the state of charge is known, only of runs that plainly need another."""
+def _histories(network: LocalModelNetwork, data: Training, errors_V: list[FloatArray]) -> list[Start]:
+    """Starts with what flowed before, of runs that plainly need it."""
+    # What a wrong start does has mostly died out in the second half of a run.
+    expected: ErrorModel = seen_error_model([each[len(each) // 2 :] for each in errors_V])
     out = []
-    for run, said, now in zip(data.grid, stated, data.starts, strict=True):
-        asked = said.soc_std is not None or now.history is not None
-        asked = asked or (first and plainly_not_at_rest(network, run, said, expected))
-        out.append(start_from_run(network, run, said, expected, said.soc_std is not None) if asked else now)
+    for run, now in zip(data.grid, data.starts, strict=True):
+        rest = replace(now, history=None)
+        asked = now.history is not None or plainly_not_at_rest(network, run, rest, expected)
+        out.append(start_from_run(network, run, rest, expected) if asked else now)
     return out
-
-
-def _extrapolated(before: FloatArray, now: FloatArray) -> FloatArray:
-    """Where rounds that each find the same share of what is left would end (Aitken)."""
-    last = now - before
-    share = float(np.clip(last @ before / max(float(before @ before), 1e-12), 0.0, _LARGEST_SHARE_LEFT))
-    return before + last / (1.0 - share)
-
-
-def _moved(new: Start, old: Start) -> bool:
-    return new.history != old.history or new.initial_soc != old.initial_soc
 
 
 def _placed(network: LocalModelNetwork, data: Training, starts: list[Start]) -> Training:
@@ -129,19 +115,9 @@ def _rms_V(errors_V: list[FloatArray]) -> float:
     return float(np.sqrt(np.nanmean(np.concatenate(errors_V) ** 2)))
 
 
-def _with_std(network: LocalModelNetwork, data: Training, soc_std: float) -> Training:
-    """With the standard deviation of each state of charge.
-
-    A shift that all runs share moves the model's open-circuit curve along and shows nowhere: it stays as uncertain as
-    the mean of what was said.
-    """
-    shared = soc_std / np.sqrt(len(data.grid))
-    out = []
-    for run, start in zip(data.grid, data.starts, strict=True):
-        known = start
-        if start.soc_std is None:
-            known = start_from_run(network, run, replace(start, soc_std=soc_std, history=None))
-        apart = known.initial_soc - start.initial_soc
-        std = float(np.sqrt((known.soc_std or 0.0) ** 2 + apart**2 + shared**2))
-        out.append(replace(start, soc_std=min(std, soc_std)))
-    return replace(data, starts=out)
+def _with_std(network: LocalModelNetwork, data: Training, stated: list[float], soc_std: float) -> Training:
+    """With the standard deviation of each state of charge; one more step that was not worth taking counts as one."""
+    soc, std = joint_soc(network, data, stated, soc_std)
+    away = soc - np.array(data.soc)
+    whole = np.minimum(np.hypot(std, away), soc_std)
+    return replace(data, starts=[replace(s, soc_std=float(w)) for s, w in zip(data.starts, whole, strict=True)])
