@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query
 from pydantic import Field, JsonValue
 
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
-from bench_service.api.strict import Body, BulkRoute, Id, Name, Positive, Seed, StrictRoute
+from bench_service.api.strict import Body, BulkRoute, Id, Name, Positive, Seed, Soc, StrictRoute
 from bench_service.campaign.modelling import FitOrder
 
 router = APIRouter(prefix="/models", tags=["models"], route_class=StrictRoute)
@@ -24,6 +24,8 @@ class FitBody(Body):
     validation: Annotated[list[Id], Field(alias="validate", max_length=100)] = []
     capacity_Ah: Positive
     structure: Literal["full", "minimal", "auto"] = "full"
+    initial_soc_std: Soc = 0.0
+    coulombic_efficiency: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = 1.0
     seed: Seed | None = None
 
 
@@ -36,6 +38,8 @@ async def start_fit(body: FitBody, services: ServicesOf) -> Answer:
         validate=body.validation,
         capacity_Ah=body.capacity_Ah,
         structure=body.structure,
+        initial_soc_std=body.initial_soc_std,
+        coulombic_efficiency=body.coulombic_efficiency,
         seed=body.seed,
     )
     return asdict(await services.modelling.start_fit(order))

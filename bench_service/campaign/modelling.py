@@ -26,7 +26,8 @@ class FitOrder:
     """A model to be identified from stored runs.
 
     With `pauses_s`, from the end of each training run to the start of the next, these followed each other on one cell,
-    which still knows in each what it went through before.
+    which still knows in each what it went through before. `initial_soc_std`: how far off the states of charge may be at
+    which the training runs are said to begin; `coulombic_efficiency`: share of the charge going in that comes out.
     """
 
     name: str
@@ -37,6 +38,8 @@ class FitOrder:
     seed: int | None = None
     campaign_id: str | None = None
     pauses_s: Sequence[float] = ()
+    initial_soc_std: float = 0.0
+    coulombic_efficiency: float = 1.0
 
 
 class Modelling:
@@ -95,6 +98,8 @@ class Modelling:
             order.capacity_Ah,
             order.structure,
             list(order.pauses_s),
+            order.initial_soc_std,
+            order.coulombic_efficiency,
             store=keep,
         )
 

@@ -45,6 +45,14 @@ def fraction(text: str) -> float:
     return value
 
 
+def efficiency(text: str) -> float:
+    """Return a number above 0 and up to 1."""
+    value = fraction(text)
+    if value == 0.0:
+        raise ArgumentTypeError(f"{text} must be above 0 and up to 1, such as 0.999")
+    return value
+
+
 def fractions(text: str) -> tuple[float, ...]:
     """Return one or more fractions separated by commas."""
     return tuple(fraction(part) for part in text.split(","))

@@ -37,12 +37,23 @@ def initial_soc(
     # Lazy: numpy takes 60 ms.
     from models.data.start_soc import start_soc
 
+    if given is None and network is not None:
+        return [soc for soc, _ in known_starts(runs, given, network, output)]
     if given is None:
-        return [start_soc(run) if network is None else _known_soc(run, network, output)[0] for run in runs]
+        return [start_soc(run) for run in runs]
     if len(given) not in (1, len(runs)):
         wanted = "1 value" if len(runs) == 1 else f"1 value or {len(runs)}"
         raise UsageError(f"--initial-soc has {len(given)} values for {len(runs)} run(s); give {wanted}")
     return list(given) if len(given) == len(runs) else [given[0]] * len(runs)
+
+
+def known_starts(
+    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: LocalModelNetwork, output: Output | None
+) -> list[tuple[float, float | None]]:
+    """Return the same with its standard deviation where it was read from a rest; else None: it is somebody's word."""
+    if given is not None:
+        return [(soc, None) for soc in initial_soc(runs, given)]
+    return [_known_soc(run, network, output) for run in runs]
 
 
 def guessed_soc(

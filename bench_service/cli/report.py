@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_service.cli.readout_page import readout_parts
+from bench_service.cli.tables import start_line
+from models.comparison.placed_runs import place_runs
 from models.comparison.reach import bands
-from models.comparison.simulated_runs import RunComparison, simulate_runs
+from models.comparison.simulated_runs import RunComparison
 
 if TYPE_CHECKING:
     from models.data.timeseries import TimeSeries
@@ -59,6 +61,7 @@ def comparison_page(
         f"<p>Free run: the model sees current and temperature only. {floor(result['noise_floor_mV'])}"
         f" {100 * result['outside_training']:.1f} % of the samples lie outside the trained domain{_by(result)}."
         f"{_band(result['band'])}{_temperature(result['temperature'])}</p>",
+        f"<p>{escape(start_line(result))}.</p>",
         f"<p>Over time {escape(result['whiteness']['text'])}.</p>" if result["whiteness"] is not None else "",
         "".join(f"<p>The runs were corrected as the model says: {_correction(c)}.</p>" for c in result["corrections"]),
         table(("run", *_METRICS), rows),
@@ -66,8 +69,8 @@ def comparison_page(
         where_in_words(result["regions"]),
         table(_WHERE, result["where"]),
     ]
-    compared = simulate_runs(network, list(runs), list(initial_soc))
-    found = bands(network, [each.run for each in compared], list(initial_soc))
+    compared = place_runs(network, list(runs), list(initial_soc))
+    found = bands(network, [each.run for each in compared], [each.start for each in compared])
     for number, each in enumerate(compared):
         parts += curves(each, None if found is None else found[number])
     parts += readout_parts(network)

@@ -80,3 +80,16 @@ def where_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
             f"{100 * row['share_of_time']:.0f} %",
         )
     return table
+
+
+def start_line(result: Mapping[str, Any]) -> str:
+    """What a comparison's error would be from starts that all of the voltage says, and where those lie."""
+    soc = ", ".join(f"{each['run']} {soc_text(each['initial_soc'])}" for each in result["runs"])
+    text = f"from starts fitted to all of the voltage: {result['overall_fitted_start']['rmse_mV']:.2f} mV; SoC {soc}"
+    placed = [each["run"] for each in result["runs"] if each["started"] != "as_stated"]
+    return text + (f"; not at rest at first, by their first minute: {', '.join(placed)}" if placed else "")
+
+
+def soc_text(found: Mapping[str, Any]) -> str:
+    """A state of charge with its standard deviation, where it has one."""
+    return f"{found['value']:.3f}" + ("" if found["std"] is None else f" ± {found['std']:.3f}")

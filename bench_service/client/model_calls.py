@@ -28,12 +28,19 @@ class ModelCalls:
         *,
         validate: Sequence[str] = (),
         structure: str = "full",
+        initial_soc_std: float = 0.0,
+        coulombic_efficiency: float = 1.0,
         seed: int = 0,
         **patience: Unpack[Patience],
     ) -> Record:
-        """Fit a model to runs, wait for it, and give the model's record."""
+        """Fit a model to runs, wait for it, and give the model's record.
+
+        `initial_soc_std`: how far off the states of charge may be at which the training runs are said to begin; they
+        are then estimated with the fit.
+        """
         body = {"name": name, "train": list(train), "validate": list(validate)}
         body |= {"capacity_Ah": float(capacity_Ah), "structure": structure, "seed": seed}
+        body |= {"initial_soc_std": float(initial_soc_std), "coulombic_efficiency": float(coulombic_efficiency)}
         return self.model(self._worked("models", body, patience)["model_id"])
 
     def wait_job(

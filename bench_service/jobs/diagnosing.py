@@ -150,12 +150,12 @@ def design_between(
 def map_errors(report: Reporter, data_dir: Path, document: Document, runs: Sequence[RunInput]) -> Json:
     """Say where a model is off on stored runs, see `models.comparison.where.error_map`."""
     # Lazy: numba and scipy take 1.1 s.
-    from models.comparison.simulated_runs import simulate_runs
+    from models.comparison.placed_runs import place_runs
     from models.comparison.where import error_map
     from models.network.local_model_network import LocalModelNetwork
 
     network = LocalModelNetwork.from_json(document)
-    return plain(error_map(network, simulate_runs(network, _read(data_dir, runs), _soc(runs))))
+    return plain(error_map(network, place_runs(network, _read(data_dir, runs), _soc(runs))))
 
 
 def _read(data_dir: Path, runs: Sequence[RunInput]) -> list[Any]:

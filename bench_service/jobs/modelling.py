@@ -48,8 +48,14 @@ def fit(
     capacity_Ah: float,
     structure: str,
     pauses_s: Sequence[float] = (),
+    initial_soc_std: float = 0.0,
+    coulombic_efficiency: float = 1.0,
 ) -> FitResult:
     """Identify a network from stored runs; with `pauses_s` between them the training runs are one log, see `joined`.
+
+    Parameters
+    ----------
+    initial_soc_std, coulombic_efficiency : as in `models.pipeline.fit_request.FitRequest`
 
     Returns
     -------
@@ -71,6 +77,8 @@ def fit(
         validate=read_series(data_dir, [run.run_id for run in validate]) or None,
         initial_soc=[run.initial_soc for run in train],
         validate_soc=[run.initial_soc for run in validate] or None,
+        initial_soc_std=initial_soc_std,
+        coulombic_efficiency=coulombic_efficiency,
         progress=report,
         code_version=version("bench-service"),
     )
@@ -81,8 +89,9 @@ def fit(
         "seconds": result.seconds,
         "train": result.train,
         "validation": result.validation,
+        "runs": {"train": result.train_runs, "validation": result.validation_runs},
     }
-    network = with_tuned_observer(result.network, train_runs, [run.initial_soc for run in train])
+    network = with_tuned_observer(result.network, train_runs, result.initial_soc)
     return plain({"document": network.to_json(), "metrics": metrics})
 
 
@@ -124,11 +133,11 @@ def compare_series(
         ``model_V`` and ``residual_mV`` (measured minus model); null where a value is missing.
     """
     # Lazy: numba and scipy take 1.0 s.
-    from models.comparison.simulated_runs import simulate_runs
+    from models.comparison.placed_runs import place_runs
     from models.network.local_model_network import LocalModelNetwork
 
     series = read_series(data_dir, [run.run_id for run in runs])
-    compared = simulate_runs(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs])
+    compared = place_runs(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs])
     pairs = zip(series, compared, strict=True)
     return plain({"runs": [_curves(each, beside, max_points) for each, beside in pairs]})
 

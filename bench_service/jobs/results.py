@@ -31,6 +31,7 @@ class FitMetrics(TypedDict):
     seconds: float
     train: Metrics
     validation: Metrics | None
+    runs: dict[str, list[dict[str, Any]]]
 
 
 class FitResult(TypedDict):
@@ -94,6 +95,7 @@ class ComparisonResult(TypedDict):
     """The ``compare`` object of the public contract."""
 
     overall: Metrics
+    overall_fitted_start: Metrics
     runs: list[dict[str, Any]]
     noise_floor_mV: float | None
     where: list[dict[str, Any]]

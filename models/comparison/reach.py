@@ -6,17 +6,30 @@ from typing import TypedDict
 
 import numpy as np
 
+from models.comparison.start import Start, put_in_front
+from models.data.history import PlacedRun
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.network.cell_model import CellModel
 from models.network.local_model_network import LocalModelNetwork
+from models.network.signals.filters import slow_current_A
 from models.uncertainty.bands import PredictionBand, prediction_band
-from models.uncertainty.model_uncertainty import uncertainty_of
+from models.uncertainty.model_uncertainty import Uncertainty, uncertainty_of
 
 
-def inside_by(network: CellModel, run: GridRun, soc: FloatArray) -> dict[str, np.ndarray]:
-    """Whether each sample lies in the trained range, for each dimension of the domain; a missing value does."""
+def inside_by(network: CellModel, run: GridRun, soc: FloatArray, start: Start | None = None) -> dict[str, np.ndarray]:
+    """Whether each sample lies in the trained range, for each dimension of the domain; a missing value does.
+
+    Parameters
+    ----------
+    network : its record holds the ranges
+    run, soc : what is looked at
+    start : where it begins, for the slow states; None: at rest
+    """
     values = {"soc": soc, "current_A": run.current_A, "temperature_degC": run.temperature_degC}
+    if "slow_current_A" in network.record.domain:
+        found = PlacedRun(run, 0.0, 0) if start is None else put_in_front(network, run, start)
+        values["slow_current_A"] = slow_current_A(found.run.current_A, run.dt_s)[found.n_before :]
     inside = {}
     for name, (low, high) in network.record.domain.items():
         # Half a percent of the range: sensor noise at the edge is not a new operating point.
@@ -57,14 +70,20 @@ def gaps(run: GridRun) -> Gaps:
     }
 
 
-def bands(network: CellModel, runs: list[GridRun], initial_soc: list[float]) -> list[PredictionBand] | None:
+def bands(network: CellModel, runs: list[GridRun], starts: list[Start]) -> list[PredictionBand] | None:
     """95 % band of each run's free run; None where the model does not say what it does not know."""
     if not isinstance(network, LocalModelNetwork):
         return None
     uncertainty = uncertainty_of(network)
     if uncertainty is None:
         return None
-    return [prediction_band(network, run, soc, uncertainty) for run, soc in zip(runs, initial_soc, strict=True)]
+    return [_band(network, run, start, uncertainty) for run, start in zip(runs, starts, strict=True)]
+
+
+def _band(network: LocalModelNetwork, run: GridRun, start: Start, uncertainty: Uncertainty) -> PredictionBand:
+    found = put_in_front(network, run, start)
+    band, kept = prediction_band(network, found.run, found.initial_soc, uncertainty), slice(found.n_before, None)
+    return PredictionBand(band.voltage_V[kept], band.parameter_std_V[kept], band.std_V[kept])
 
 
 def band_figures(

@@ -14,7 +14,8 @@ from models.data.errors import StructureError
 from models.data.metrics import Metrics
 
 Json = dict[str, Any]
-# Lowest and highest value of "soc", "current_A" and, where it was measured, "temperature_degC".
+# Lowest and highest value of "soc", "current_A", "slow_current_A" (low-passed current; not in older documents) and,
+# where it was measured, "temperature_degC".
 Domain = Mapping[str, tuple[float, float]]
 
 

@@ -95,6 +95,7 @@ def add_effect(
         fitted = fit_network(
             train,
             capacity_Ah=network.cell.capacity_Ah,
+            coulombic_efficiency=network.cell.efficiency,
             structure=replace(structure, name=_name(network, name)),
             initial_soc=train_soc,
             dt_s=structure.dt_s,
@@ -123,6 +124,7 @@ def _by_correction(
     fitted = fit_network(
         [corrected(run, chosen, plain) for run in train],
         capacity_Ah=capacity_Ah,
+        coulombic_efficiency=network.cell.efficiency,
         structure=replace(network.structure, name=_name(network, chosen.name)),
         initial_soc=[soc + moved for soc in own.soc],
         dt_s=network.structure.dt_s,

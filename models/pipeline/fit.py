@@ -8,8 +8,9 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from models.comparison.placed_runs import place_runs
 from models.comparison.residuals import residual_statistics
-from models.comparison.simulated_runs import RunComparison, simulate_runs
+from models.comparison.simulated_runs import RunComparison, beside
 from models.data.errors import ModelError
 from models.data.metrics import Metrics, RunMetrics, metrics
 from models.data.start_soc import start_soc
@@ -28,6 +29,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json, ModelRecord
 from models.network.structure import Structure
 from models.pipeline.fit_request import FitOptions, FitRequest
+from models.pipeline.run_starts import with_starts
 from models.pipeline.training import Training, training
 from models.readouts.tables import read_out
 from models.thermal.cell_temperature import thermal_record
@@ -39,9 +41,14 @@ _STATED = frozenset({"reservations", "thermal", "validation", "noise_floor_mV"})
 
 
 class RunFigures(RunMetrics):
-    """Free-run figures of one run; `outside_training`: share of its samples outside the trained domain."""
+    """Free-run figures of one run.
+
+    `outside_training`: share of its samples outside the trained domain; `initial_soc`: where it begins, with a standard
+    deviation where it was estimated.
+    """
 
     outside_training: float
+    initial_soc: dict[str, float | None]
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,7 @@ class FitResult:
     candidates : documents of every set of choices that was tried, with its held-out error
     n_samples : training samples on the model's grid
     seconds : time the fit took
+    initial_soc : where each training run begins: as stated, or as it was estimated
     """
 
     network: LocalModelNetwork
@@ -66,6 +74,16 @@ class FitResult:
     candidates: list[Json]
     n_samples: int
     seconds: float
+    initial_soc: list[float]
+
+
+@dataclass(frozen=True)
+class _Built:
+    """A network of a choice, as yet without what it says of itself."""
+
+    fitted: Fitted
+    refined: Refined
+    network: LocalModelNetwork
 
 
 @dataclass(frozen=True)
@@ -106,16 +124,20 @@ def fit(request: FitRequest) -> FitResult:
     """Identify the network that a request asks for; see `fit_network`."""
     started = time.perf_counter()
     report = request.progress or silent
-    data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s)
-    search = Search(data.grid, data.soc, data.cell, part_of(report, 0.0, 0.7))
+    data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s, request.coulombic_efficiency)
+    search = Search(data.fit_grid, data.fit_soc, data.cell, part_of(report, 0.0, 0.7))
     choice = _chosen(search, request.structure)
     report(0.7, f"building {choice.n_models} local models")
-    fitted = search.fitted(choice)
-    refined = refined_theta(fitted, part_of(report, 0.7, 0.2))
-    network = _bare(data, choice, search.table, fitted, refined)
-    network = _read_out(network, data, fitted, refined, report)
+    built = _built(search, choice, data, part_of(report, 0.7, 0.15))
+    report(0.85, "looking where the runs begin")
+
+    def again(placed: Training) -> _Built:
+        return _built(Search(placed.fit_grid, placed.fit_soc, placed.cell, silent), choice, placed, silent, search)
+
+    data, built = with_starts(data, built, again, lambda made: made.network, request.initial_soc_std)
+    network = _read_out(built.network, data, built.fitted, built.refined, report)
     judged = _judged(network, data, request)
-    network = _with_figures(network, data, fitted, judged)
+    network = _with_figures(network, data, built.fitted, judged)
     report(0.97, "noting what a diagnosis will need")
     network = _versioned(_with_memory(network, data), data, judged, request.code_version)
     report(1.0, "done")
@@ -128,6 +150,7 @@ def fit(request: FitRequest) -> FitResult:
         candidates=search.table,
         n_samples=data.n_samples,
         seconds=time.perf_counter() - started,
+        initial_soc=data.soc,
     )
 
 
@@ -137,6 +160,14 @@ def _chosen(search: Search, structure: str | Structure) -> Choice:
     if structure not in STRUCTURES:
         raise ModelError(f"structure {structure!r} is unknown; use one of {', '.join(STRUCTURES)}")
     return search.best(structure)
+
+
+def _built(search: Search, choice: Choice, data: Training, report: Progress, searched: Search | None = None) -> _Built:
+    """Fit a choice; `searched`: where it was chosen, if not here."""
+    fitted = search.fitted(choice)
+    refined = refined_theta(fitted, report)
+    table = (search if searched is None else searched).table
+    return _Built(fitted, refined, _bare(data, choice, table, fitted, refined))
 
 
 def _bare(
@@ -171,13 +202,13 @@ def _read_out(
 
 def _judged(network: LocalModelNetwork, data: Training, request: FitRequest) -> _Judged:
     """Free run of the training runs, and of those that only judge."""
-    compared = simulate_runs(network, data.runs, data.soc)
+    compared = [beside(network, run, start) for run, start in zip(data.grid, data.starts, strict=True)]
     residuals = [{"run": c.run.name, **residual_statistics(-c.residual_V, data.dt_s)} for c in compared]
     train, train_runs = _figures(compared)
     validation, validation_runs = None, []
     if request.validate:
         soc = request.validate_soc or [start_soc(run) for run in request.validate]
-        validation, validation_runs = _figures(simulate_runs(network, request.validate, soc))
+        validation, validation_runs = _figures(place_runs(network, request.validate, soc))
     return _Judged(train, validation, train_runs, validation_runs, residuals)
 
 
@@ -218,7 +249,13 @@ def _versioned(network: LocalModelNetwork, data: Training, judged: _Judged, code
         network,
         "fit",
         data.runs,
-        settings={"structure": network.structure.name, "capacity_Ah": data.cell.capacity_Ah, "dt_s": data.dt_s},
+        settings={
+            "structure": network.structure.name,
+            "capacity_Ah": data.cell.capacity_Ah,
+            "coulombic_efficiency": data.cell.efficiency,
+            "dt_s": data.dt_s,
+            "initial_soc": [start.to_json() for start in data.starts],
+        },
         errors={"train": judged.train, "validation": judged.validation},
         code_version=code_version,
         sums_sha256=None if sums is None else document_sha256(sums),
@@ -235,6 +272,7 @@ def _figures(compared: list[RunComparison]) -> tuple[Metrics, list[RunFigures]]:
             "run": c.run.name,
             **metrics(c.run.voltage_V, c.simulated_V),
             "outside_training": float(1.0 - c.inside.mean()),
+            "initial_soc": c.start.to_json(),
         }
         for c in compared
     ]

@@ -21,6 +21,8 @@ class FitRequest:
     structure : "full", "minimal", "auto", or a structure of one's own, which is kept
     validate : runs that only judge the result
     initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
+    initial_soc_std : how far off the stated SoC of a training run may be; it is then estimated with the fit. 0: known
+    coulombic_efficiency : share of the charge going in that comes out again
     dt_s : sampling time; by default the typical interval of the training runs
     progress : called with a share 0..1 and a short text
     code_version : of the program, for the record
@@ -32,6 +34,8 @@ class FitRequest:
     validate: list[TimeSeries] | None = None
     initial_soc: list[float] | None = None
     validate_soc: list[float] | None = None
+    initial_soc_std: float = 0.0
+    coulombic_efficiency: float = 1.0
     dt_s: float | None = None
     progress: Progress | None = None
     code_version: str = "unknown"
@@ -44,6 +48,8 @@ class FitOptions(TypedDict, total=False):
     validate: list[TimeSeries] | None
     initial_soc: list[float] | None
     validate_soc: list[float] | None
+    initial_soc_std: float
+    coulombic_efficiency: float
     dt_s: float | None
     progress: Progress | None
     code_version: str

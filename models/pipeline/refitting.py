@@ -28,6 +28,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Domain, Json, ModelRecord
 from models.network.regression import Dataset
 from models.network.signals import soc_by_counting
+from models.network.signals.filters import slow_current_A
 from models.pipeline.refit_problem import Solution, solved
 
 # Parts of the record that speak of other parameters than the new ones.
@@ -169,4 +170,10 @@ def _wider_domain(network: LocalModelNetwork, runs: list[TimeSeries], soc: list[
 
 def _ranged(network: LocalModelNetwork, run: GridRun, start_soc: float) -> dict[str, FloatArray]:
     counted = soc_by_counting(run.charge_Ah, start_soc, network.cell.capacity_Ah, network.cell.efficiency)
-    return {"soc": counted, "current_A": run.current_A, "temperature_degC": run.temperature_degC}
+    slow_A = slow_current_A(run.current_A, run.dt_s)
+    return {
+        "soc": counted,
+        "current_A": run.current_A,
+        "slow_current_A": slow_A,
+        "temperature_degC": run.temperature_degC,
+    }

@@ -14,6 +14,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.recursion import blend, free_run, initial_samples, run_recursion, sensitivity_block
 from models.network.regression import Dataset
 from models.network.signals import soc_by_counting
+from models.network.signals.filters import slow_current_A
 from models.uncertainty.covariance import ParameterCovariance
 from models.uncertainty.model_uncertainty import Uncertainty
 from models.uncertainty.spread import LocalFactor, blended_variance
@@ -90,7 +91,12 @@ def prediction_band(
 
 def _distance(network: LocalModelNetwork, run: GridRun, soc: FloatArray) -> FloatArray:
     """(n,) distance from the trained domain in units of its ranges, the largest of all dimensions."""
-    values = {"soc": soc, "current_A": run.current_A, "temperature_degC": run.temperature_degC}
+    values = {
+        "soc": soc,
+        "current_A": run.current_A,
+        "slow_current_A": slow_current_A(run.current_A, run.dt_s),
+        "temperature_degC": run.temperature_degC,
+    }
     beyond = np.zeros(len(run))
     for name, (low, high) in network.record.domain.items():
         away = np.nan_to_num(np.maximum(low - values[name], values[name] - high))

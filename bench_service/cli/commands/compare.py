@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from bench_service.cli.arguments import fractions
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_current_sign, read_model, read_runs
-from bench_service.cli.initial_soc import initial_soc
+from bench_service.cli.initial_soc import known_starts
 from bench_service.cli.output import Output
-from bench_service.cli.tables import metrics_table, where_table
+from bench_service.cli.tables import metrics_table, start_line, where_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,6 +23,7 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.json")
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="CSV, gzipped CSV or Parquet")
     parser.add_argument("--initial-soc", type=fractions, metavar="S[,S...]", help="one value, or one for each run")
+    parser.add_argument("--out", type=Path, metavar="SERIES.csv", help="also write both voltages with the band")
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with curves and tables")
     add_current_sign(parser)
 
@@ -30,15 +31,22 @@ def _arguments(parser: ArgumentParser) -> None:
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: numba and scipy take 1.4 s.
     from bench_service.exchange.atomic import check_writable, write_atomically
+    from bench_service.exchange.write import write_results
     from models.comparison.figures import compare
+    from models.comparison.series import series_columns
 
-    if options.report is not None:
-        check_writable(options.report)
+    for path in (options.out, options.report):
+        if path is not None:
+            check_writable(path)
     network = read_model(options.model)
     runs = read_runs(options.runs, options.current_sign, output)
-    soc = initial_soc(runs, options.initial_soc, network, output)
+    starts = known_starts(runs, options.initial_soc, network, output)
+    soc = [value for value, _ in starts]
     with output.progress("Simulating"):
-        result: dict[str, Any] = dict(compare(network, runs, soc))
+        result: dict[str, Any] = dict(compare(network, runs, soc, [std for _, std in starts]))
+    if options.out is not None:
+        write_results(options.out, series_columns(network, runs, soc))
+        result["file"] = str(options.out)
     if options.report is not None:
         from bench_service.cli.report import comparison_page
 
@@ -55,6 +63,7 @@ def _show(console: Console, result: dict[str, Any]) -> None:
     if result["outside"] is not None and result["inside_training"] is not None:
         rows += [("inside the trained domain", result["inside_training"]), ("outside of it", result["outside"])]
     console.print(metrics_table("Free run against measurement", rows))
+    console.print(start_line(result))
     for each in result["corrections"]:
         sizes = ", ".join(f"{name} {value:.4g}" for name, value in each["values"].items())
         console.print(f"the runs were corrected as the model says: {each['effect']} ({sizes})")
@@ -85,8 +94,9 @@ def _show(console: Console, result: dict[str, Any]) -> None:
             "measured voltages lie within"
         )
     _show_temperature(console, result["temperature"])
-    if "report" in result:
-        console.print(f"report: {result['report']}")
+    for key in ("file", "report"):
+        if key in result:
+            console.print(f"{key}: {result[key]}")
 
 
 def _show_temperature(console: Console, temperature: dict[str, Any] | None) -> None:

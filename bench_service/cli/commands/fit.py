@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
-from bench_service.cli.arguments import positive
+from bench_service.cli.arguments import efficiency, fraction, positive
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_runs, read_structure, write_document
 from bench_service.cli.initial_soc import initial_soc
 from bench_service.cli.output import Output
-from bench_service.cli.tables import metrics_table, readout_lines
+from bench_service.cli.tables import metrics_table, readout_lines, soc_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,6 +30,20 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--capacity-Ah", type=positive, required=True, metavar="Q")
     parser.add_argument("--structure", default="full", metavar="full|minimal|auto|FILE.json")
     add_runs_to_learn_from(parser, "MODEL.json")
+    parser.add_argument(
+        "--initial-soc-std",
+        type=fraction,
+        default=0.0,
+        metavar="D",
+        help="how far off the SoC of a training run's start may be; it is then estimated with the fit (default: known)",
+    )
+    parser.add_argument(
+        "--coulombic-efficiency",
+        type=efficiency,
+        default=1.0,
+        metavar="E",
+        help="share of the charge going in that comes out again (default: 1)",
+    )
 
 
 def _run(options: Namespace, output: Output) -> int:
@@ -55,12 +69,14 @@ def _run(options: Namespace, output: Output) -> int:
             validate=validate,
             initial_soc=soc[: len(train)],
             validate_soc=soc[len(train) :],
+            initial_soc_std=options.initial_soc_std,
+            coulombic_efficiency=options.coulombic_efficiency,
             progress=report,
             code_version=version("bench-service"),
         )
     held_out = (validate, soc[len(train) :]) if validate else None
     with threadpool_limits(1):
-        network = with_tuned_observer(fitted.network, train, soc[: len(train)], held_out)
+        network = with_tuned_observer(fitted.network, train, fitted.initial_soc, held_out)
     write_document(options.out, network.to_json())
     low, high = fitted.network.record.domain["soc"]
     if high - low < _NARROW_SOC:
@@ -89,6 +105,9 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
         if answer[part] is not None:
             rows = [(each["run"], each) for each in answer["runs"][part]]
             console.print(metrics_table(title, [*rows, ("all", answer[part])]))
+    for each in answer["runs"]["train"]:
+        if each["initial_soc"]["std"] is not None:
+            console.print(f"{each['run']}: SoC at its start {soc_text(each['initial_soc'])}")
     for line in readout_lines(answer["readouts"]):
         console.print(line)
     for text in answer["reservations"]:

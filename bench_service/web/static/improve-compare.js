@@ -9,13 +9,14 @@ import { overlayChart } from "./result-charts.js";
 
 /** `unitOf(effect, parameter)`: in what a correction's size is given. */
 export function compareStep(comparison, runs, unitOf, keep) {
-  const { overall, noise_floor_mV: floor, outside_training: outside, outside: guessed, inside_training: known, temperature, band, whiteness, corrections = [] } = comparison.result;
+  const { overall, overall_fitted_start: fitted, noise_floor_mV: floor, outside_training: outside, outside: guessed, inside_training: known, temperature, band, whiteness, corrections = [] } = comparison.result;
   const times = Number.isFinite(floor) && floor > 0 ? `${(overall.rmse_mV / floor).toFixed(1)} times the noise floor of ${quantity(floor, 1, "mV")}` : "noise floor unknown";
   const names = new Map(runs.map((run) => [run.id, run.name ?? String(run.id).slice(0, 8)]));
   return [
     el("div", { class: "result-figures" },
       figure("Voltage error", quantity(overall.rmse_mV, 2, "mV"), `RMS in free run, ${times}`),
       figure("95 % of the samples below", quantity(overall.p95_mV, 1, "mV"), `largest ${quantity(overall.max_mV, 1, "mV")}`),
+      fitted ? figure("From a fitted start", quantity(fitted.rmse_mV, 2, "mV"), startWords(comparison.result.runs)) : null,
       whiteness ? figure("White part of it", quantity(whiteness.white_mV, 2, "mV"), whitenessWords(whiteness)) : null,
       figure("Outside what the model knows", percent(outside, 1), guessed && known
         ? `of the samples: there it only guesses, ${quantity(guessed.rmse_mV, 1, "mV")}; inside ${quantity(known.rmse_mV, 1, "mV")}` : "of the samples: there it only guesses"),
@@ -24,6 +25,12 @@ export function compareStep(comparison, runs, unitOf, keep) {
     corrections.length ? el("p", { class: "about", text: `The runs are read as the model was made: ${corrections.map((each) => correctionWords(each, unitOf)).join(", ")}.` }) : null,
     overlay(comparison, names, keep),
   ];
+}
+
+/** Where the voltage says that the runs begin. */
+function startWords(runs) {
+  const soc = runs.map(({ initial_soc: { value, std } }) => `${percent(value, 1)}${Number.isFinite(std) ? ` ± ${fixed(100 * std, 1)}` : ""}`);
+  return `SoC at the start by all of the voltage: ${soc.join(", ")}`;
 }
 
 /** An error that hangs together can be foretold, so a better model would not make it. */

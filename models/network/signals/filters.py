@@ -10,6 +10,8 @@ from models.data.timeseries import FloatArray
 # Time constants of the three stages of the relaxation filter over the slowest of them: the slowest is the relaxation
 # itself, the others only round off the step's edge.
 _RELAXATION_STAGES = (1.0, 0.002, 0.002)
+# Time constant of the slow state that a model's domain is told by.
+_SLOW_S = 600.0
 
 
 def relaxation_poles(time_constant_s: float, dt_s: float) -> FloatArray:
@@ -50,6 +52,11 @@ def low_pass(values: FloatArray, time_constant_s: float, dt_s: float) -> FloatAr
     """First-order low-pass with unit gain, starting at rest: of a current, one RC pair's current in A."""
     pole = float(np.exp(-dt_s / time_constant_s))
     return _smoothed(values, pole)
+
+
+def slow_current_A(current_A: FloatArray, dt_s: float) -> FloatArray:
+    """(n,) current of the last ten minutes or so: where a model is used at a slow state that it was never shown."""
+    return low_pass(current_A, _SLOW_S, dt_s)
 
 
 def _smoothed(values: FloatArray, pole: float) -> FloatArray:

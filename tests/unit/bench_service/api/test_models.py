@@ -47,6 +47,13 @@ def test_what_is_left_out_of_a_fit() -> None:
     _, modelling = fitted({})
     order = modelling.calls[0][1][0]
     assert (order.structure, list(order.validate), order.seed) == ("full", [], None)
+    assert (order.initial_soc_std, order.coulombic_efficiency) == (0.0, 1.0)
+
+
+def test_a_fit_may_doubt_where_its_runs_begin_and_lose_charge() -> None:
+    _, modelling = fitted({"initial_soc_std": 0.05, "coulombic_efficiency": 0.98})
+    order = modelling.calls[0][1][0]
+    assert (order.initial_soc_std, order.coulombic_efficiency) == (0.05, 0.98)
 
 
 @pytest.mark.parametrize(
@@ -56,6 +63,9 @@ def test_what_is_left_out_of_a_fit() -> None:
         {"train": ["r"] * 101},
         {"capacity_Ah": 0},
         {"capacity_Ah": "2"},
+        {"initial_soc_std": 1.5},
+        {"coulombic_efficiency": 0},
+        {"coulombic_efficiency": 1.1},
         {"structure": "deep"},
         {"seed": -1},
         {"validation": ["r2"]},

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from models.comparison.reach import band_figures, bands, gaps, inside_by
+from models.comparison.start import Start
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.uncertainty.bands import NORMAL_95, PredictionBand
 from tests.unit.models.hand_network import grid_run, network
@@ -43,7 +44,7 @@ def test_a_whole_run_has_no_gap_and_a_blind_one_is_one() -> None:
 
 def test_a_model_that_does_not_say_what_it_does_not_know_has_no_band() -> None:
     run = grid_run(np.zeros(4), 25.0)
-    assert bands(MODEL, [run], [0.5]) is None
+    assert bands(MODEL, [run], [Start(0.5)]) is None
     assert band_figures(None, [run], [np.ones(4, dtype=bool)]) is None
 
 

@@ -1,0 +1,44 @@
+"""Measured runs beside a model's free run, each from where it begins: as stated, or as its voltage says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from models.comparison.simulated_runs import RunComparison, beside, on_grid
+from models.comparison.start import Start
+from models.comparison.start_fit import start_from_head, start_from_run
+from models.data.timeseries import TimeSeries
+from models.network.cell_model import CellModel
+
+# How far off a state of charge may be that somebody only believes, where a start is fitted to find that out.
+WORD_STD = 0.1
+
+
+def place_runs(network: CellModel, runs: list[TimeSeries], initial_soc: list[float]) -> list[RunComparison]:
+    """Free run of each measured run from its stated state of charge.
+
+    A run that plainly does not begin at rest is started with the history that its first 60 s show; nothing later of the
+    voltage is used.
+    """
+    grid = [on_grid(network, run) for run in runs]
+    starts = [start_from_head(network, run, Start(soc)) for run, soc in zip(grid, initial_soc, strict=True)]
+    return [beside(network, run, start) for run, start in zip(grid, starts, strict=True)]
+
+
+def fit_starts(
+    network: CellModel, compared: list[RunComparison], soc_std: Sequence[float | None] | None = None
+) -> list[RunComparison]:
+    """The same runs from starts that all of their voltage says.
+
+    Parameters
+    ----------
+    network : the model
+    compared : runs from their stated starts
+    soc_std : standard deviation of each stated state of charge; None: somebody's word
+    """
+    known = [None] * len(compared) if soc_std is None else soc_std
+    starts = [
+        start_from_run(network, each.run, Start(each.start.initial_soc, WORD_STD if std is None else std))
+        for each, std in zip(compared, known, strict=True)
+    ]
+    return [beside(network, each.run, start) for each, start in zip(compared, starts, strict=True)]

@@ -1,0 +1,123 @@
+"""Where the training runs begin, found together with the model that is fitted to them.
+
+A run that begins in a relaxation or on the other branch of a hysteresis loop, taken for one at rest, bends the model;
+so does a state of charge that somebody only believed. A first model shows which runs those are. It is fitted again with
+what flowed before in front of them and with corrected states of charge, and what explains the runs clearly better
+stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from models.comparison.start import Start, free_run_from_V, put_in_front
+from models.comparison.start_fit import plainly_not_at_rest, start_from_run
+from models.comparison.start_noise import ErrorModel, seen_error_model
+from models.data.history import PlacedRun
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.network.local_model_network import LocalModelNetwork
+from models.pipeline.joint_soc import joint_soc
+from models.pipeline.training import Training
+
+_ROUNDS, _ROUNDS_WITH_SOC = 2, 4
+# By how much a new round must lower the training error (RMS): less is what five more numbers a run bring by chance.
+_WORTH = 0.01
+
+BuiltT = TypeVar("BuiltT")
+
+
+def with_starts(
+    data: Training,
+    built: BuiltT,
+    build: Callable[[Training], BuiltT],
+    network_of: Callable[[BuiltT], LocalModelNetwork],
+    soc_std: float = 0.0,
+) -> tuple[Training, BuiltT]:
+    """Find where the training runs begin, and fit again from there.
+
+    Parameters
+    ----------
+    data : with the stated starts
+    built : what was fitted to them
+    build : fits the same choices to data with other starts
+    network_of : the network in what was fitted
+    soc_std : how far off a stated state of charge may be; 0: it is known, and only a start that is plainly not at rest
+        is moved
+
+    Returns
+    -------
+    data, built
+        As they were, but for standard deviations, where other starts do not explain the runs clearly better.
+    """
+    stated = data.soc
+    for number in range(_ROUNDS_WITH_SOC if soc_std > 0.0 else _ROUNDS):
+        network = network_of(built)
+        errors_V = _errors_V(network, data)
+        trial = data
+        # A wrong state of charge would pass for a history: it is put right first.
+        if number > 0 or soc_std == 0.0:
+            trial = _placed(network, trial, _histories(network, trial, errors_V))
+        if soc_std > 0.0:
+            soc, _ = joint_soc(network, trial, stated, soc_std)
+            starts = [replace(start, initial_soc=float(each)) for start, each in zip(trial.starts, soc, strict=True)]
+            trial = _placed(network, trial, starts)
+        if trial.starts == data.starts:
+            break
+        again = build(trial)
+        if _rms_V(_errors_V(network_of(again), trial)) < (1.0 - _WORTH) * _rms_V(errors_V):
+            data, built = trial, again
+        elif number > 0 or soc_std == 0.0:
+            break
+    return (data, built) if soc_std == 0.0 else (_with_std(network_of(built), data, stated, soc_std), built)
+
+
+def _histories(network: LocalModelNetwork, data: Training, errors_V: list[FloatArray]) -> list[Start]:
+    """Starts with what flowed before, of runs that plainly need it."""
+    # What a wrong start does has mostly died out in the second half of a run.
+    expected: ErrorModel = seen_error_model([each[len(each) // 2 :] for each in errors_V])
+    out = []
+    for run, now in zip(data.grid, data.starts, strict=True):
+        rest = replace(now, history=None)
+        asked = now.history is not None or plainly_not_at_rest(network, run, rest, expected)
+        out.append(start_from_run(network, run, rest, expected) if asked else now)
+    return out
+
+
+def _placed(network: LocalModelNetwork, data: Training, starts: list[Start]) -> Training:
+    """Training data with other starts and what flowed before in front."""
+    fronts = [put_in_front(network, run, start) for run, start in zip(data.grid, starts, strict=True)]
+    grid = [_initialised(network, front) for front in fronts]
+    return replace(data, starts=starts, fit_grid=grid, fit_soc=[front.initial_soc for front in fronts])
+
+
+def _initialised(network: LocalModelNetwork, front: PlacedRun) -> GridRun:
+    """With the initial values that a network with past outputs needs at the first samples, which count nowhere else."""
+    order = network.structure.output_order
+    if front.n_before <= order:
+        return front.run
+    voltage_V = front.run.voltage_V.copy()
+    voltage_V[:order] = free_run_from_V(network, front.run, Start(front.initial_soc))[:order]
+    return replace(front.run, voltage_V=voltage_V)
+
+
+def _errors_V(network: LocalModelNetwork, data: Training) -> list[FloatArray]:
+    return [
+        run.voltage_V - free_run_from_V(network, run, start) for run, start in zip(data.grid, data.starts, strict=True)
+    ]
+
+
+def _rms_V(errors_V: list[FloatArray]) -> float:
+    return float(np.sqrt(np.nanmean(np.concatenate(errors_V) ** 2)))
+
+
+def _with_std(network: LocalModelNetwork, data: Training, stated: list[float], soc_std: float) -> Training:
+    """With the standard deviation of each state of charge; one more step that was not worth taking counts as one."""
+    soc, std = joint_soc(network, data, stated, soc_std)
+    away = soc - np.array(data.soc)
+    whole = np.minimum(np.hypot(std, away), soc_std)
+    return replace(data, starts=[replace(s, soc_std=float(w)) for s, w in zip(data.starts, whole, strict=True)])

@@ -1,0 +1,102 @@
+"""Training runs that begin anywhere, at states of charge that somebody only believes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from models.data.errors import ModelError
+from models.data.timeseries import TimeSeries
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.network.structure import InputChannel, PartitionAxis, Structure
+from models.pipeline.fit import FitResult, fit_network
+from tests.unit.models.hand_network import CAPACITY_AH, SCALING, grid_run, network
+
+NOISE_MV = 1.0
+
+
+def cell() -> LocalModelNetwork:
+    """Open-circuit voltage over three local models, two slow branches, a loop of +-30 mV."""
+    names = ("current", "low_pass:30", "low_pass:900", "hysteresis_state:20")
+    inputs = (InputChannel("soc", delay=1), *(InputChannel(name) for name in names))
+    structure = Structure(0, inputs, (PartitionAxis("soc", initial=3, k_sigma=0.5),), 1.0)
+    rows = [[slope, 0.014, 0.01, 0.02, 0.03, offset] for slope, offset in ((0.9, 3.1), (0.4, 3.25), (0.8, 3.1))]
+    scaling = {**SCALING, "low_pass:900": (-3, 3), "hysteresis_state:20": (-1, 1)}
+    return network(structure, np.array(rows), scaling=scaling)
+
+
+def log(before_A: np.ndarray, seed: int, off: float = 0.0) -> tuple[TimeSeries, float]:
+    """What is logged after `before_A`, its reference off by so much; and where it really begins."""
+    rng, n = np.random.default_rng(seed), len(before_A)
+    current, soc = before_A.tolist(), 0.5 + float(before_A.sum()) / 3600.0 / CAPACITY_AH
+    while len(current) < n + 4000:
+        length, drawn = int(rng.integers(20, 300)), float(rng.choice([0.0, *rng.uniform(-2.0, 2.0, 3)]))
+        if not 0.3 < soc + drawn * length / 3600.0 / CAPACITY_AH < 0.75:
+            drawn = -drawn
+        current += [drawn] * length
+        soc += drawn * length / 3600.0 / CAPACITY_AH
+    whole = grid_run(np.array(current[: n + 4000]), 25.0)
+    voltage_V = free_run_V(cell(), whole, 0.5) + 1e-3 * NOISE_MV * rng.standard_normal(len(whole))
+    true = 0.5 + whole.charge_Ah[n:] / CAPACITY_AH
+    columns = np.arange(4000.0), whole.current_A[n:], voltage_V[n:], np.full(4000, 25.0)
+    return TimeSeries(*columns, None, true + off, f"run{seed}"), float(true[0])
+
+
+def fitted(runs: list[TimeSeries], **options: float) -> FitResult:
+    judged, _ = log(np.zeros(1), 99)
+    return fit_network(
+        runs,
+        capacity_Ah=CAPACITY_AH,
+        structure=cell().structure,
+        validate=[judged],
+        **options,  # pyright: ignore[reportArgumentType]
+    )
+
+
+def after(*steps: tuple[float, int]) -> np.ndarray:
+    """Current of so many A for so many s each."""
+    return np.concatenate([np.full(length, current_A) for current_A, length in steps])
+
+
+def test_logs_that_begin_anywhere_do_not_bend_the_model() -> None:
+    logs = [log(after((-1.0, 1300), (0.0, 200)), 1), log(after((0.5, 2500), (0.0, 3600)), 2), log(np.zeros(1), 3)]
+    result = fitted([run for run, _ in logs])
+    assert result.train["rmse_mV"] < 1.05 * NOISE_MV
+    assert result.validation is not None and result.validation["rmse_mV"] < 1.1 * NOISE_MV
+    # Nobody doubted the states of charge.
+    assert [run["initial_soc"]["std"] for run in result.train_runs] == [None, None, None]
+    assert result.n_samples == 12_000
+
+
+def test_logs_that_begin_at_rest_keep_their_starts() -> None:
+    runs = [log(np.zeros(1), seed)[0] for seed in (4, 5)]
+    result = fitted(runs)
+    assert [run["initial_soc"] for run in result.train_runs] == [{"value": 0.5, "std": None}] * 2
+    assert result.train["rmse_mV"] < 1.05 * NOISE_MV
+
+
+def test_wrong_states_of_charge_are_found_as_far_as_the_runs_contradict_each_other() -> None:
+    off = (0.05, -0.03, 0.01, -0.03)
+    logs = [log(np.zeros(1), seed, wrong) for seed, wrong in enumerate(off, start=11)]
+    believed = fitted([run for run, _ in logs])
+    doubted = fitted([run for run, _ in logs], initial_soc_std=0.05)
+    assert doubted.train["rmse_mV"] < 0.3 * believed.train["rmse_mV"]
+    assert doubted.train["rmse_mV"] < 1.2 * NOISE_MV
+    assert [run["initial_soc"]["value"] for run in doubted.train_runs] == doubted.initial_soc
+    assert doubted.initial_soc == pytest.approx([true for _, true in logs], abs=0.01)
+    # What all runs share shows nowhere.
+    assert [run["initial_soc"]["std"] for run in doubted.train_runs] == pytest.approx([0.025] * 4, rel=0.1)
+
+
+def test_a_single_run_cannot_contradict_its_state_of_charge() -> None:
+    run, true = log(np.zeros(1), 21, 0.05)
+    (said,) = fitted([run], initial_soc_std=0.05).train_runs
+    assert said["initial_soc"] == {"value": pytest.approx(true + 0.05), "std": pytest.approx(0.05)}
+
+
+def test_efficiency_reaches_the_model() -> None:
+    run, _ = log(np.zeros(1), 31)
+    assert fitted([run], coulombic_efficiency=0.98).network.cell.efficiency == 0.98
+    with pytest.raises(ModelError, match="coulombic efficiency is 1.2"):
+        fitted([run], coulombic_efficiency=1.2)
