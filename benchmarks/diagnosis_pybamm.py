@@ -23,7 +23,7 @@ from models.data.start_soc import start_soc
 from models.data.timeseries import TimeSeries
 from models.diagnosis import diagnose
 from models.network.local_model_network import LocalModelNetwork
-from models.pipeline.fit import STRUCTURES, fit_network
+from models.pipeline import STRUCTURES, fit_network
 
 # Names that are right; a set of two as the first two findings of an ambiguous verdict.
 RIGHT: dict[str, set[str]] = {

@@ -37,7 +37,7 @@ from models.identification.search.search import Search
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import CellContext
 from models.network.structure import InputChannel, PartitionAxis, Structure
-from models.pipeline.fit import STRUCTURES, fit_network
+from models.pipeline import STRUCTURES, fit_network
 from models.readouts.step_response import CurrentStep, step_response
 
 CAPACITY_AH = 30.6

@@ -26,7 +26,7 @@ from models.data.resampling import to_grid
 from models.data.timeseries import FloatArray, TimeSeries
 from models.module.models import KINDS, ModuleRun, as_cell_run, compare_module_models
 from models.network.free_run import free_run_V
-from models.pipeline.fit import STRUCTURES, fit_network
+from models.pipeline import STRUCTURES, fit_network
 from simulators.catalogue import CELLS, cell_type
 from simulators.cell import Cell, CellOutput
 from simulators.module import Module, ModuleLayout

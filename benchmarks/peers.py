@@ -45,7 +45,7 @@ from models.data.start_soc import start_soc
 from models.data.timeseries import FloatArray, TimeSeries
 from models.network.free_run import free_run_V
 from models.network.signals import soc_by_counting
-from models.pipeline.fit import STRUCTURES, fit_network
+from models.pipeline import STRUCTURES, fit_network
 
 PEERS = ("pybatteryid", "sysidentpy")
 INSTALL = "python3 -m venv peers && peers/bin/pip install pybatteryid==3.0.2 sysidentpy==0.9.0, then --peers-python"

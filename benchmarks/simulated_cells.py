@@ -28,7 +28,7 @@ from models.data.timeseries import FloatArray, TimeSeries
 from models.design import Profile, StepProfileRequest, step_profile
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
-from models.pipeline.fit import STRUCTURES, fit_network
+from models.pipeline import STRUCTURES, fit_network
 from models.readouts.ocv import DIRECTIONS
 from models.readouts.tables import tables_of
 from simulators.catalogue import CELLS, cell_type

@@ -107,7 +107,7 @@ def read_structure(name: str) -> str | Structure:
     # Lazy: numba and scipy take 1.0 s.
     from models.data.errors import ModelError
     from models.network.structure import Structure
-    from models.pipeline.fit import STRUCTURES
+    from models.pipeline import STRUCTURES
 
     if name in STRUCTURES:
         return name

@@ -37,6 +37,18 @@ def group_numbers(run_index: np.ndarray, run_group: np.ndarray | None) -> np.nda
     return out
 
 
+def outer_folds(run_index: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """(N,) number of the fold in which kinds of models are compared: whole runs wherever there are at least three.
+
+    Parameters
+    ----------
+    run_index : (N,) which run a sample belongs to
+    group : (N,) number of the group that each sample is held out with
+    """
+    n_runs = int(run_index.max()) + 1
+    return run_index if 3 <= n_runs < N_FOLDS else group % N_FOLDS
+
+
 def balanced_groups(runs: list[GridRun]) -> np.ndarray:
     """(runs,) number of the group of each run, so that every fold holds out runs at every temperature.
 

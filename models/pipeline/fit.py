@@ -14,30 +14,20 @@ from models.comparison.simulated_runs import RunComparison, beside
 from models.data.errors import ModelError
 from models.data.metrics import Metrics, RunMetrics, metrics
 from models.data.start_soc import start_soc
-from models.data.timeseries import FloatArray, TimeSeries
+from models.data.timeseries import TimeSeries
 from models.diagnosis import memory_of
 from models.identification.excitation import fit_reservations
-from models.identification.output_error import normal_equations
 from models.identification.progress import Progress, part_of, silent
-from models.identification.refinement import Refined, refined_theta
-from models.identification.search.candidate import Choice
-from models.identification.search.fitted import Fitted
-from models.identification.search.search import Search
-from models.identification.stored_sums import StoredSums
 from models.network.lineage import document_sha256, with_version
 from models.network.local_model_network import LocalModelNetwork
-from models.network.model_record import Json, ModelRecord
-from models.network.structure import Structure
+from models.network.model_record import Json
+from models.pipeline.choosing import choose
 from models.pipeline.fit_request import FitOptions, FitRequest
+from models.pipeline.plans import Built
 from models.pipeline.run_starts import with_starts
 from models.pipeline.training import Training, training
 from models.readouts.tables import read_out
 from models.thermal.cell_temperature import thermal_record
-from models.uncertainty.held_out import fit_uncertainty
-
-STRUCTURES = ("full", "minimal", "auto")
-# Parts that a fitted model's document names even where they say nothing.
-_STATED = frozenset({"reservations", "thermal", "validation", "noise_floor_mV"})
 
 
 class RunFigures(RunMetrics):
@@ -60,6 +50,7 @@ class FitResult:
     network : the model
     train, validation : free-run figures; `validation` is None where no run was held out
     train_runs, validation_runs : the same for each run
+    expected_rmse_mV : error on runs that a fit of these choices did not see
     candidates : documents of every set of choices that was tried, with its held-out error
     n_samples : training samples on the model's grid
     seconds : time the fit took
@@ -71,19 +62,11 @@ class FitResult:
     validation: Metrics | None
     train_runs: list[RunFigures]
     validation_runs: list[RunFigures]
+    expected_rmse_mV: float
     candidates: list[Json]
     n_samples: int
     seconds: float
     initial_soc: list[float]
-
-
-@dataclass(frozen=True)
-class _Built:
-    """A network of a choice, as yet without what it says of itself."""
-
-    fitted: Fitted
-    refined: Refined
-    network: LocalModelNetwork
 
 
 @dataclass(frozen=True)
@@ -125,19 +108,19 @@ def fit(request: FitRequest) -> FitResult:
     started = time.perf_counter()
     report = request.progress or silent
     data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s, request.coulombic_efficiency)
-    search = Search(data.fit_grid, data.fit_soc, data.cell, part_of(report, 0.0, 0.7))
-    choice = _chosen(search, request.structure)
-    report(0.7, f"building {choice.n_models} local models")
-    built = _built(search, choice, data, part_of(report, 0.7, 0.15))
+    chosen = choose(data, request.structure, request.without, part_of(report, 0.0, 0.85))
     report(0.85, "looking where the runs begin")
 
-    def again(placed: Training) -> _Built:
-        return _built(Search(placed.fit_grid, placed.fit_soc, placed.cell, silent), choice, placed, silent, search)
+    def again(placed: Training) -> Built:
+        return chosen.plan.build(placed, silent)
 
-    data, built = with_starts(data, built, again, lambda made: made.network, request.initial_soc_std)
-    network = _read_out(built.network, data, built.fitted, built.refined, report)
+    data, built = with_starts(data, chosen.built, again, lambda made: made.network, request.initial_soc_std)
+    network = _read_out(built, data, report)
+    if chosen.compared:
+        choices = (network.record.choices or {}) | {"compared": chosen.compared}
+        network = _noting(network, choices=choices)
     judged = _judged(network, data, request)
-    network = _with_figures(network, data, built.fitted, judged)
+    network = _with_figures(network, data, built, judged)
     report(0.97, "noting what a diagnosis will need")
     network = _versioned(_with_memory(network, data), data, judged, request.code_version)
     report(1.0, "done")
@@ -147,53 +130,18 @@ def fit(request: FitRequest) -> FitResult:
         validation=judged.validation,
         train_runs=judged.train_runs,
         validation_runs=judged.validation_runs,
-        candidates=search.table,
+        candidates=chosen.plan.table,
+        expected_rmse_mV=1e3 * chosen.held_out.rmse_V,
         n_samples=data.n_samples,
         seconds=time.perf_counter() - started,
         initial_soc=data.soc,
     )
 
 
-def _chosen(search: Search, structure: str | Structure) -> Choice:
-    if isinstance(structure, Structure):
-        return search.best_within(structure)
-    if structure not in STRUCTURES:
-        raise ModelError(f"structure {structure!r} is unknown; use one of {', '.join(STRUCTURES)}")
-    return search.best(structure)
-
-
-def _built(search: Search, choice: Choice, data: Training, report: Progress, searched: Search | None = None) -> _Built:
-    """Fit a choice; `searched`: where it was chosen, if not here."""
-    fitted = search.fitted(choice)
-    refined = refined_theta(fitted, report)
-    table = (search if searched is None else searched).table
-    return _Built(fitted, refined, _bare(data, choice, table, fitted, refined))
-
-
-def _bare(
-    data: Training, choice: Choice, candidates: list[Json], fitted: Fitted, refined: Refined
-) -> LocalModelNetwork:
-    """The network with a record of its data and choices."""
-    record = ModelRecord(
-        domain=data.domain,
-        train_runs=tuple(run.name for run in data.runs),
-        choices=choice.to_json() | {"log_strengths": list(fitted.fit.log_strengths)},
-        candidates=tuple(candidates),
-        reservations=tuple(data.reservations),
-        refinement=dict(refined.record),
-        noise_floor_mV=data.noise_floor_mV,
-        stated=_STATED,
-    )
-    return LocalModelNetwork(fitted.structure, fitted.partition, refined.theta, fitted.scaling, data.cell, record)
-
-
-def _read_out(
-    network: LocalModelNetwork, data: Training, fitted: Fitted, refined: Refined, report: Progress
-) -> LocalModelNetwork:
+def _read_out(built: Built, data: Training, report: Progress) -> LocalModelNetwork:
     """What the network does not know, then its tables with their bands, then the heat balance that needs them."""
     report(0.9, "estimating what the model does not know")
-    uncertainty = fit_uncertainty(fitted, refined.theta, refined.penalties, refined.held_out)
-    network = _noting(network, uncertainty=uncertainty.to_json())
+    network = _noting(built.network, uncertainty=built.uncertainty().to_json())
     report(0.95, "reading out tables")
     network = _noting(network, tables=dict(read_out(network)))
     heat = thermal_record(network, data.grid, data.soc)
@@ -212,26 +160,17 @@ def _judged(network: LocalModelNetwork, data: Training, request: FitRequest) -> 
     return _Judged(train, validation, train_runs, validation_runs, residuals)
 
 
-def _with_figures(network: LocalModelNetwork, data: Training, fitted: Fitted, judged: _Judged) -> LocalModelNetwork:
+def _with_figures(network: LocalModelNetwork, data: Training, built: Built, judged: _Judged) -> LocalModelNetwork:
     found = fit_reservations(judged.train, data.n_missing, data.n_samples)
+    sums = built.sums()
     return _noting(
         network,
         residuals=tuple(judged.residuals),
         train=judged.train,
         validation=judged.validation,
         reservations=(*network.record.reservations, *found),
-        sums=_sums(fitted, network.theta).to_json(),
+        sums=None if sums is None else sums.to_json(),
     )
-
-
-def _sums(fitted: Fitted, theta: FloatArray) -> StoredSums:
-    """What the training runs say of the parameters, for a later fit to new runs alone."""
-    if fitted.structure.output_order == 0:
-        xx, xy, yy = fitted.sums.xx.sum(axis=0), fitted.sums.xy.sum(axis=0), float(fitted.sums.yy.sum())
-        b = theta.ravel()
-        return StoredSums(xx, float(fitted.sums.count.sum()), max(float(yy - 2.0 * b @ xy + b @ xx @ b), 0.0))
-    equations = normal_equations(theta, fitted.structure.output_order, fitted.partition, fitted.data)
-    return StoredSums(equations.information, equations.weight, equations.squared_error)
 
 
 def _with_memory(network: LocalModelNetwork, data: Training) -> LocalModelNetwork:

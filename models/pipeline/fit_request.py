@@ -18,19 +18,20 @@ class FitRequest:
     ----------
     train : runs that the model is made from
     capacity_Ah : cell capacity
-    structure : "full", "minimal", "auto", or a structure of one's own, which is kept
+    structure : "auto", "full", "minimal", "bounded", or a structure of one's own, which is kept
     validate : runs that only judge the result
     initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
     initial_soc_std : how far off the stated SoC of a training run may be; it is then estimated with the fit. 0: known
     coulombic_efficiency : share of the charge going in that comes out again
     dt_s : sampling time; by default the typical interval of the training runs
     progress : called with a share 0..1 and a short text
+    without : effects that are left out of the bounded network
     code_version : of the program, for the record
     """
 
     train: list[TimeSeries]
     capacity_Ah: float
-    structure: str | Structure = "full"
+    structure: str | Structure = "auto"
     validate: list[TimeSeries] | None = None
     initial_soc: list[float] | None = None
     validate_soc: list[float] | None = None
@@ -38,6 +39,7 @@ class FitRequest:
     coulombic_efficiency: float = 1.0
     dt_s: float | None = None
     progress: Progress | None = None
+    without: tuple[str, ...] = ()
     code_version: str = "unknown"
 
 
@@ -52,4 +54,5 @@ class FitOptions(TypedDict, total=False):
     coulombic_efficiency: float
     dt_s: float | None
     progress: Progress | None
+    without: tuple[str, ...]
     code_version: str

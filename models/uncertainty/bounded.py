@@ -93,9 +93,8 @@ class _Near:
 
     def _summed(self, values: FloatArray, part: np.ndarray) -> FloatArray:
         left, share = self._left[part], self._share[part]
-        return np.bincount(left, (1.0 - share) * values[part], self._n) + np.bincount(
-            left + 1, share * values[part], self._n
-        )
+        below = np.bincount(left, (1.0 - share) * values[part], self._n)
+        return np.asarray(below + np.bincount(left + 1, share * values[part], self._n), dtype=np.float64)
 
 
 def _covariance(fit: BoundedFit, level2: float, correlation: ResidualCorrelation) -> tuple[FloatArray, FloatArray]:

@@ -17,8 +17,8 @@ class Expansion:
     Attributes
     ----------
     centres : (M,) knots on the partition axis, the outermost two far out
-    places : for each of the p columns of theta, the knots at which it is free; held beyond them, but for the last column,
-        the open-circuit curve, which goes on as it ended
+    places : for each of the p columns of theta, the knots at which it is free; held beyond them, but for the last
+        column, the open-circuit curve, which goes on as it ended
     """
 
     centres: FloatArray

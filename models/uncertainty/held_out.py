@@ -125,15 +125,24 @@ def _regular(information: FloatArray, penalty: FloatArray) -> FloatArray:
     return information + penalty + 1e-10 * np.trace(information) / size * np.eye(size)
 
 
-def held_out_error(fitted: Fitted, validity: FloatArray) -> FloatArray:
+def held_out_error(fitted: Fitted, validity: FloatArray, fold: np.ndarray | None = None) -> FloatArray:
     """(N,) free-run error (measured minus simulated, normalised) of each sample by a fit that did not see it.
 
     NaN where no voltage was measured or an initial value stands. Poles and penalties are those of the whole fit.
+
+    Parameters
+    ----------
+    fitted : the shared-pole fit
+    validity : (N, M)
+    fold : (N,) number of the fold of each sample, of which each holds whole groups; by default as `folds` has them
     """
     data, order = fitted.data, fitted.structure.output_order
     group = data.groups()
     error = np.full(len(data), np.nan)
-    for held_groups in folds(len(fitted.sums.count)):
+    sets = folds(len(fitted.sums.count))
+    if fold is not None:
+        sets = [np.unique(group[fold == number]) for number in np.unique(fold)]
+    for held_groups in sets:
         b = solve_without(fitted.sums, fitted.fit.penalty, held_groups)
         simulated = free_run(full_theta(fitted.a, b, fitted.partition.n_models), order, validity, data)
         held = np.isin(group, held_groups)

@@ -8,6 +8,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import hats
+from models.identification.bounded.monotone import rising
 from models.identification.bounded.problem import REFERENCE_DEGC, Layout, Sums, regressors, soc_over
 from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.variants import Trials, Variant
@@ -69,7 +70,9 @@ def fit_variant(trials: Trials, variant: Variant) -> BoundedFit:
     kept = [b for b in range(len(layout.basis.terms)) if np.abs(solved[_part(layout, b)]).max() > _NEGLIGIBLE_V]
     if len(kept) < len(layout.basis.terms):
         held = HeldOut(_restricted(held.sums, kept))
-        solved = held.whole(logs).x
+    degC = np.concatenate([run.temperature_degC for run in trials.bank.runs])
+    span = (REFERENCE_DEGC, REFERENCE_DEGC) if np.isnan(degC).any() else (float(degC.min()), float(degC.max()))
+    solved = rising(held, logs, span)
     return BoundedFit(trials.bank, variant, held, logs, curve_by_values(held.sums.layout, solved))
 
 

@@ -43,6 +43,7 @@ class Variant:
     ----------
     surface : depth in h, time constant in s, activation in K; None: the mean state of charge
     squared : whether overvoltages that grow faster than the current are offered
+    fine_slope : whether the curve's slope with temperature has knots as dense as a moved curve asks for
     """
 
     surface: tuple[float, float, float] | None = None
@@ -118,10 +119,11 @@ class Trials:
 
 
 def best_variant(trials: Trials) -> Variant:
-    """Return the form to take: the plain one, unless a richer one is clearly better, and that without what it can spare."""
+    """Return the form to take: the plain one, unless a richer one is clearly better, without what it can spare."""
     plain = Variant()
     trials.error(plain)
-    best = min((plain, *_richer(trials)), key=lambda variant: trials.mean(trials.error(variant)))
+    logs = trials.known[plain][1]
+    best = min((plain, *_richer(trials)), key=lambda variant: trials.mean(trials.error(variant, logs)))
     if not clearly_better(trials.error(best), trials.error(plain), trials.counts):
         return plain
     for simpler in (replace(best, fine_slope=False), replace(best, squared=False)):

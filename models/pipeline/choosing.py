@@ -1,0 +1,131 @@
+"""Which plan a fit follows: the one that was asked for, or of several the one that simulates unseen runs best.
+
+A bounded network is physical wherever it is asked, and simple: it is taken unless another is better by more than the
+standard error of the difference between outer folds (Breiman et al., "Classification and Regression Trees", 1984,
+ch. 3.4.3). A network that a search has found among many was chosen on folds of the same runs, so its error is stated a
+little too low; the rule makes up for that, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from models.data.errors import ModelError
+from models.identification.bounded.variants import Trials, Variant, best_variant, clearly_better
+from models.identification.progress import Progress, part_of
+from models.identification.search.search import Search
+from models.network.model_record import Json
+from models.network.regression import SignalBank
+from models.network.structure import Structure
+from models.pipeline.plans import BoundedPlan, Built, HeldOutError, Plan, SearchedPlan
+from models.pipeline.training import Training
+
+STRUCTURES = ("auto", "full", "minimal", "bounded")
+# Families that are searched, in the order in which they are tried beside the bounded network.
+_SEARCHED = ("auto", "full", "minimal")
+# Where the bounded network is as near to the noise as this, nothing better can be found.
+_AT_NOISE = 1.02
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A plan with what it makes of the training data.
+
+    Attributes
+    ----------
+    plan : to be built again from other starts
+    built : the network
+    held_out : its error on runs that it did not see
+    compared : kinds of networks that were held against each other, with their errors on unseen runs
+    """
+
+    plan: Plan
+    built: Built
+    held_out: HeldOutError
+    compared: list[Json] = field(default_factory=list)
+
+
+def choose(data: Training, structure: str | Structure, without: tuple[str, ...], report: Progress) -> Chosen:
+    """Choose a plan and build it.
+
+    Parameters
+    ----------
+    data : training data
+    structure : one of `STRUCTURES`, or a structure of one's own, which is kept
+    without : effects that are left out; of the bounded network only
+    report : called with a share 0..1 and a short text
+
+    Raises
+    ------
+    ModelError
+        No such structure, or an effect that cannot be left out of it.
+    """
+    if without and structure not in ("bounded", "auto"):
+        raise ModelError(
+            f"effects can be left out of the bounded network only, not of {structure!r}; use --structure bounded"
+        )
+    if isinstance(structure, Structure):
+        return _built(_given(data, structure, part_of(report, 0.0, 0.7)), data, part_of(report, 0.7, 0.3))
+    if structure == "bounded" or without:
+        return _built(_bounded(data, without, part_of(report, 0.0, 0.7)), data, part_of(report, 0.7, 0.3))
+    if structure in ("full", "minimal"):
+        search = _search(data, part_of(report, 0.0, 0.7))
+        return _built(SearchedPlan(search, search.best(structure)), data, part_of(report, 0.7, 0.3))
+    if structure != "auto":
+        raise ModelError(f"structure {structure!r} is unknown; use one of {', '.join(STRUCTURES)}")
+    return _automatic(data, report)
+
+
+def _automatic(data: Training, report: Progress) -> Chosen:
+    """The bounded network, unless one of the searched ones is clearly better."""
+    found = _built(_bounded(data, (), part_of(report, 0.0, 0.2)), data, part_of(report, 0.2, 0.1))
+    noise_mV = data.noise_floor_mV
+    if noise_mV is not None and 1e3 * found.held_out.rmse_V <= _AT_NOISE * noise_mV:
+        return found
+    others = []
+    for number, family in enumerate(_SEARCHED):
+        begin, width = 0.3 + 0.7 * number / len(_SEARCHED), 0.7 / len(_SEARCHED)
+        search = _search(data, part_of(report, begin, 0.8 * width))
+        plan = SearchedPlan(search, search.best(family))
+        others.append(_built(plan, data, part_of(report, begin + 0.8 * width, 0.2 * width)))
+    best = min(others, key=lambda each: each.held_out.rmse_V)
+    tried = [_row(each) for each in (found, *others)]
+    if clearly_better(best.held_out.mse, found.held_out.mse, found.held_out.count):
+        found = best
+    return replace(found, compared=tried)
+
+
+def _built(plan: Plan, data: Training, report: Progress) -> Chosen:
+    built = plan.build(data, report)
+    return Chosen(plan, built, built.held_out())
+
+
+def _bounded(data: Training, without: tuple[str, ...], report: Progress) -> BoundedPlan:
+    bank = SignalBank(data.fit_grid, data.fit_soc, data.cell)
+    tried: list[Variant] = []
+
+    def begun(variant: Variant) -> None:
+        tried.append(variant)
+        report(min(0.1 * len(tried), 0.9), f"bounded network over {variant.axis}")
+
+    trials = Trials(bank, without, begun)
+    best = best_variant(trials)
+    table: list[Json] = [
+        {"family": "bounded", **variant.to_json(), "held_out_rmse_mV": 1e3 * held.mean_mse(logs) ** 0.5}
+        for variant, (held, logs) in trials.known.items()
+    ]
+    return BoundedPlan(best, without, table)
+
+
+def _search(data: Training, report: Progress) -> Search:
+    return Search(data.fit_grid, data.fit_soc, data.cell, report)
+
+
+def _given(data: Training, structure: Structure, report: Progress) -> Plan:
+    search = _search(data, report)
+    return SearchedPlan(search, search.best_within(structure))
+
+
+def _row(chosen: Chosen) -> Json:
+    """What is said of a rival."""
+    return {"structure": chosen.built.network.structure.name, "held_out_rmse_mV": 1e3 * chosen.held_out.rmse_V}

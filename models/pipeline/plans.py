@@ -1,0 +1,235 @@
+"""What is fitted: a searched network or a bounded one, as choices that can be built again from other starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.identification.bounded.fitted import BoundedFit, fit_variant, network_parts
+from models.identification.bounded.problem import make_sums
+from models.identification.bounded.strengths import HeldOut
+from models.identification.bounded.variants import Trials, Variant
+from models.identification.output_error import normal_equations
+from models.identification.progress import Progress, silent
+from models.identification.refinement import Refined, refined_theta
+from models.identification.search.candidate import Choice
+from models.identification.search.fitted import Fitted, span_V
+from models.identification.search.search import Search
+from models.identification.stored_sums import StoredSums
+from models.network.folds import balanced_groups, group_numbers, outer_folds
+from models.network.local_model_network import LocalModelNetwork
+from models.network.model_record import Json, ModelRecord
+from models.network.regression import SignalBank
+from models.pipeline.training import Training
+from models.uncertainty.bounded import bounded_uncertainty
+from models.uncertainty.held_out import fit_uncertainty, held_out_error
+from models.uncertainty.model_uncertainty import Uncertainty
+
+# Parts that a fitted model's document names even where they say nothing.
+_STATED = frozenset({"reservations", "thermal", "validation", "noise_floor_mV"})
+
+
+# Samples in the sums of the outer folds.
+_OUTER_SAMPLES = 60_000
+
+
+@dataclass(frozen=True)
+class HeldOutError:
+    """What fits leave of runs that they did not see.
+
+    Attributes
+    ----------
+    mse : (folds,) mean squared error in V^2; count : (folds,) samples
+    """
+
+    mse: FloatArray
+    count: FloatArray
+
+    @property
+    def rmse_V(self) -> float:
+        """Over all samples."""
+        return float(np.sqrt(self.mse @ self.count / self.count.sum()))
+
+
+def error_of(error_V: FloatArray, fold: np.ndarray) -> HeldOutError:
+    """Mean squares by fold; NaN does not count."""
+    known = ~np.isnan(error_V)
+    count = np.bincount(fold[known], minlength=int(fold.max()) + 1).astype(np.float64)
+    squared = np.bincount(fold[known], error_V[known] ** 2, len(count))
+    return HeldOutError(squared / np.maximum(count, 1.0), count)
+
+
+class Built(Protocol):
+    """A network of a plan, as yet without what it says of itself."""
+
+    @property
+    def network(self) -> LocalModelNetwork:
+        """With a record of its data and choices."""
+        ...
+
+    def held_out(self) -> HeldOutError:
+        """Errors on outer folds by fits that did not see them."""
+        ...
+
+    def uncertainty(self) -> Uncertainty:
+        """What it does not know."""
+        ...
+
+    def sums(self) -> StoredSums | None:
+        """What the runs say of the parameters, for a later fit to new runs alone; None where that is not kept."""
+        ...
+
+
+class Plan(Protocol):
+    """A set of choices."""
+
+    @property
+    def table(self) -> list[Json]:
+        """Documents of what was tried, each with its held-out error."""
+        ...
+
+    def build(self, data: Training, report: Progress) -> Built:
+        """Fit the choices to training data."""
+        ...
+
+
+@dataclass(frozen=True)
+class SearchedPlan:
+    """A choice that a search has made."""
+
+    search: Search
+    choice: Choice
+
+    @property
+    def table(self) -> list[Json]:
+        """Documents of what was tried, each with its held-out error."""
+        return self.search.table
+
+    def build(self, data: Training, report: Progress) -> Built:
+        """Fit the choice to training data."""
+        own = self.search.runs is data.fit_grid
+        search = self.search if own else Search(data.fit_grid, data.fit_soc, data.cell, silent)
+        report(0.0, f"building {self.choice.n_models} local models")
+        fitted = search.fitted(self.choice)
+        refined = refined_theta(fitted, report)
+        choices = self.choice.to_json() | {"log_strengths": list(fitted.fit.log_strengths)}
+        record = _record(data, choices, self.table, dict(refined.record))
+        network = LocalModelNetwork(
+            fitted.structure, fitted.partition, refined.theta, fitted.scaling, data.cell, record
+        )
+        return SearchedNetwork(network, fitted, refined)
+
+
+@dataclass(frozen=True)
+class SearchedNetwork:
+    """A network of a search."""
+
+    network: LocalModelNetwork
+    fitted: Fitted
+    refined: Refined
+
+    def held_out(self) -> HeldOutError:
+        """Errors on outer folds by shared-pole fits that did not see them."""
+        data = self.fitted.data
+        fold = outer_folds(data.run_index, data.groups())
+        error = held_out_error(self.fitted, self.fitted.partition.validity(data.z), fold)
+        return error_of(span_V(self.fitted.scaling) * error, fold)
+
+    def uncertainty(self) -> Uncertainty:
+        """What it does not know."""
+        return fit_uncertainty(self.fitted, self.refined.theta, self.refined.penalties, self.refined.held_out)
+
+    def sums(self) -> StoredSums:
+        """What the training runs say of the parameters, for a later fit to new runs alone."""
+        fitted, theta = self.fitted, self.network.theta
+        if fitted.structure.output_order == 0:
+            xx, xy, yy = fitted.sums.xx.sum(axis=0), fitted.sums.xy.sum(axis=0), float(fitted.sums.yy.sum())
+            b = theta.ravel()
+            return StoredSums(xx, float(fitted.sums.count.sum()), max(float(yy - 2.0 * b @ xy + b @ xx @ b), 0.0))
+        equations = normal_equations(theta, fitted.structure.output_order, fitted.partition, fitted.data)
+        return StoredSums(equations.information, equations.weight, equations.squared_error)
+
+
+@dataclass(frozen=True)
+class BoundedPlan:
+    """A form of the bounded network.
+
+    Attributes
+    ----------
+    variant : form
+    without : effects that are left out
+    table : documents of what was tried
+    """
+
+    variant: Variant
+    without: tuple[str, ...] = ()
+    table: list[Json] = field(default_factory=list)
+    name: str = "bounded"
+
+    def build(self, data: Training, report: Progress) -> Built:
+        """Fit the form to training data."""
+        report(0.0, "solving for the bounded network")
+        trials = Trials(SignalBank(data.fit_grid, data.fit_soc, data.cell), self.without)
+        fit = fit_variant(trials, self.variant)
+        structure, partition, theta, scaling = network_parts(fit, self.name)
+        record = _record(data, self._choices(fit), self.table, None)
+        return BoundedNetwork(LocalModelNetwork(structure, partition, theta, scaling, data.cell, record), fit)
+
+    def _choices(self, fit: BoundedFit) -> Json:
+        """What was chosen, with each term and the effects that it stands for."""
+        layout = fit.layout
+        terms = [
+            {"signal": term.signal, "effects": list(term.effects), "largest_V": float(np.abs(part).max())}
+            for term, part in zip(
+                layout.basis.terms, np.split(fit.coefficients, layout.first.tolist())[1:-1], strict=True
+            )
+        ]
+        return {
+            "family": "bounded",
+            **fit.variant.to_json(),
+            "without": list(self.without),
+            "log_strengths": list(fit.log_strengths),
+            "held_out_rmse_mV": 1e3 * fit.held_out_rmse_V,
+            "terms": terms,
+        }
+
+
+@dataclass(frozen=True)
+class BoundedNetwork:
+    """A bounded network."""
+
+    network: LocalModelNetwork
+    fit: BoundedFit
+
+    def held_out(self) -> HeldOutError:
+        """Errors on outer folds by fits that did not see them."""
+        bank, layout = self.fit.bank, self.fit.layout
+        index = np.repeat(np.arange(len(bank.runs)), [len(run) for run in bank.runs])
+        fold = outer_folds(index, group_numbers(index, balanced_groups(bank.runs)))
+        keep_every = max(1, len(index) // _OUTER_SAMPLES)
+        held = HeldOut(make_sums(bank, layout, keep_every, fold).by_increments())
+        return HeldOutError(held.mse(self.fit.log_strengths), held.sums.count)
+
+    def uncertainty(self) -> Uncertainty:
+        """What it does not know."""
+        return bounded_uncertainty(self.fit)
+
+    def sums(self) -> None:
+        """Nothing is kept: bounds need the runs themselves."""
+        return
+
+
+def _record(data: Training, choices: Json, table: list[Json], refinement: Json | None) -> ModelRecord:
+    return ModelRecord(
+        domain=data.domain,
+        train_runs=tuple(run.name for run in data.runs),
+        choices=choices,
+        candidates=tuple(table),
+        reservations=tuple(data.reservations),
+        refinement=refinement,
+        noise_floor_mV=data.noise_floor_mV,
+        stated=_STATED,
+    )
