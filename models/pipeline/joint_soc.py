@@ -58,7 +58,8 @@ def joint_soc(
     apart = np.eye(len(now)) - 1.0 / len(now)
     shared_variance = soc_std**2 / len(now)
     variance = np.diag(apart @ spread @ apart) + shared_variance
-    return said + apart @ (now + step - said), np.minimum(np.sqrt(variance), soc_std)
+    found = np.clip(said + apart @ (now + step - said), np.minimum(said, 0.0), np.maximum(said, 1.0))
+    return found, np.minimum(np.sqrt(variance), soc_std)
 
 
 def _projected(
