@@ -72,7 +72,7 @@ def with_starts(
         again = build(trial)
         again_V = _errors_V(network_of(again), trial)
         moved = sum(new != old for new, old in zip(trial.starts, data.starts, strict=True))
-        if _gain(errors_V, again_V) > _WORTH * moved:
+        if _gain(errors_V, again_V) > _WORTH * moved and _rms_V(again_V) < _rms_V(errors_V):
             data, built = trial, again
         elif number > 0 or soc_std == 0.0:
             break

@@ -11,6 +11,8 @@ from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.pipeline.fit import FitResult, fit_network
+from models.pipeline.joint_soc import joint_soc
+from models.pipeline.training import training
 from tests.unit.models.hand_network import CAPACITY_AH, SCALING, grid_run, network
 
 NOISE_MV = 1.0
@@ -94,6 +96,23 @@ def test_a_single_run_cannot_contradict_its_state_of_charge() -> None:
     run, true = log(np.zeros(1), 21, 0.05)
     (said,) = fitted([run], initial_soc_std=0.05).train_runs
     assert said["initial_soc"] == {"value": pytest.approx(true + 0.05), "std": pytest.approx(0.05)}
+
+
+def test_runs_that_never_meet_do_not_contradict_each_other() -> None:
+    logs = [
+        log(after((rate, 1500), (0.0, 4000)), seed, off) for rate, seed, off in ((-1.0, 41, -0.05), (1.0, 42, 0.05))
+    ]
+    # The first 600 s of each: near SoC 0.29 and near 0.71.
+    runs = [_first(run, 600) for run, _ in logs]
+    data = training(runs, CAPACITY_AH, dt_s=1.0)
+    soc, std = joint_soc(cell(), data, data.soc, 0.05)
+    assert soc == pytest.approx(data.soc) and std == pytest.approx(0.05)
+
+
+def _first(run: TimeSeries, n: int) -> TimeSeries:
+    assert run.soc_ref is not None
+    columns = (run.time_s, run.current_A, run.voltage_V, run.temperature_degC)
+    return TimeSeries(*(each[:n] for each in columns), None, run.soc_ref[:n], run.name)
 
 
 def test_efficiency_reaches_the_model() -> None:
