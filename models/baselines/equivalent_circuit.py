@@ -23,7 +23,7 @@ from models.baselines.variable_projection import fit
 from models.data.errors import ModelError, StructureError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray, TimeSeries
-from models.network.free_run import free_run_V
+from models.network.free_run import LONGEST_MEMORY_S, MEMORY_OF_FILTERS, free_run_V, memory_s
 from models.network.regression import CellContext
 from models.network.signals import soc_by_counting
 
@@ -166,6 +166,11 @@ def _(model: EquivalentCircuit, run: GridRun, initial_soc: float) -> FloatArray:
     currents_A = model.branches.currents_A(run.current_A, temperature, run.dt_s, starts)
     ohmic = model.r0_Ohm.at(soc, temperature) * run.current_A
     return model.ocv_V.at(soc, temperature) + ohmic + model.branches.voltage_V(currents_A, soc, temperature)
+
+
+@memory_s.register
+def _(model: EquivalentCircuit) -> float:
+    return min(MEMORY_OF_FILTERS * float(model.branches.time_constants_s.max(initial=0.0)), LONGEST_MEMORY_S)
 
 
 def fit_equivalent_circuit(

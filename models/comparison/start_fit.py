@@ -90,11 +90,15 @@ def plainly_not_at_rest(model: CellModel, run: GridRun, stated: Start, expected:
 
 @dataclass(frozen=True)
 class _Point:
-    """Parameters in prior standard deviations, the whitened error there, and -2 log likelihood with the prior."""
+    """Parameters in prior standard deviations, the error there, and -2 log likelihood with the prior.
+
+    `white`: the whitened error, `squares_V2`: the plain sum of squares.
+    """
 
     x: FloatArray
     white: FloatArray
     cost: float
+    squares_V2: float
 
 
 class _Estimate:
@@ -126,7 +130,9 @@ class _Estimate:
         currents = value[: self._n_currents]
         offset = float(value[self._n_currents]) if self._soc_open else 0.0
         history = StartHistory(self._edges_s, tuple(currents.tolist())) if currents.any() else None
-        return replace(self._stated, initial_soc=self._stated.initial_soc + offset, history=history)
+        stated = self._stated.initial_soc
+        soc = min(max(stated + offset, min(stated, 0.0)), max(stated, 1.0))
+        return replace(self._stated, initial_soc=soc, history=history)
 
     def found(self, begin: list[FloatArray]) -> FloatArray:
         """The likeliest parameters from several first guesses."""
@@ -152,7 +158,9 @@ class _Estimate:
             # A misfit that remains says that errors are larger than expected, and the gain is worth less.
             better.append(((at_rest - point.cost) / self._excess(point, free) - needed, point, free))
         gain, point, free = max(better, key=lambda each: each[0])
-        return self._with_std(point, free) if gain > 0.0 else self._confirmed(rest)
+        # What slow errors are expected to do may outweigh what a person sees: a start that looks worse is not taken.
+        found = gain > 0.0 and point.squares_V2 <= rest.squares_V2
+        return self._with_std(point, free) if found else self._confirmed(rest)
 
     @property
     def worth(self) -> float:
@@ -210,8 +218,13 @@ class _Estimate:
         return now
 
     def _at(self, x: FloatArray) -> _Point:
-        white = self._white.white(self._run.voltage_V - free_run_from_V(self._model, self._run, self.start(x)))
-        return _Point(x, white, float(white @ white + x @ x) if np.isfinite(white).all() else np.inf)
+        return self._point(x, self.start(x))
+
+    def _point(self, x: FloatArray, start: Start) -> _Point:
+        error_V = self._run.voltage_V - free_run_from_V(self._model, self._run, start)
+        white = self._white.white(error_V)
+        cost = float(white @ white + x @ x) if np.isfinite(white).all() else np.inf
+        return _Point(x, white, cost, float(np.nansum(error_V**2)))
 
     def score(self) -> float:
         """How much one step from rest would lower the cost, were the error linear in the start."""
@@ -226,9 +239,7 @@ class _Estimate:
         A network with past outputs otherwise begins at measured ones, whose noise alone is no reason for a history.
         """
         rest = StartHistory(self._edges_s, (0.0,) * self._n_currents)
-        simulated_V = free_run_from_V(self._model, self._run, replace(self._stated, history=rest))
-        white = self._white.white(self._run.voltage_V - simulated_V)
-        return _Point(np.zeros(len(self._scale)), white, float(white @ white))
+        return self._point(np.zeros(len(self._scale)), replace(self._stated, history=rest))
 
     def _slopes(self, point: _Point, free: np.ndarray) -> FloatArray:
         """(m, p) derivatives of the whitened error to the free parameters."""
@@ -238,6 +249,8 @@ class _Estimate:
             is_soc = k >= self._n_currents
             moved = _MOVED if is_soc else min(_MOVED, _MOVED_REST * self._model.cell.rest_A / self._scale[k])
             x = point.x.copy()
+            if is_soc and self.start(x).initial_soc > 0.5:
+                moved = -moved  # Away from full, beyond which there is nothing.
             x[k] += moved
             run = self._run if is_soc else self._head
             change = np.zeros(len(self._run))

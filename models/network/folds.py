@@ -10,7 +10,9 @@ N_FOLDS = 5
 _GROUPS = 20
 
 
-def group_numbers(run_index: np.ndarray, run_group: np.ndarray | None) -> np.ndarray:
+def group_numbers(
+    run_index: np.ndarray, run_group: np.ndarray | None, measured: np.ndarray | None = None
+) -> np.ndarray:
     """(N,) number of the group that each sample belongs to.
 
     Whole runs where there are at least as many as folds; else each run in blocks in time, long enough that a block
@@ -23,6 +25,8 @@ def group_numbers(run_index: np.ndarray, run_group: np.ndarray | None) -> np.nda
     ----------
     run_index : (N,) which run a sample belongs to
     run_group : (runs,) in which group each run is held out; None: each in that of its own number
+    measured : (N,) whether a sample has a voltage; blocks have equally many of these: what flowed before a run, put in
+        front of it, is nothing that could be held out
     """
     n_runs = int(run_index.max()) + 1
     if n_runs >= N_FOLDS:
@@ -32,7 +36,9 @@ def group_numbers(run_index: np.ndarray, run_group: np.ndarray | None) -> np.nda
     out = np.empty(len(run_index), dtype=np.int64)
     for run in range(n_runs):
         index = np.flatnonzero(run_index == run)
-        block = (np.arange(len(index)) * blocks) // len(index)
+        counted = np.ones(len(index), dtype=np.int64) if measured is None else measured[index].astype(np.int64)
+        place = np.cumsum(counted) - counted
+        block = np.minimum(place * blocks // max(int(counted.sum()), 1), blocks - 1)
         out[index] = run * blocks + (block + run) % blocks
     return out
 

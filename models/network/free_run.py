@@ -17,7 +17,7 @@ from models.network.signals import parse_signal
 # Hours in which a current can turn a hysteresis loop over; nothing before them counts.
 LONGEST_MEMORY_S = 10_800.0
 # Time constants after which nothing of a current is left: of a filter 2 %; past outputs are not scaled by a small gain.
-_LEFT_BY_FILTERS, _LEFT_BY_OUTPUTS = 4.0, 8.0
+MEMORY_OF_FILTERS, _MEMORY_OF_OUTPUTS = 4.0, 8.0
 
 
 @singledispatch
@@ -66,7 +66,7 @@ def _(model: LocalModelNetwork) -> float:
     if any(signal.get("rate") > 0.0 for signal in signals):
         return LONGEST_MEMORY_S
     slowest_s = max(signal.get("time_constant_s") for signal in signals)
-    return min(max(_LEFT_BY_FILTERS * slowest_s, _memory_of_outputs_s(model)), LONGEST_MEMORY_S)
+    return min(max(MEMORY_OF_FILTERS * slowest_s, _memory_of_outputs_s(model)), LONGEST_MEMORY_S)
 
 
 def _memory_of_outputs_s(model: LocalModelNetwork) -> float:
@@ -74,4 +74,4 @@ def _memory_of_outputs_s(model: LocalModelNetwork) -> float:
     order = model.structure.output_order
     sizes = [np.abs(np.roots([1.0, *-row[:order]])) for row in model.theta] if order else []
     stable = [float(size) for found in sizes for size in found if 0.0 < size < 1.0]
-    return _LEFT_BY_OUTPUTS * model.dt_s / -np.log(max(stable)) if stable else 0.0
+    return _MEMORY_OF_OUTPUTS * model.dt_s / -np.log(max(stable)) if stable else 0.0

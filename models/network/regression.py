@@ -57,7 +57,7 @@ class Dataset:
 
     def groups(self) -> np.ndarray:
         """(N,) number of the group that each sample is held out with."""
-        return group_numbers(self.run_index, self.run_group)
+        return group_numbers(self.run_index, self.run_group, ~np.isnan(self.y))
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,10 @@ from models.uncertainty.bands import sensitivities
 _SAMPLES = 30_000
 _MOVED = 1e-3
 # Directions of the parameters that the runs do not excite are held.
-_RIDGE = 1e-7
+_RIDGE = 1e-9
+# Runs contradict each other only where they meet: with less than this share of its samples at states of charge that
+# another run has too, a run is as right as it says.
+_LEAST_SHARED = 0.1
 
 
 def joint_soc(
@@ -55,10 +58,23 @@ def joint_soc(
     weight = every / (expected.level_V**2 * max(expected.correlation.inflation, every))
     spread = np.linalg.inv(weight * information + np.eye(len(now)) / soc_std**2)
     step = spread @ (weight * gradient + (said - now) / soc_std**2)
-    apart = np.eye(len(now)) - 1.0 / len(now)
-    shared_variance = soc_std**2 / len(now)
-    variance = np.diag(apart @ spread @ apart) + shared_variance
-    return said + apart @ (now + step - said), np.minimum(np.sqrt(variance), soc_std)
+    meets = _shared(data) >= _LEAST_SHARED
+    n = max(int(meets.sum()), 1)
+    apart = np.diag(meets.astype(np.float64)) - np.outer(meets, meets) / n
+    variance = np.diag(apart @ spread @ apart) + soc_std**2 / n
+    found = np.clip(said + apart @ (now + step - said), np.minimum(said, 0.0), np.maximum(said, 1.0))
+    return found, np.where(meets, np.minimum(np.sqrt(variance), soc_std), soc_std)
+
+
+def _shared(data: Training) -> FloatArray:
+    """(R,) share of each run's samples at states of charge that another run has too."""
+    counted = data.counted_soc()
+    out = np.zeros(len(counted))
+    for k, soc in enumerate(counted):
+        others = [each for i, each in enumerate(counted) if i != k]
+        met = [(soc >= each.min()) & (soc <= each.max()) for each in others]
+        out[k] = float(np.logical_or.reduce(met).mean()) if met else 0.0
+    return out
 
 
 def _projected(

@@ -9,7 +9,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.identification.bounded.fitted import BoundedFit, fit_variant, network_parts
-from models.identification.bounded.problem import make_sums
+from models.identification.bounded.problem import groups_of, make_sums, run_index
 from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.variants import Trials, Variant
 from models.identification.output_error import normal_equations
@@ -19,7 +19,7 @@ from models.identification.search.candidate import Choice
 from models.identification.search.fitted import Fitted, span_V
 from models.identification.search.search import Search
 from models.identification.stored_sums import StoredSums
-from models.network.folds import balanced_groups, group_numbers, outer_folds
+from models.network.folds import outer_folds
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json, ModelRecord
 from models.network.regression import SignalBank
@@ -207,9 +207,8 @@ class BoundedNetwork:
     def held_out(self) -> HeldOutError:
         """Errors on outer folds by fits that did not see them."""
         bank, layout = self.fit.bank, self.fit.layout
-        index = np.repeat(np.arange(len(bank.runs)), [len(run) for run in bank.runs])
-        fold = outer_folds(index, group_numbers(index, balanced_groups(bank.runs)))
-        keep_every = max(1, len(index) // _OUTER_SAMPLES)
+        fold = outer_folds(run_index(bank), groups_of(bank))
+        keep_every = max(1, len(fold) // _OUTER_SAMPLES)
         held = HeldOut(make_sums(bank, layout, keep_every, fold).by_increments())
         return HeldOutError(held.mse(self.fit.log_strengths), held.sums.count)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from models.comparison.start import Start, free_run_from_V, put_in_front
 from models.comparison.start_fit import plainly_not_at_rest, start_from_run
-from models.comparison.start_noise import ErrorModel, seen_error_model
+from models.comparison.start_noise import ErrorModel, seen_error_model, whitener
 from models.data.history import PlacedRun
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
@@ -24,9 +24,10 @@ from models.network.local_model_network import LocalModelNetwork
 from models.pipeline.joint_soc import joint_soc
 from models.pipeline.training import Training
 
-_ROUNDS, _ROUNDS_WITH_SOC = 2, 4
-# By how much a new round must lower the training error (RMS): less is what five more numbers a run bring by chance.
-_WORTH = 0.01
+_ROUNDS = 4
+# By how much each round must raise twice the log-likelihood of the training error, for each run whose start it moves:
+# the 0.1 % level of chi-square for the six numbers of a start. A round that lowers the error by little is the last.
+_WORTH, _LITTLE = 22.5, 0.002
 
 BuiltT = TypeVar("BuiltT")
 
@@ -55,7 +56,7 @@ def with_starts(
         As they were, but for standard deviations, where other starts do not explain the runs clearly better.
     """
     stated = data.soc
-    for number in range(_ROUNDS_WITH_SOC if soc_std > 0.0 else _ROUNDS):
+    for number in range(_ROUNDS):
         network = network_of(built)
         errors_V = _errors_V(network, data)
         trial = data
@@ -69,9 +70,13 @@ def with_starts(
         if trial.starts == data.starts:
             break
         again = build(trial)
-        if _rms_V(_errors_V(network_of(again), trial)) < (1.0 - _WORTH) * _rms_V(errors_V):
+        again_V = _errors_V(network_of(again), trial)
+        moved = sum(new != old for new, old in zip(trial.starts, data.starts, strict=True))
+        if _gain(errors_V, again_V) > _WORTH * moved and _rms_V(again_V) < _rms_V(errors_V):
             data, built = trial, again
         elif number > 0 or soc_std == 0.0:
+            break
+        if number > 0 and _rms_V(again_V) > (1.0 - _LITTLE) * _rms_V(errors_V):
             break
     return (data, built) if soc_std == 0.0 else (_with_std(network_of(built), data, stated, soc_std), built)
 
@@ -109,6 +114,16 @@ def _errors_V(network: LocalModelNetwork, data: Training) -> list[FloatArray]:
     return [
         run.voltage_V - free_run_from_V(network, run, start) for run, start in zip(data.grid, data.starts, strict=True)
     ]
+
+
+def _gain(before_V: list[FloatArray], after_V: list[FloatArray]) -> float:
+    """By how much twice the log-likelihood rose, errors being such as those after."""
+    expected = seen_error_model(after_V)
+    gain = 0.0
+    for before, after in zip(before_V, after_V, strict=True):
+        white = whitener(np.isfinite(after), expected)
+        gain += float(np.sum(white.white(before) ** 2) - np.sum(white.white(after) ** 2))
+    return gain
 
 
 def _rms_V(errors_V: list[FloatArray]) -> float:

@@ -66,16 +66,19 @@ class Training:
         known = [floor for floor in floors if np.isfinite(floor)]
         return 1e3 * float(np.median(known)) if known else None
 
-    @property
-    def domain(self) -> Domain:
-        """Ranges of SoC, current, slow states and temperature."""
+    def counted_soc(self) -> list[FloatArray]:
+        """(n,) fraction over each run."""
         cell = self.cell
-        counted = [
+        return [
             soc_by_counting(run.charge_Ah, soc, cell.capacity_Ah, cell.efficiency)
             for run, soc in zip(self.grid, self.soc, strict=True)
         ]
+
+    @property
+    def domain(self) -> Domain:
+        """Ranges of SoC, current, slow states and temperature."""
         slow = [slow_current_A(run.current_A, run.dt_s) for run in self.grid]
-        domain = {"soc": _range(counted), "current_A": _range([run.current_A for run in self.grid])}
+        domain = {"soc": _range(self.counted_soc()), "current_A": _range([run.current_A for run in self.grid])}
         domain["slow_current_A"] = _range(slow)
         if not any(np.isnan(run.temperature_degC).any() for run in self.grid):
             domain["temperature_degC"] = _range([run.temperature_degC for run in self.grid])

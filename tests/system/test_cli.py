@@ -178,6 +178,41 @@ def test_compare_answers_the_contract(fitted: tuple[Path, dict[str, Any]], tmp_p
     assert "http" not in page.read_text()
 
 
+def test_compare_writes_both_voltages_with_the_band(fitted: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    model, _ = fitted
+    held_out, series = model.parent / "held_out.csv", tmp_path / "series.csv"
+    compared = answer(call("compare", model, held_out, "--out", series, "--json"))
+    assert compared["file"] == str(series)
+    header, first, *more = series.read_text().splitlines()
+    assert header == "run,time_s,current_A,temperature_degC,soc,voltage_V,simulated_V,band_V,inside"
+    assert len(more) == 1499 and first.split(",")[0].strip('"') == "held_out"
+    *_, measured, simulated, band, inside = more[700].split(",")
+    assert abs(float(measured) - float(simulated)) < 0.01 and 0.0 < float(band) < 0.05 and inside in ("0", "1")
+    assert "directory" in refusal(call("compare", model, held_out, "--out", tmp_path / "no" / "series.csv"))
+
+
+def test_compare_says_where_a_run_of_a_wrong_soc_begins(fitted: tuple[Path, dict[str, Any]]) -> None:
+    model, said = fitted
+    shifted = answer(call("compare", model, model.parent / "held_out.csv", "--initial-soc", "0.55", "--json"))
+    assert shifted["overall_fitted_start"]["rmse_mV"] < said["validation"]["rmse_mV"] + 1.0
+    found = shifted["runs"][0]["initial_soc"]
+    assert abs(found["value"] - 0.5) < 0.01 and 0.0 < found["std"] < 0.02
+
+
+def test_fit_doubts_where_its_runs_begin(tmp_path: Path) -> None:
+    runs = [save_run(tmp_path / f"{k}.csv", k) for k in range(2)]
+    model = tmp_path / "model.json"
+    options = ("--capacity-Ah", 2.5, "--structure", "minimal", "--out", model, "--json")
+    doubted = ("--initial-soc", "0.51,0.5", "--initial-soc-std", 0.01, "--coulombic-efficiency", 0.999)
+    said = answer(call("fit", *runs, *doubted, *options))
+    first, second = (each["initial_soc"] for each in said["runs"]["train"])
+    # They contradict each other; what both share is anybody's guess.
+    assert abs(first["value"] - second["value"]) < 0.002
+    assert abs(first["std"] - 0.01 / 2**0.5) < 0.001
+    assert json.loads(model.read_text())["cell"]["efficiency"] == 0.999
+    assert "above 0 and up to 1" in refusal(call("fit", *runs, "--coulombic-efficiency", 0, *options))
+
+
 def test_runs_of_one_name_are_told_apart(fitted: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     model, _ = fitted
     for folder in ("first", "second"):

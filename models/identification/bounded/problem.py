@@ -144,8 +144,18 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
 
 def fold_of(bank: SignalBank) -> np.ndarray:
     """(N,) number of the fold that holds out each sample of all runs."""
-    index = np.repeat(np.arange(len(bank.runs)), [len(run) for run in bank.runs])
-    return group_numbers(index, balanced_groups(bank.runs)) % N_FOLDS
+    return groups_of(bank) % N_FOLDS
+
+
+def groups_of(bank: SignalBank) -> np.ndarray:
+    """(N,) number of the group that each sample of all runs is held out with."""
+    measured = np.concatenate([run.measured for run in bank.runs])
+    return group_numbers(run_index(bank), balanced_groups(bank.runs), measured)
+
+
+def run_index(bank: SignalBank) -> np.ndarray:
+    """(N,) which run each sample belongs to."""
+    return np.repeat(np.arange(len(bank.runs)), [len(run) for run in bank.runs])
 
 
 def regressors(bank: SignalBank, basis: Basis, scale: FloatArray) -> FloatArray:

@@ -165,7 +165,7 @@ class SampleBank:
 
     @cached_property
     def _fold(self) -> np.ndarray:
-        return group_numbers(self._run_index, balanced_groups(self.bank.runs)) % N_FOLDS
+        return group_numbers(self._run_index, balanced_groups(self.bank.runs), ~np.isnan(self._voltage)) % N_FOLDS
 
     @cached_property
     def _voltage(self) -> FloatArray:

@@ -11,9 +11,12 @@ from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.pipeline.fit import FitResult, fit_network
+from models.pipeline.joint_soc import joint_soc
+from models.pipeline.training import training
 from tests.unit.models.hand_network import CAPACITY_AH, SCALING, grid_run, network
 
 NOISE_MV = 1.0
+LENGTH = 6000
 
 
 def cell() -> LocalModelNetwork:
@@ -30,16 +33,16 @@ def log(before_A: np.ndarray, seed: int, off: float = 0.0) -> tuple[TimeSeries, 
     """What is logged after `before_A`, its reference off by so much; and where it really begins."""
     rng, n = np.random.default_rng(seed), len(before_A)
     current, soc = before_A.tolist(), 0.5 + float(before_A.sum()) / 3600.0 / CAPACITY_AH
-    while len(current) < n + 4000:
+    while len(current) < n + LENGTH:
         length, drawn = int(rng.integers(20, 300)), float(rng.choice([0.0, *rng.uniform(-2.0, 2.0, 3)]))
         if not 0.3 < soc + drawn * length / 3600.0 / CAPACITY_AH < 0.75:
             drawn = -drawn
         current += [drawn] * length
         soc += drawn * length / 3600.0 / CAPACITY_AH
-    whole = grid_run(np.array(current[: n + 4000]), 25.0)
+    whole = grid_run(np.array(current[: n + LENGTH]), 25.0)
     voltage_V = free_run_V(cell(), whole, 0.5) + 1e-3 * NOISE_MV * rng.standard_normal(len(whole))
     true = 0.5 + whole.charge_Ah[n:] / CAPACITY_AH
-    columns = np.arange(4000.0), whole.current_A[n:], voltage_V[n:], np.full(4000, 25.0)
+    columns = np.arange(float(LENGTH)), whole.current_A[n:], voltage_V[n:], np.full(LENGTH, 25.0)
     return TimeSeries(*columns, None, true + off, f"run{seed}"), float(true[0])
 
 
@@ -66,13 +69,13 @@ def test_logs_that_begin_anywhere_do_not_bend_the_model() -> None:
     assert result.validation is not None and result.validation["rmse_mV"] < 1.1 * NOISE_MV
     # Nobody doubted the states of charge.
     assert [run["initial_soc"]["std"] for run in result.train_runs] == [None, None, None]
-    assert result.n_samples == 12_000
+    assert result.n_samples == 3 * LENGTH
 
 
 def test_logs_that_begin_at_rest_keep_their_starts() -> None:
-    runs = [log(np.zeros(1), seed)[0] for seed in (4, 5)]
-    result = fitted(runs)
-    assert [run["initial_soc"] for run in result.train_runs] == [{"value": 0.5, "std": None}] * 2
+    logs = [log(np.zeros(1), seed) for seed in (4, 5)]
+    result = fitted([run for run, _ in logs])
+    assert [run["initial_soc"] for run in result.train_runs] == [{"value": true, "std": None} for _, true in logs]
     assert result.train["rmse_mV"] < 1.05 * NOISE_MV
 
 
@@ -93,6 +96,23 @@ def test_a_single_run_cannot_contradict_its_state_of_charge() -> None:
     run, true = log(np.zeros(1), 21, 0.05)
     (said,) = fitted([run], initial_soc_std=0.05).train_runs
     assert said["initial_soc"] == {"value": pytest.approx(true + 0.05), "std": pytest.approx(0.05)}
+
+
+def test_runs_that_never_meet_do_not_contradict_each_other() -> None:
+    logs = [
+        log(after((rate, 1500), (0.0, 4000)), seed, off) for rate, seed, off in ((-1.0, 41, -0.05), (1.0, 42, 0.05))
+    ]
+    # The first 600 s of each: near SoC 0.29 and near 0.71.
+    runs = [_first(run, 600) for run, _ in logs]
+    data = training(runs, CAPACITY_AH, dt_s=1.0)
+    soc, std = joint_soc(cell(), data, data.soc, 0.05)
+    assert soc == pytest.approx(data.soc) and std == pytest.approx(0.05)
+
+
+def _first(run: TimeSeries, n: int) -> TimeSeries:
+    assert run.soc_ref is not None
+    columns = (run.time_s, run.current_A, run.voltage_V, run.temperature_degC)
+    return TimeSeries(*(each[:n] for each in columns), None, run.soc_ref[:n], run.name)
 
 
 def test_efficiency_reaches_the_model() -> None:
