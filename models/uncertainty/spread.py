@@ -43,7 +43,7 @@ class LocalFactor:
             part = self.factor[begin:end]
             # A factor of the same covariance with fewer columns; worth its price for many rows.
             if part.shape[1] > part.shape[0] and len(rows) > part.shape[0] // 2:
-                part = np.linalg.qr(part.T, mode="r").T
+                part = np.asarray(np.linalg.qr(part.T, mode="r")).T
                 self._smaller[begin, end] = part
         return np.sum((rows @ part) ** 2, axis=1)
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor
-from scipy.linalg.lapack import dtrtri
+from scipy.linalg import cho_factor, lapack
 
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
@@ -230,7 +229,7 @@ class Evaluator:
 def parameter_std(information: FloatArray) -> FloatArray:
     """Standard deviation of each parameter, normalised units: the Cramer-Rao bound."""
     factor, _ = cho_factor(information, lower=True, check_finite=False)
-    inverse = np.tril(dtrtri(factor, lower=1)[0])
+    inverse = np.tril(lapack.dtrtri(factor, lower=1)[0])
     return np.sqrt(np.sum(inverse**2, axis=0))
 
 
