@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from models.data.errors import ModelError
+from models.data.errors import ModelError, StructureError
 from models.data.resampling import GridRun, to_grid
 from models.data.timeseries import TimeSeries
 from models.diagnosis.answer.change_answer import change_answer
@@ -110,7 +110,11 @@ def _has(network: LocalModelNetwork, effect: Effect) -> bool:
     if any(entry["effect"] == effect.name for entry in network.record.effects):
         return True
     structure = network.structure
-    return effect.extend is not None and effect.extend(structure, {}, network.cell.capacity_Ah) == structure
+    try:
+        return effect.extend is not None and effect.extend(structure, {}, network.cell.capacity_Ah) == structure
+    except StructureError:
+        # There is no place for it in a structure of this kernel.
+        return False
 
 
 def own_activation_K(structure: Structure) -> float:

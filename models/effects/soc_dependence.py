@@ -20,6 +20,9 @@ def _regressors(view: View) -> FloatArray:
 
 
 def _extend(structure: Structure, _values: Values, _capacity_Ah: float) -> Structure:
+    if structure.kernel == "hat":
+        # Every gain of hats depends on the state of charge, from knot to knot.
+        return structure
     if structure.soc_axis < 0:
         return replace(structure, axes=(PartitionAxis("soc", k_sigma=0.7), *structure.axes))
     axes = tuple(

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from models.data.errors import NotIdentifiableError
+from models.data.errors import NotIdentifiableError, StructureError
 from models.data.timeseries import FloatArray
 from models.network.partition import Partition, initial_partition
 from models.network.recursion import one_step_regressors
@@ -177,6 +177,11 @@ def grow_partitions(
 
 def _grown(structure: Structure, products: _Products, max_models: int) -> Iterator[LocalFit]:
     """The prepartition, then each larger network."""
+    if structure.kernel == "hat":
+        raise StructureError(
+            f"structure {structure.name!r} has hats, whose knots are given: it is fitted with bounds, not grown by "
+            "splitting. Use the structure 'bounded', or another kernel"
+        )
     partition = initial_partition(structure.axes, structure.kernel)
     kernels = _Kernels.of(partition, products.z)
     current = _fit(partition, kernels, products)

@@ -16,7 +16,8 @@ from numba import njit
 
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
-from models.network.compiled_network import FlatNetwork, flat_network, has_loop_forms, step_signals
+from models.network.blocked_signals import make_signals
+from models.network.compiled_network import FlatNetwork, flat_network, has_loop_forms
 from models.network.hats import blend_block
 from models.network.local_model_network import LocalModelNetwork
 from models.network.signals import soc_by_counting
@@ -91,7 +92,7 @@ def _blocks(
         size = part.stop - part.start
         counted, soc = _counted(network, run.charge_Ah, part, initial_soc, soc)
         now = values[:, depth : depth + size]
-        _signals(net, filters, held, run.current_A[part], run.temperature_degC[part], counted, now)
+        make_signals(net, filters, held, run.current_A[part], run.temperature_degC[part], counted, now)
         if begin == 0:
             values[:, :depth] = now[:, :1]
         yield Block(part, values, depth)
@@ -185,33 +186,6 @@ def _repair(
 
 
 @njit(cache=True)
-def _make_signals(
-    net: FlatNetwork,
-    filters: np.ndarray,
-    held: np.ndarray,
-    current_A: np.ndarray,
-    temperature_degC: np.ndarray,
-    soc: np.ndarray,
-    into: np.ndarray,
-) -> None:
-    """Write the (S, size) normalised signals of a block; `filters` and `held` carry on to the next."""
-    now = np.empty(net.form.shape[0])
-    direction, before_A = held[0], held[1]
-    for k in range(current_A.shape[0]):
-        current = float(current_A[k])
-        if current > net.rest_A:
-            direction = 1.0
-        elif current < -net.rest_A:
-            direction = -1.0
-        change_A = current - before_A
-        step_signals(net, filters, now, current, change_A, float(soc[k]), direction, float(temperature_degC[k]))
-        before_A = current
-        for s in range(now.shape[0]):
-            into[s, k] = now[s]
-    held[0], held[1] = direction, before_A
-
-
-@njit(cache=True)
 def _make_exponents(net: FlatNetwork, factors: Factors, values: np.ndarray, depth: int, size: int) -> np.ndarray:
     """(F, size) exponents of the kernels of single axes."""
     out = np.empty((factors.axis.shape[0], size))
@@ -284,7 +258,6 @@ def _recur(
 
 
 # Seen through Any: the type checker takes the compiled functions' tuples of arguments for single ones.
-_signals: Any = _make_signals
 _exponents: Any = _make_exponents
 _products: Any = _multiply
 _recursion: Any = _recur

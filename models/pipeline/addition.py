@@ -78,6 +78,11 @@ def add_effect(
         Unknown effect, one that the structure has already, or one that the training runs cannot show.
     """
     chosen = effect(name)
+    if network.structure.kernel == "hat":
+        raise ModelError(
+            f"{name}: {network.name} has hats, which are fitted with bounds: fit it anew to its runs, with the effect "
+            "among its terms"
+        )
     before = make_record(network, validate, validate_soc)
     own = make_record(network, train, train_soc)
     if chosen.regressors is not None and not visible(chosen, own.runs):

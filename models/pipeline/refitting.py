@@ -111,6 +111,11 @@ def refit(
 def _check(
     network: LocalModelNetwork, runs: list[TimeSeries], old: StoredSums | None, old_weight: float | None
 ) -> None:
+    if network.structure.kernel == "hat":
+        raise ModelError(
+            f"refit: {network.name} has hats, whose gains keep their bounds only in a fit of their own: fit the "
+            "structure anew to old and new runs together, or follow the cell with a recursive update"
+        )
     if not runs:
         raise ModelError("refit: no new run was given")
     if old_weight is not None and not 0.0 <= old_weight <= 1.0:

@@ -11,10 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from models.data.timeseries import FloatArray
-from models.design.information.criteria import d_optimality
+from models.design.information.criteria import d_optimality, log_det
 
 
 def groups(first: np.ndarray) -> Iterator[tuple[int, np.ndarray | slice]]:
@@ -98,15 +97,19 @@ class MarginalPrior:
     _known: dict[tuple[int, int], tuple[FloatArray, float]] = field(default_factory=dict)
 
     def d_optimality(self, added: FloatArray, begin: int) -> tuple[float, FloatArray]:
-        """Log det of prior and added information over all parameters, and the inverse' block over the touched ones.
+        """Log det of prior and added information over all parameters.
 
         Parameters
         ----------
         added : (S, S) information of the experiment on the parameters from number `begin` on
+
+        Returns
+        -------
+        The value, and the lower Cholesky factor of the inverse of what the inverse has over the touched parameters.
         """
         prior, rest = self._part(begin, begin + len(added))
-        value, inverse = d_optimality(prior + added)
-        return value + rest, inverse
+        value, factor = log_det(prior + added)
+        return value + rest, factor
 
     def _part(self, begin: int, end: int) -> tuple[FloatArray, float]:
         """C_SS^-1, and log det(P) + log det(C_SS)."""
@@ -117,7 +120,6 @@ class MarginalPrior:
             self._log_det, self._covariance = d_optimality(self.information)
         if (begin, end) not in self._known:
             block = self._covariance[begin:end, begin:end]
-            log_det = d_optimality(block)[0]
-            inverse = cho_solve(cho_factor(block, lower=True), np.eye(end - begin))
-            self._known[begin, end] = 0.5 * (inverse + inverse.T), self._log_det + log_det
+            value, inverse = d_optimality(block)
+            self._known[begin, end] = inverse, self._log_det + value
         return self._known[begin, end]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, get_lapack_funcs
 
 from models.data.errors import NotIdentifiableError
 from models.data.timeseries import FloatArray
@@ -20,9 +20,27 @@ Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
 
 def d_optimality(information: FloatArray) -> tuple[float, FloatArray]:
     """Log det, and its derivative: the inverse."""
-    factor = _cholesky(information)
-    inverse = cho_solve(factor, np.eye(len(information)), check_finite=False)
-    return 2.0 * float(np.log(np.diag(factor[0])).sum()), inverse
+    value, factor = log_det(information)
+    return value, inverse_of(factor)
+
+
+def log_det(information: FloatArray) -> tuple[float, FloatArray]:
+    """Log det, and the lower Cholesky factor that it comes from; what stands above its diagonal is to be ignored."""
+    factor, _ = _cholesky(information)
+    return 2.0 * float(np.log(np.diag(factor)).sum()), factor
+
+
+def inverse_of(factor: FloatArray) -> FloatArray:
+    """Inverse of a matrix from its lower Cholesky factor: a third of the work of solving for the unit matrix."""
+    (potri,) = get_lapack_funcs(("potri",), (factor,))
+    lower = np.tril(potri(factor, lower=1)[0])
+    return lower + np.tril(lower, -1).T
+
+
+def root_of_inverse(factor: FloatArray) -> FloatArray:
+    """Lower triangular W with W' W the inverse of a matrix, from its lower Cholesky factor."""
+    (trtri,) = get_lapack_funcs(("trtri",), (factor,))
+    return np.tril(trtri(factor, lower=1)[0])
 
 
 def a_optimality(information: FloatArray) -> tuple[float, FloatArray]:

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor
-from scipy.linalg.lapack import dtrtri
 
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.design.information.active_models import MarginalPrior, add_products, picked, spread_out, times_block
-from models.design.information.criteria import CRITERIA
+from models.design.information.criteria import CRITERIA, inverse_of, root_of_inverse
 from models.design.information.sensitivity_path import sensitivities, signal_gradient
 from models.design.information.signal_path import current_gradient, signal_values
 from models.network.compiled_network import flat_network
@@ -108,7 +107,7 @@ class Evaluator:
         self._free_run = experiment.sensitivity == "free_run"
         self._prior = experiment.prior_information()
         # The derivative of the criterion to the information on the parameters from number `_begin` on.
-        self._by_information, self._begin = self._prior, 0
+        self._by_information, self._begin = lambda: self._prior, 0
         # In normalised units, as the sensitivities.
         self._variance = (experiment.noise_V / experiment.network.voltage_span_V) ** 2
         n, (n_models, n_params) = n_samples + experiment.lead, experiment.network.theta.shape
@@ -128,7 +127,8 @@ class Evaluator:
     def value(self, current_A: FloatArray) -> float:
         """Criterion of a current; larger is better."""
         if self._marginal is None:
-            value, self._by_information = self._criterion(self.information(current_A))
+            value, derivative = self._criterion(self.information(current_A))
+            self._by_information = lambda: derivative
             return value
         self._simulate(current_A)
         n_params, lowest = self._blended.shape[1], int(self._first.min())
@@ -136,7 +136,9 @@ class Evaluator:
         size = (int(self._first.max()) - lowest) * n_params + self._psi.shape[1]
         added = np.zeros((size, size))
         add_products(added, self._psi, self._first - lowest, n_params, 1.0 / self._variance)
-        value, self._by_information = self._marginal.d_optimality(added, self._begin)
+        value, factor = self._marginal.d_optimality(added, self._begin)
+        # Most values are of steps that are not taken: their gradients are not asked for.
+        self._by_information = lambda: inverse_of(factor)
         return value
 
     def value_and_gradient(self, current_A: FloatArray) -> tuple[float, FloatArray]:
@@ -145,7 +147,7 @@ class Evaluator:
 
     def gradient(self) -> FloatArray:
         """(N,) derivative of the criterion to the current whose value was asked for last, in 1/A."""
-        by_product, n_params = (2.0 / self._variance) * self._by_information, self._blended.shape[1]
+        by_product, n_params = (2.0 / self._variance) * self._by_information(), self._blended.shape[1]
         times_block(self._psi, self._first - self._begin // n_params, n_params, by_product, self._weights)
         return self._back(np.zeros(len(self._y)))
 
@@ -230,8 +232,7 @@ class Evaluator:
 def parameter_std(information: FloatArray) -> FloatArray:
     """Standard deviation of each parameter, normalised units: the Cramer-Rao bound."""
     factor, _ = cho_factor(information, lower=True, check_finite=False)
-    inverse = np.tril(dtrtri(factor, lower=1)[0])
-    return np.sqrt(np.sum(inverse**2, axis=0))
+    return np.sqrt(np.sum(root_of_inverse(factor) ** 2, axis=0))
 
 
 def parameter_names(network: LocalModelNetwork) -> list[str]:

@@ -79,8 +79,10 @@ def try_refits(
     -------
     Refits
         None where no effect clearly lowers the error of held-out training runs and that of the diagnosed runs, or none
-        by more than it does to first order.
+        by more than it does to first order; and for networks by hats, which are not fitted by this search.
     """
+    if network.structure.kernel == "hat":
+        return None
     search = Search(train, train_soc, network.cell, silent)
     extensions = ExtensionSearch(search)
     own, comparison = extensions.own(network), analysis.comparison

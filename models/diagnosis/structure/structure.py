@@ -20,7 +20,7 @@ from models.diagnosis.evidence.memory import noise_mse
 from models.diagnosis.evidence.ranking import Ranking, rank
 from models.diagnosis.reference.reference import Reference
 from models.diagnosis.reference.samples import Samples, all_samples, visible
-from models.diagnosis.structure.sensitivities import sensitivities_V
+from models.diagnosis.structure.sensitivities import directions_V
 from models.effects import Effect
 from models.effects.spline import SplineBasis
 from models.network.free_run import free_run_V
@@ -80,7 +80,7 @@ def analyse_structure(
     """
     samples = _inside(all_samples(reference, [*train, *runs], [*train_soc, *soc], _SAMPLES), len(train))
     error = np.concatenate([_error_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
-    own = np.vstack([sensitivities_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
+    own = np.vstack([directions_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
     usable = [effect for effect in effects if not effect.absorbed and visible(effect, [*train, *runs])]
     columns = {effect.name: samples.regressors(effect) for effect in usable}
     evidence, resolution = _resolved(samples, error, own, np.hstack(list(columns.values())))

@@ -1,16 +1,21 @@
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from models.data.resampling import GridRun
 from models.network.blocked_free_run import blocked_free_run_V, runs_in_blocks
+from models.network.compiled_network import flat_network, step_output, step_signals
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.recursion import free_run
 from models.network.regression import CellContext
 from tests.unit.models.hand_network import DT_S, everything, hats
 
+# Seen through Any: the type checker takes the compiled functions' arguments for what they are without compilation.
+_STEP_SIGNALS: Any = step_signals
+_STEP_OUTPUT: Any = step_output
 # More than two blocks.
 N = 9000
 
@@ -81,6 +86,24 @@ def test_hats_run_in_blocks(axis: str, largest_A: float) -> None:
     expected = on_arrays_V(network, run, 0.5)
     np.testing.assert_allclose(blocked_free_run_V(network, run, 0.5), expected, rtol=1e-12, atol=1e-11)
     assert np.ptp(expected) > 0.2
+
+
+@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500"])
+def test_hats_sample_by_sample_are_the_free_run(axis: str) -> None:
+    network, run = hats(axis), measured_run(600, largest_A=9.0)
+    net = flat_network(network)
+    depth = 1 + int(max(net.tap_lag.max(), net.axis_lag.max()))
+    filters, history, out = np.zeros((len(net.form), 3)), np.zeros((depth, len(net.form))), np.zeros((600, 1))
+    weight = np.full(network.n_models, np.nan)
+    for k in range(600):
+        history[1:] = history[:-1].copy()
+        soc = 0.5 + run.charge_Ah[k] / network.cell.capacity_Ah
+        _STEP_SIGNALS(net, filters, history[0], run.current_A[k], 0.0, soc, 1.0, run.temperature_degC[k])
+        if k == 0:
+            history[1:] = history[0]
+        out[k, 0] = _STEP_OUTPUT(net, history, weight, out, k, np.nan)
+        assert weight.sum() == 1.0
+    np.testing.assert_allclose(network.to_volts(out[:, 0]), on_arrays_V(network, run, 0.5), rtol=0.0, atol=1e-11)
 
 
 def test_hats_come_back_from_a_document() -> None:
