@@ -108,13 +108,18 @@ def fit(request: FitRequest) -> FitResult:
     started = time.perf_counter()
     report = request.progress or silent
     data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s, request.coulombic_efficiency)
-    chosen = choose(data, request.structure, request.without, part_of(report, 0.0, 0.85))
-    report(0.85, "looking where the runs begin")
+    chosen = choose(data, request.structure, request.without, part_of(report, 0.0, 0.6))
+    report(0.6, "looking where the runs begin")
 
     def again(placed: Training) -> Built:
-        return chosen.plan.build(placed, silent)
+        return first.plan.build(placed, silent)
 
+    stated, first = data.starts, chosen
     data, built = with_starts(data, chosen.built, again, lambda made: made.network, request.initial_soc_std)
+    if data.starts != stated:
+        # What was chosen with runs in the wrong places may be richer than what explains them in the right ones.
+        chosen = choose(data, request.structure, request.without, part_of(report, 0.65, 0.2))
+        built = chosen.built
     network = _read_out(built, data, report)
     if chosen.compared:
         choices = (network.record.choices or {}) | {"compared": chosen.compared}
