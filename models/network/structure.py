@@ -72,7 +72,7 @@ class Structure:
     inputs : the input space
     axes : the partition space
     dt_s : sampling time of the discrete-time model in s
-    kernel : one of KERNELS
+    kernel : one of KERNELS; "hat": straight lines between knots along one state of charge, without past outputs
     name : what a person calls it
     """
 

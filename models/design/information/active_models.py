@@ -107,12 +107,15 @@ class MarginalPrior:
         -------
         The value, and the lower Cholesky factor of the inverse of what the inverse has over the touched parameters.
         """
-        prior, rest = self._part(begin, begin + len(added))
+        prior, rest = self.part(begin, begin + len(added))
         value, factor = log_det(prior + added)
         return value + rest, factor
 
-    def _part(self, begin: int, end: int) -> tuple[FloatArray, float]:
-        """C_SS^-1, and log det(P) + log det(C_SS)."""
+    def part(self, begin: int, end: int) -> tuple[FloatArray, float]:
+        """Information on the parameters from `begin` to `end` whatever the others are, C_SS^-1, and what is left.
+
+        The latter is log det(P) + log det(C_SS).
+        """
         if self.information is None:
             left = self.size - (end - begin)
             return np.eye(end - begin) / self.std**2, -2.0 * left * float(np.log(self.std))

@@ -86,6 +86,24 @@ class Prediction:
     sensitivity_V: FloatArray
 
 
+@dataclass(frozen=True)
+class Touched:
+    """The parameters that a current reaches, those from number `begin` on.
+
+    Attributes
+    ----------
+    voltage_V : (N,) as in `Prediction`
+    sensitivity_V : (N, S) to these parameters
+    prior : (S, S) what is known of them beforehand, whatever the others are
+    begin : number of the first of them
+    """
+
+    voltage_V: FloatArray
+    sensitivity_V: FloatArray
+    prior: FloatArray
+    begin: int
+
+
 class Evaluator:
     """Information and its gradient for currents of one length; keeps its arrays between calls.
 
@@ -119,22 +137,21 @@ class Evaluator:
         active, self._first = 2 if hats else n_models, np.zeros(n, dtype=np.int64)
         self._validity, self._blended = np.empty((n, active)), np.empty((n, n_params))
         self._psi, self._weights = np.empty((n, active * n_params)), np.empty((n, active * n_params))
-        self._marginal = None
-        if hats and criterion == "D":
-            self._marginal = MarginalPrior(experiment.prior, n_models * n_params, experiment.prior_std)
+        known = MarginalPrior(experiment.prior, n_models * n_params, experiment.prior_std)
+        self._marginal = known if hats else None
+        self._of_touched = hats and criterion == "D"
         self._by_signal, self._gradient = np.empty((n, n_signals)), np.empty(n)
 
     def value(self, current_A: FloatArray) -> float:
         """Criterion of a current; larger is better."""
-        if self._marginal is None:
+        if self._marginal is None or not self._of_touched:
             value, derivative = self._criterion(self.information(current_A))
-            self._by_information = lambda: derivative
+            self._by_information, self._begin = (lambda: derivative), 0
             return value
         self._simulate(current_A)
-        n_params, lowest = self._blended.shape[1], int(self._first.min())
+        lowest, n_models, n_params = self._reach()
         self._begin = lowest * n_params
-        size = (int(self._first.max()) - lowest) * n_params + self._psi.shape[1]
-        added = np.zeros((size, size))
+        added = np.zeros((n_models * n_params, n_models * n_params))
         add_products(added, self._psi, self._first - lowest, n_params, 1.0 / self._variance)
         value, factor = self._marginal.d_optimality(added, self._begin)
         # Most values are of steps that are not taken: their gradients are not asked for.
@@ -175,8 +192,28 @@ class Evaluator:
         psi = spread_out(self._psi[lead:], self._first[lead:], *network.theta.shape)
         return Prediction(network.to_volts(self._y[lead:]), self._soc[lead:].copy(), network.voltage_span_V * psi)
 
+    def touched(self, current_A: FloatArray) -> Touched:
+        """Predict the voltage with its sensitivities to what a current reaches only: of hats a part, else all."""
+        self._simulate(current_A)
+        lead, network = self.experiment.lead, self.experiment.network
+        lowest, n_models, n_params = self._reach()
+        psi = spread_out(self._psi[lead:], self._first[lead:] - lowest, n_models, n_params)
+        begin, prior = lowest * n_params, self._prior
+        if self._marginal is not None:
+            prior, _ = self._marginal.part(begin, begin + psi.shape[1])
+        return Touched(network.to_volts(self._y[lead:]), network.voltage_span_V * psi, prior, begin)
+
+    def _reach(self) -> tuple[int, int, int]:
+        """First of the local models that count anywhere, how many there are up to the last, and p."""
+        lowest, n_params = int(self._first.min()), self._blended.shape[1]
+        return lowest, int(self._first.max()) - lowest + self._validity.shape[1], n_params
+
     def voltage_gradient(
-        self, current_A: FloatArray, by_voltage: FloatArray, by_sensitivity: FloatArray | None = None
+        self,
+        current_A: FloatArray,
+        by_voltage: FloatArray,
+        by_sensitivity: FloatArray | None = None,
+        begin: int = 0,
     ) -> FloatArray:
         """Derivative to the current of a function of the predicted voltage and its sensitivities.
 
@@ -184,13 +221,15 @@ class Evaluator:
         ----------
         current_A : (N,)
         by_voltage : (N,) derivative of the function to each predicted voltage
-        by_sensitivity : (N, M p) and to each of its sensitivities in V; None: it does not depend on them
+        by_sensitivity : (N, S) and to each of its sensitivities in V, to the parameters from number `begin` on that the
+            current reaches; None: it does not depend on them
+        begin : see `by_sensitivity`
         """
         self._simulate(current_A)
         self._weights[:] = 0.0
         if by_sensitivity is not None:
             lead, shape = self.experiment.lead, (self._psi.shape[1], self._blended.shape[1])
-            own = picked(by_sensitivity, self._first[lead:], *shape)
+            own = picked(by_sensitivity, self._first[lead:] - begin // shape[1], *shape)
             self._weights[lead:] = self.experiment.network.voltage_span_V * own
         by_output = np.zeros(len(self._y))
         by_output[self.experiment.lead :] = self.experiment.network.voltage_span_V * by_voltage

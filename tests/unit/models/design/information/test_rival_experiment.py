@@ -1,15 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from models.data.errors import ModelError
 from models.design.constraints.feasible import Demands
 from models.design.constraints.limits import Limits
-from models.design.information.experiment import Experiment
+from models.design.information.experiment import Evaluator, Experiment
 from models.design.information.rival_experiment import RivalEvaluator
 from models.design.optimise.ascent import optimise
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from tests.unit.models.design.networks import resistive
-from tests.unit.models.hand_network import network
+from tests.unit.models.hand_network import hats, network
 
 N = 80
 LIMITS = Limits((-5.0, 5.0), (0.2, 0.8))
@@ -33,7 +35,26 @@ def excitation(seed: int = 0) -> np.ndarray:
     return rng.choice([-1.0, 1.0], N) * rng.uniform(0.5, 4.0, N)
 
 
-@pytest.mark.parametrize("rivals", [(slow, quick), (quick, slow)])
+def of_hats() -> Experiment:
+    """Hats, of which the current reaches some; what is known beforehand hangs together over all of them."""
+    model = hats()
+    mixed = np.random.default_rng(1).standard_normal((model.theta.size, model.theta.size))
+    prior = 100.0 * (np.eye(model.theta.size) + mixed @ mixed.T / model.theta.size)
+    return Experiment(replace(model, structure=replace(model.structure, dt_s=10.0)), 0.5, 1e-3, prior=prior)
+
+
+def test_hats_separate_as_if_all_parameters_were_refitted() -> None:
+    first, second = of_hats(), quick()
+    evaluator, current = RivalEvaluator(first, second, N), 3.0 * excitation()
+    predictions = [Evaluator(each, N).predict(current) for each in (first, second)]
+    difference = (predictions[1].voltage_V - predictions[0].voltage_V) / 1e-3
+    psi, prior = predictions[0].sensitivity_V / 1e-3, first.prior_information()
+    moved = np.linalg.solve(psi.T @ psi + prior, psi.T @ difference)
+    expected = float(np.sum((difference - psi @ moved) ** 2) + moved @ prior @ moved)
+    assert evaluator.separation(current)[1] == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize("rivals", [(slow, quick), (quick, slow), (of_hats, quick), (quick, of_hats)])
 def test_gradient_against_central_differences(rivals: tuple) -> None:
     evaluator, current, step = RivalEvaluator(rivals[0](), rivals[1](), N), excitation(), 1e-4
     evaluator.value(current)

@@ -80,6 +80,27 @@ def test_without_voltage_it_is_the_free_run(axis: str) -> None:
     np.testing.assert_allclose(rows[:, 2], simulated_V(model, current, degC, 0.75), atol=1e-10)
 
 
+@pytest.mark.parametrize("soc", [0.15, 0.4, 0.62, 0.85])
+@pytest.mark.parametrize("axis", AXES)
+def test_the_outputs_spread_is_the_slope_of_the_curve_under_load(axis: str, soc: float) -> None:
+    nothing_else = replace(
+        SETTINGS,
+        quick_error_std_V=0.0,
+        slow_error_std_V=0.0,
+        resistance_std=0.0,
+        loop_std=0.0,
+        soc_std_per_sqrt_s=1e-12,
+    )
+    observer, (current, degC) = FuzzyObserver(hats(axis), nothing_else), cycled(60)
+    std, step = 1e-3, 1e-6
+    nothing = np.full(len(current), np.nan)
+    _, rows = observer.replay(observer.initial(soc, std), current, nothing, degC)
+    up, down = (observer.replay(observer.initial(soc + s, std), current, nothing, degC)[1][:, 2] for s in (step, -step))
+    slope_V = (up - down) / (2.0 * step)
+    assert np.ptp(slope_V) > 0.0
+    np.testing.assert_allclose(rows[:, 4] ** 2, SETTINGS.voltage_std_V**2 + (std * slope_V) ** 2, rtol=1e-5)
+
+
 @pytest.mark.parametrize("gain", ["kalman", "steady"])
 @pytest.mark.parametrize("off", [-0.2, 0.2])
 @pytest.mark.parametrize("axis", AXES)
