@@ -59,5 +59,17 @@ async def get_series(comparison_id: PathId, services: ServicesOf, max_points: Ma
     return Response(text, media_type=JSON_TYPE)
 
 
+@router.get("/{comparison_id}/series.csv")
+async def get_table(comparison_id: PathId, services: ServicesOf) -> Response:
+    """Give every sample on the model's grid, the columns of `compare --out`, as a file.
+
+    Both voltages, half the width of the 95 % band, and 1 where the sample lies in the trained domain.
+    """
+    table = await services.modelling.comparison_table(comparison_id)
+    # The name is made here: nothing a client sent reaches a header or a file.
+    disposition = {"Content-Disposition": 'attachment; filename="comparison.csv"'}
+    return Response(table, media_type="text/csv", headers=disposition)
+
+
 def _as_json(record: ComparisonRecord) -> Answer:
     return asdict(record) | {"run_ids": list(record.run_ids)}

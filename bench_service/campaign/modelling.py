@@ -9,8 +9,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from bench_service.errors import BadRequestError, ConflictError
-from bench_service.jobs.modelling import RunInput, compare_runs, compare_series, fit, observer_figures, read_tables
+from bench_service.exchange.delimited import encode_csv
+from bench_service.jobs.modelling import (
+    RunInput,
+    compare_runs,
+    compare_series,
+    compare_table,
+    fit,
+    observer_figures,
+    read_tables,
+)
 from bench_service.jobs.results import FitAnswer, FitResult, SocFigures
 from bench_service.jobs.runner import Job, JobFunction, JobRunner
 from bench_service.store.metadata import MetadataStore
@@ -181,6 +192,28 @@ class Modelling:
                 del self._series[next(iter(self._series))]
         # Shared by all who ask meanwhile: the first one who gives up must not end it for the others.
         return await asyncio.shield(self._series[key])
+
+    async def comparison_table(self, comparison_id: str) -> bytes:
+        """Give every sample behind a comparison as CSV, see `jobs.modelling.compare_table`; computed in a worker.
+
+        Raises
+        ------
+        NotFoundError
+            No such comparison.
+        BadRequestError
+            The samples cannot be compared any more.
+        """
+        document, runs = await asyncio.to_thread(self._series_inputs, comparison_id)
+        tables: list[bytes] = []
+
+        def keep(result: dict[str, list[Any]]) -> Json:
+            # Kept here and not in the job's record, of which there are hundreds.
+            names = {"run": str, "inside": int}
+            tables.append(encode_csv({key: np.array(part, names.get(key, float)) for key, part in result.items()}))
+            return {"comparison_id": comparison_id}
+
+        await self._ended(self._jobs.submit("series", compare_table, self._data_dir, document, runs, store=keep))
+        return tables[0]
 
     async def soc_figures(self, run: RunRecord) -> SocFigures:
         """Judge a run's live observer by counted charge, see `jobs.modelling.observer_figures`."""

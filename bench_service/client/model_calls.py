@@ -101,6 +101,10 @@ class ModelCalls:
         address = f"{API}/comparisons/{part(comparison_id)}/series"
         return self._connection.get(address, max_points=max_points)["runs"]
 
+    def comparison_table(self, comparison_id: str) -> bytes:
+        """Every sample behind a comparison as the bytes of a CSV file: both voltages, band, inside or outside."""
+        return self._connection.send("GET", f"{API}/comparisons/{part(comparison_id)}/series.csv").content
+
     def comparison_where(self, comparison_id: str) -> Record:
         """Where the model of a comparison is off: regions in words, maps, profiles."""
         return self._connection.get(f"{API}/comparisons/{part(comparison_id)}/where")

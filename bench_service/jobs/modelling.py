@@ -142,6 +142,18 @@ def compare_series(
     return plain({"runs": [_curves(each, beside, max_points) for each, beside in pairs]})
 
 
+def compare_table(
+    report: Reporter, data_dir: Path, document: Document, runs: Sequence[RunInput]
+) -> dict[str, list[Any]]:
+    """Every sample of a comparison, see `models.comparison.series.series_columns`; null where a value is missing."""
+    # Lazy: numba and scipy take 1.0 s.
+    from models.comparison.series import series_columns
+    from models.network.local_model_network import LocalModelNetwork
+
+    series = read_series(data_dir, [run.run_id for run in runs])
+    return plain(series_columns(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs]))
+
+
 def observer_figures(report: Reporter, data_dir: Path, run: RunInput, capacity_Ah: float) -> SocFigures:
     """Judge the live observer of a stored run by the charge counted from a start that is known.
 

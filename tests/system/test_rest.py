@@ -188,6 +188,9 @@ def test_a_model_is_fitted_compared_and_given_out(rest: Rest) -> None:
     compared = rest.client.compare(model["id"], [run["id"]])
     assert compared["result"]["overall"]["rmse_mV"] == pytest.approx(model["metrics"]["train"]["rmse_mV"], rel=0.2)
     assert compared["run_ids"] == [run["id"]]
+    header, first, *more = rest.client.comparison_table(compared["id"]).decode().splitlines()
+    assert header == "run,time_s,current_A,temperature_degC,soc,voltage_V,simulated_V,band_V,inside"
+    assert run["id"] in first and len(more) > 7000 and first.rsplit(",", 1)[1] in ("0", "1")
     tables = rest.client.model_tables(model["id"])
     assert tables["ocv"]["std_V"] is not None and len(tables["resistance"]["soc"]) == len(tables["ocv"]["soc"])
     assert len(tables["local_models"]) == model["metrics"]["n_local_models"]

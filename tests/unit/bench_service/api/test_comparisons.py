@@ -73,3 +73,12 @@ def test_curves_have_a_number_of_points_that_can_be_drawn(points: str) -> None:
     modelling = AsyncPart(comparison_series=b"{}")
     client = client_of(comparisons.router, modelling=modelling)
     assert client.get(f"/comparisons/k1/series?max_points={points}").status_code == 422
+
+
+def test_every_sample_is_given_as_a_file() -> None:
+    table = b"run,time_s,inside\nr1,0,1\n"
+    modelling = AsyncPart(comparison_table=table)
+    answer = client_of(comparisons.router, modelling=modelling).get("/comparisons/k1/series.csv")
+    assert answer.content == table and answer.headers["content-type"].startswith("text/csv")
+    assert "comparison.csv" in answer.headers["content-disposition"]
+    assert modelling.calls == [("comparison_table", ("k1",), {})]
