@@ -1,30 +1,37 @@
 """Which plan a fit follows: the one that was asked for, or of several the one that simulates unseen runs best.
 
-A bounded network is physical wherever it is asked, and simple: it is taken unless another is better by more than the
-standard error of the difference between outer folds (Breiman et al., "Classification and Regression Trees", 1984,
-ch. 3.4.3). A network that a search has found among many was chosen on folds of the same runs, so its error is stated a
-little too low; the rule makes up for that, too.
+Of searched networks only those count that are physical wherever they are read out: a negative resistance or a falling
+curve between trained points is a sign that other points are worse. A bounded network is physical wherever it is asked,
+and simple: it is taken unless another is better by more than the standard error of the difference between outer folds
+(Breiman et al., "Classification and Regression Trees", 1984, ch. 3.4.3). A network that a search has found among many
+was chosen on folds of the same runs, so its error is stated a little too low; the rule makes up for that, too.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from models.data.errors import ModelError
 from models.identification.bounded.variants import Trials, Variant, best_variant, clearly_better
 from models.identification.progress import Progress, part_of
 from models.identification.search.search import Search
+from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
 from models.network.regression import SignalBank
 from models.network.structure import Structure
 from models.pipeline.plans import BoundedPlan, Built, HeldOutError, Plan, SearchedPlan
 from models.pipeline.training import Training
+from models.readouts.ocv import ocv_table
+from models.readouts.resistance import resistance_table
 
 STRUCTURES = ("auto", "full", "minimal", "bounded")
 # Families that are searched, in the order in which they are tried beside the bounded network.
 _SEARCHED = ("auto", "full", "minimal")
 # Where the bounded network is as near to the noise as this, nothing better can be found.
 _AT_NOISE = 1.02
+_ROUNDING_V = 1e-9
 
 
 @dataclass(frozen=True)
@@ -88,11 +95,19 @@ def _automatic(data: Training, report: Progress) -> Chosen:
         search = _search(data, part_of(report, begin, 0.8 * width))
         plan = SearchedPlan(search, search.best(family))
         others.append(_built(plan, data, part_of(report, begin + 0.8 * width, 0.2 * width)))
-    best = min(others, key=lambda each: each.held_out.rmse_V)
     tried = [_row(each) for each in (found, *others)]
+    others = [each for each in others if is_physical(each.built.network)]
+    best = min(others, key=lambda each: each.held_out.rmse_V, default=found)
     if clearly_better(best.held_out.mse, found.held_out.mse, found.held_out.count):
         found = best
     return replace(found, compared=tried)
+
+
+def is_physical(network: LocalModelNetwork) -> bool:
+    """Whether resistance is positive and the open-circuit curve rises wherever they are read out."""
+    ocv, resistance = ocv_table(network), resistance_table(network)
+    rises = bool((np.diff(ocv.voltage_V, axis=-1) >= -_ROUNDING_V).all())
+    return rises and bool((resistance.resistance_Ohm > 0.0).all())
 
 
 def _built(plan: Plan, data: Training, report: Progress) -> Chosen:

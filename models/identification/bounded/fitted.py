@@ -61,6 +61,7 @@ def fit_variant(trials: Trials, variant: Variant) -> BoundedFit:
     """Fit a form to all samples with the strengths that served it best; terms that come out as nothing are left out."""
     trials.error(variant)
     held, logs = trials.known[variant]
+    logs = held.best(logs)
     n_samples = sum(len(run) for run in trials.bank.runs)
     keep_every = max(1, n_samples // _SAMPLES)
     if keep_every < trials.keep_every:

@@ -14,7 +14,7 @@ from models.identification.bounded.problem import Sums
 START = (-2.0, -3.0, -5.0, -3.0)
 _STEP = 1.0
 _LOWEST, _HIGHEST = -6.0, 3.0
-_PASSES = 4
+PASSES = 4
 
 
 @dataclass
@@ -29,6 +29,7 @@ class HeldOut:
     sums: Sums
     _known: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
     _free: dict[int, np.ndarray] = field(default_factory=dict)
+    _worst: dict[int, float] = field(default_factory=dict)
 
     def mse(self, logs: tuple[float, ...]) -> FloatArray:
         """(folds,) mean squared error in V^2 of each fold by a fit to the others."""
@@ -41,10 +42,10 @@ class HeldOut:
         """Mean squared error in V^2 over all samples."""
         return float(self.mse(logs) @ self.sums.count / self.sums.count.sum())
 
-    def best(self, start: tuple[float, ...] = START) -> tuple[float, ...]:
-        """Strengths with the least held-out error, found one after the other."""
+    def best(self, start: tuple[float, ...] = START, passes: int = PASSES) -> tuple[float, ...]:
+        """Strengths with the least held-out error, found one after the other in so many passes at most."""
         best = start
-        for _ in range(_PASSES):
+        for _ in range(passes):
             before = best
             for place in range(len(best)):
                 best = self._along(best, place)
@@ -63,12 +64,29 @@ class HeldOut:
             moved = False
             while True:
                 trial = (*best[:place], best[place] + sign, *best[place + 1 :])
-                if not _LOWEST <= trial[place] <= _HIGHEST or self.mean_mse(trial) >= self.mean_mse(best):
+                if not _LOWEST <= trial[place] <= _HIGHEST or not self._below(trial, self.mean_mse(best)):
                     break
                 best, moved = trial, True
             if moved:
                 break
         return best
+
+    def _below(self, logs: tuple[float, ...], limit: float) -> bool:
+        """Whether the mean squared error is below a limit; folds are left out once their sum is past it."""
+        if logs in self._known:
+            return self.mean_mse(logs) < limit
+        count = self.sums.count
+        found, left = np.zeros(len(count)), limit * float(count.sum())
+        # The fold that was worst last is most likely to say no.
+        for fold in sorted(range(len(count)), key=lambda f: -self._worst.get(f, 0.0)):
+            if count[fold] > 0.0:
+                found[fold] = self._of_fold(logs, fold)
+                left -= found[fold] * float(count[fold])
+                self._worst[fold] = found[fold] * float(count[fold])
+            if left <= 0.0:
+                return False
+        self._known[logs] = found
+        return True
 
     def _of_fold(self, logs: tuple[float, ...], fold: int) -> float:
         x = self.without(logs, fold).x

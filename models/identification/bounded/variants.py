@@ -15,7 +15,7 @@ import numpy as np
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import make_knots
 from models.identification.bounded.problem import make_layout, make_sums, soc_over
-from models.identification.bounded.strengths import START, HeldOut
+from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.terms import Basis, make_basis
 from models.network.regression import SignalBank
 from models.network.signals.filters import low_pass
@@ -76,12 +76,15 @@ class Trials:
     progress: Callable[[Variant], None] = lambda _variant: None
     known: dict[Variant, tuple[HeldOut, tuple[float, ...]]] = field(default_factory=dict)
 
-    def error(self, variant: Variant, start: tuple[float, ...] = START) -> FloatArray:
-        """(folds,) mean squared error of a form on each held-out fold, with the strengths that serve it best."""
+    def error(self, variant: Variant, start: tuple[float, ...] | None = None) -> FloatArray:
+        """(folds,) mean squared error of a form on each held-out fold, with the strengths that serve it best.
+
+        Where strengths are given to begin with, which served a form like it, one pass has to do.
+        """
         if variant not in self.known:
             self.progress(variant)
             held = self.held_out(variant, self.keep_every)
-            self.known[variant] = held, held.best(start)
+            self.known[variant] = held, held.best() if start is None else held.best(start, 1)
         held, logs = self.known[variant]
         return held.mse(logs)
 
