@@ -39,6 +39,7 @@ class BenchClient:
         self.compare = models.compare
         self.comparison = models.comparison
         self.comparison_series = models.comparison_series
+        self.comparison_table = models.comparison_table
         self.comparison_where = models.comparison_where
         self.effects = models.effects
         self.diagnose = models.diagnose

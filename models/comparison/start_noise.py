@@ -26,6 +26,9 @@ _SPANS = 200
 # A model that says nothing of its error is taken to be off by this much, most of it slowly.
 _UNKNOWN_V = 5e-3
 _UNKNOWN = (0.1, np.array([0.3, 0.6]), (60.0, 3600.0))
+# Of the part of an error's variance that hangs together, as much does so over a whole run: a model that is off by its
+# structure is off alike whenever the cell comes by, and that must not pass for a state of charge.
+_ALL_ALONG = 0.5
 # Nothing is known better than this: resolution and noise of a converter.
 _LEAST_V = 2e-4
 
@@ -107,7 +110,8 @@ def whitener(known: np.ndarray, expected: ErrorModel) -> Whitener:
     count = np.add.reduceat(known.astype(np.int64), first)
     kept = count > 0
     first, end, count = first[kept], end[kept], count[kept]
-    covariance = expected.level_V**2 * _covariance(first, end, count, expected.correlation)
+    covariance = _covariance(first, end, count, expected.correlation) + _ALL_ALONG * (1.0 - expected.correlation.white)
+    covariance *= expected.level_V**2
     root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(first) * np.eye(len(first)))
     return Whitener(first, end, known, np.linalg.inv(root))
 
