@@ -23,7 +23,8 @@ class FitBody(Body):
     train: Annotated[list[Id], Field(min_length=1, max_length=100)]
     validation: Annotated[list[Id], Field(alias="validate", max_length=100)] = []
     capacity_Ah: Positive
-    structure: Literal["full", "minimal", "auto"] = "full"
+    structure: Literal["auto", "full", "minimal", "bounded"] = "auto"
+    without: Annotated[list[Name], Field(max_length=100)] = []
     initial_soc_std: Soc = 0.0
     coulombic_efficiency: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = 1.0
     seed: Seed | None = None
@@ -38,6 +39,7 @@ async def start_fit(body: FitBody, services: ServicesOf) -> Answer:
         validate=body.validation,
         capacity_Ah=body.capacity_Ah,
         structure=body.structure,
+        without=body.without,
         initial_soc_std=body.initial_soc_std,
         coulombic_efficiency=body.coulombic_efficiency,
         seed=body.seed,

@@ -38,7 +38,8 @@ class FitOrder:
 
     With `pauses_s`, from the end of each training run to the start of the next, these followed each other on one cell,
     which still knows in each what it went through before. `initial_soc_std`: how far off the states of charge may be at
-    which the training runs are said to begin; `coulombic_efficiency`: share of the charge going in that comes out.
+    which the training runs are said to begin; `coulombic_efficiency`: share of the charge going in that comes out;
+    `without`: effects that are left out of a bounded network.
     """
 
     name: str
@@ -51,6 +52,7 @@ class FitOrder:
     pauses_s: Sequence[float] = ()
     initial_soc_std: float = 0.0
     coulombic_efficiency: float = 1.0
+    without: Sequence[str] = ()
 
 
 class Modelling:
@@ -111,6 +113,7 @@ class Modelling:
             list(order.pauses_s),
             order.initial_soc_std,
             order.coulombic_efficiency,
+            list(order.without),
             store=keep,
         )
 

@@ -115,7 +115,8 @@ class Story:
         what = "training run" if number == 1 else f"{number} training runs"
         return (
             f"{metrics['n_local_models']} local models in {metrics['seconds']:.1f} s, "
-            f"{metrics['train']['rmse_mV']:.2f} mV free run on the {what}"
+            f"{metrics['train']['rmse_mV']:.2f} mV free run on the {what}, "
+            f"{metrics['expected_rmse_mV']:.2f} mV expected on others"
         )
 
     @property

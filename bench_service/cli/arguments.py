@@ -58,6 +58,14 @@ def fractions(text: str) -> tuple[float, ...]:
     return tuple(fraction(part) for part in text.split(","))
 
 
+def names(text: str) -> tuple[str, ...]:
+    """Return one or more names separated by commas."""
+    found = tuple(part.strip() for part in text.split(","))
+    if not all(found):
+        raise ArgumentTypeError(f"{text!r} has an empty name; separate names by single commas")
+    return found
+
+
 def natural(text: str) -> int:
     """Return a whole number from 0 on."""
     if not text.isascii() or not text.isdecimal():

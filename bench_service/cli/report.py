@@ -62,6 +62,7 @@ def comparison_page(
         f" {100 * result['outside_training']:.1f} % of the samples lie outside the trained domain{_by(result)}."
         f"{_band(result['band'])}{_temperature(result['temperature'])}</p>",
         f"<p>{escape(start_line(result))}.</p>",
+        _promised(network),
         f"<p>Over time {escape(result['whiteness']['text'])}.</p>" if result["whiteness"] is not None else "",
         "".join(f"<p>The runs were corrected as the model says: {_correction(c)}.</p>" for c in result["corrections"]),
         table(("run", *_METRICS), rows),
@@ -75,6 +76,17 @@ def comparison_page(
         parts += curves(each, None if found is None else found[number])
     parts += readout_parts(network)
     return page(f"{model}: comparison", parts)
+
+
+def _promised(network: LocalModelNetwork) -> str:
+    """What the model did on its own runs, and what it was expected to do on others."""
+    expected_mV = (network.record.choices or {}).get("expected_rmse_mV")
+    if network.record.train is None or expected_mV is None:
+        return ""
+    return (
+        f"<p>RMSE of the model on its training runs {network.record.train['rmse_mV']:.2f} mV; "
+        f"expected on runs it did not see {expected_mV:.2f} mV.</p>"
+    )
 
 
 def page(title: str, parts: Sequence[str]) -> bytes:

@@ -22,16 +22,36 @@ _UNITS = {"1": "", "sign": "", "degC": " °C"}
 
 
 def metrics_table(title: str, rows: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
-    """One line of METRICS for each name."""
+    """One line of METRICS, or as many of them as are known, for each name."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("run", overflow="fold")
     for _, label in _METRICS:
         table.add_column(label, justify="right")
     table.add_column("samples", justify="right")
     for name, metrics in rows:
-        cells = [f"{metrics[key]:.1f}" for key, _ in _METRICS]
-        table.add_row(name, *cells, f"{metrics['n_samples']}")
+        cells = [f"{metrics[key]:.1f}" if key in metrics else "" for key, _ in _METRICS]
+        table.add_row(name, *cells, f"{metrics.get('n_samples', '')}")
     return table
+
+
+def rivals_line(answer: Mapping[str, Any]) -> list[str]:
+    """Which kind of network was taken of several, with the error of each on runs that it did not see."""
+    if not answer["compared"]:
+        return []
+    errors = ", ".join(f"{each['structure']} {each['held_out_rmse_mV']:.1f} mV" for each in answer["compared"])
+    return [f"took the {answer['structure']} structure; expected on runs it did not see: {errors}"]
+
+
+def terms_line(terms: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What a bounded network is made of: effects in words, with the largest voltage of a signal of each."""
+    if not terms:
+        return []
+    largest_V: dict[str, float] = {}
+    for term in terms:
+        words = " with ".join(name.replace("_", " ") for name in reversed(term["effects"])) or "resistance"
+        largest_V[words] = max(largest_V.get(words, 0.0), term["largest_V"])
+    parts = ", ".join(f"{words} (up to {1e3 * value:.3g} mV)" for words, value in largest_V.items())
+    return [f"made of: open-circuit voltage, {parts}"]
 
 
 def readout_lines(readouts: Mapping[str, Any]) -> list[str]:

@@ -27,7 +27,8 @@ class ModelCalls:
         capacity_Ah: float,
         *,
         validate: Sequence[str] = (),
-        structure: str = "full",
+        structure: str = "auto",
+        without: Sequence[str] = (),
         initial_soc_std: float = 0.0,
         coulombic_efficiency: float = 1.0,
         seed: int = 0,
@@ -36,10 +37,10 @@ class ModelCalls:
         """Fit a model to runs, wait for it, and give the model's record.
 
         `initial_soc_std`: how far off the states of charge may be at which the training runs are said to begin; they
-        are then estimated with the fit.
+        are then estimated with the fit. `without`: effects that are left out of a bounded network.
         """
         body = {"name": name, "train": list(train), "validate": list(validate)}
-        body |= {"capacity_Ah": float(capacity_Ah), "structure": structure, "seed": seed}
+        body |= {"capacity_Ah": float(capacity_Ah), "structure": structure, "without": list(without), "seed": seed}
         body |= {"initial_soc_std": float(initial_soc_std), "coulombic_efficiency": float(coulombic_efficiency)}
         return self.model(self._worked("models", body, patience)["model_id"])
 

@@ -50,12 +50,13 @@ def fit(
     pauses_s: Sequence[float] = (),
     initial_soc_std: float = 0.0,
     coulombic_efficiency: float = 1.0,
+    without: Sequence[str] = (),
 ) -> FitResult:
     """Identify a network from stored runs; with `pauses_s` between them the training runs are one log, see `joined`.
 
     Parameters
     ----------
-    initial_soc_std, coulombic_efficiency : as in `models.pipeline.fit_request.FitRequest`
+    initial_soc_std, coulombic_efficiency, without : as in `models.pipeline.fit_request.FitRequest`
 
     Returns
     -------
@@ -74,6 +75,7 @@ def fit(
         train_runs,
         capacity_Ah=capacity_Ah,
         structure=structure,
+        without=tuple(without),
         validate=read_series(data_dir, [run.run_id for run in validate]) or None,
         initial_soc=[run.initial_soc for run in train],
         validate_soc=[run.initial_soc for run in validate] or None,
@@ -83,12 +85,15 @@ def fit(
         code_version=version("bench-service"),
     )
     metrics = {
-        "structure": structure,
+        "structure": result.network.structure.name,
         "n_samples": result.n_samples,
         "n_local_models": result.network.n_models,
         "seconds": result.seconds,
         "train": result.train,
         "validation": result.validation,
+        "expected_rmse_mV": result.expected_rmse_mV,
+        "compared": result.compared,
+        "terms": result.terms,
         "runs": {"train": result.train_runs, "validation": result.validation_runs},
     }
     network = with_tuned_observer(result.network, train_runs, result.initial_soc)

@@ -23,7 +23,7 @@ class Metrics(TypedDict):
 
 
 class FitMetrics(TypedDict):
-    """What a fit is worth."""
+    """What a fit is worth; ``compared``: the kinds of networks that were tried, ``terms``: what a bounded one has."""
 
     structure: str
     n_samples: int
@@ -31,6 +31,9 @@ class FitMetrics(TypedDict):
     seconds: float
     train: Metrics
     validation: Metrics | None
+    expected_rmse_mV: float
+    compared: list[dict[str, Any]]
+    terms: list[dict[str, Any]]
     runs: dict[str, list[dict[str, Any]]]
 
 

@@ -68,6 +68,16 @@ class FitResult:
     seconds: float
     initial_soc: list[float]
 
+    @property
+    def compared(self) -> list[Json]:
+        """Kinds of networks that were held against each other, with their errors on unseen runs."""
+        return (self.network.record.choices or {}).get("compared", [])
+
+    @property
+    def terms(self) -> list[Json]:
+        """What a bounded network is made of: of each signal its effects and the largest voltage that it makes."""
+        return (self.network.record.choices or {}).get("terms", [])
+
 
 @dataclass(frozen=True)
 class _Judged:
@@ -121,9 +131,8 @@ def fit(request: FitRequest) -> FitResult:
         chosen = choose(data, request.structure, request.without, part_of(report, 0.65, 0.2))
         built = chosen.built
     network = _read_out(built, data, report)
-    if chosen.compared:
-        choices = (network.record.choices or {}) | {"compared": chosen.compared}
-        network = _noting(network, choices=choices)
+    choices = (network.record.choices or {}) | {"expected_rmse_mV": 1e3 * chosen.held_out.rmse_V}
+    network = _noting(network, choices=choices | ({"compared": chosen.compared} if chosen.compared else {}))
     judged = _judged(network, data, request)
     network = _with_figures(network, data, built, judged)
     report(0.97, "noting what a diagnosis will need")

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
-from bench_service.cli.arguments import efficiency, fraction, positive
+from bench_service.cli.arguments import efficiency, fraction, names, positive
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_runs, read_structure, write_document
 from bench_service.cli.initial_soc import initial_soc
 from bench_service.cli.output import Output
-from bench_service.cli.tables import metrics_table, readout_lines, soc_text
+from bench_service.cli.tables import metrics_table, readout_lines, rivals_line, soc_text, terms_line
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,7 +28,19 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("train", type=Path, nargs="+", metavar="TRAIN", help="CSV, gzipped CSV or Parquet")
     parser.add_argument("--validate", type=Path, nargs="+", default=[], metavar="RUN", help="runs the fit never sees")
     parser.add_argument("--capacity-Ah", type=positive, required=True, metavar="Q")
-    parser.add_argument("--structure", default="full", metavar="full|minimal|auto|FILE.json")
+    parser.add_argument(
+        "--structure",
+        default="auto",
+        metavar="auto|full|minimal|bounded|FILE.json",
+        help="bounded: physical by construction, without output feedback; auto (default): it or a better one",
+    )
+    parser.add_argument(
+        "--without",
+        type=names,
+        default=(),
+        metavar="EFFECT[,EFFECT...]",
+        help="leave effects out of the bounded network, such as hysteresis",
+    )
     add_runs_to_learn_from(parser, "MODEL.json")
     parser.add_argument(
         "--initial-soc-std",
@@ -66,6 +78,7 @@ def _run(options: Namespace, output: Output) -> int:
             train,
             capacity_Ah=options.capacity_Ah,
             structure=structure,
+            without=options.without,
             validate=validate,
             initial_soc=soc[: len(train)],
             validate_soc=soc[len(train) :],
@@ -92,6 +105,9 @@ def _run(options: Namespace, output: Output) -> int:
         "seconds": round(time.perf_counter() - started, 3),
         "train": fitted.train,
         "validation": fitted.validation,
+        "expected_rmse_mV": fitted.expected_rmse_mV,
+        "compared": fitted.compared,
+        "terms": fitted.terms,
         "runs": {"train": fitted.train_runs, "validation": fitted.validation_runs},
         "readouts": summary(fitted.network),
         "reservations": list(fitted.network.record.reservations),
@@ -103,12 +119,14 @@ def _run(options: Namespace, output: Output) -> int:
 def _show(console: Console, answer: dict[str, Any]) -> None:
     for title, part in (("Training runs, free run", "train"), ("Validation runs, free run", "validation")):
         if answer[part] is not None:
-            rows = [(each["run"], each) for each in answer["runs"][part]]
-            console.print(metrics_table(title, [*rows, ("all", answer[part])]))
+            rows = [(each["run"], each) for each in answer["runs"][part]] + [("all", answer[part])]
+            if part == "train":
+                rows.append(("expected on runs it did not see", {"rmse_mV": answer["expected_rmse_mV"]}))
+            console.print(metrics_table(title, rows))
     for each in answer["runs"]["train"]:
         if each["initial_soc"]["std"] is not None:
             console.print(f"{each['run']}: SoC at its start {soc_text(each['initial_soc'])}")
-    for line in readout_lines(answer["readouts"]):
+    for line in (*rivals_line(answer), *terms_line(answer["terms"]), *readout_lines(answer["readouts"])):
         console.print(line)
     for text in answer["reservations"]:
         console.print(f"note: {text}")

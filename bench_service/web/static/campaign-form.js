@@ -55,7 +55,7 @@ function rangeFields() {
     field("Lowest SoC", input("soc.0", "number", "", { ...any, min: 0, max: 100 }), "%"),
     field("Highest SoC", input("soc.1", "number", "", { ...any, min: 0, max: 100 }), "%"),
     field("SoC at the start", input("initial_soc", "number", "", { ...any, min: 0, max: 100, placeholder: "as configured" }), "%"),
-    field("Model structure", select("structure", ["full", "minimal"], "full")),
+    field("Model structure", select("structure", ["auto", "bounded", "full", "minimal"], "auto")),
   ];
 }
 

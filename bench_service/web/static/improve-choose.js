@@ -70,7 +70,19 @@ function fault(view) {
   return usedRuns(view).looked.length ? "" : "Choose at least one run to look at.";
 }
 
-const modelText = (model) => `${model.name} · ${model.structure} · ${String(model.id).slice(0, 6)}`;
+const modelText = (model) => [model.name, structureText(model), expectedText(model), String(model.id).slice(0, 6)].filter(Boolean).join(" · ");
+
+/** What was asked for and, where that left the choice open, what was taken. */
+function structureText({ structure, metrics }) {
+  const taken = metrics?.structure;
+  return taken && taken !== structure ? `${structure} took ${taken}` : structure;
+}
+
+/** Training error and the error that is to be expected on runs that the fit did not see. */
+function expectedText({ metrics }) {
+  const [own, others] = [metrics?.train?.rmse_mV, metrics?.expected_rmse_mV];
+  return Number.isFinite(own) && Number.isFinite(others) ? `${own.toFixed(1)} mV in training, ${others.toFixed(1)} mV expected` : "";
+}
 
 function modelField(view, changed) {
   if (!view.models.length) return [el("span", { text: "Model" }), el("p", { class: "empty", text: "No model yet: run a campaign, or load one." })];

@@ -37,16 +37,18 @@ def fitted(changes: dict[str, Any]) -> tuple[Any, AsyncPart]:
 
 
 def test_a_fit_is_ordered_and_a_job_comes_back() -> None:
-    answer, modelling = fitted({"validate": ["r2"], "structure": "minimal", "seed": 5})
+    answer, modelling = fitted({"validate": ["r2"], "structure": "bounded", "without": ["hysteresis"], "seed": 5})
     assert (answer.status_code, answer.json()["id"]) == (202, "j1")
-    order = FitOrder(name="one", train=["r1"], validate=["r2"], capacity_Ah=2.0, structure="minimal", seed=5)
+    given: Any = {"structure": "bounded", "without": ["hysteresis"], "seed": 5}
+    order = FitOrder(name="one", train=["r1"], validate=["r2"], capacity_Ah=2.0, **given)
     assert modelling.calls == [("start_fit", (order,), {})]
 
 
 def test_what_is_left_out_of_a_fit() -> None:
     _, modelling = fitted({})
     order = modelling.calls[0][1][0]
-    assert (order.structure, list(order.validate), order.seed) == ("full", [], None)
+    assert (order.structure, list(order.validate), order.seed) == ("auto", [], None)
+    assert list(order.without) == []
     assert (order.initial_soc_std, order.coulombic_efficiency) == (0.0, 1.0)
 
 
@@ -67,6 +69,8 @@ def test_a_fit_may_doubt_where_its_runs_begin_and_lose_charge() -> None:
         {"coulombic_efficiency": 0},
         {"coulombic_efficiency": 1.1},
         {"structure": "deep"},
+        {"without": [""]},
+        {"without": "hysteresis"},
         {"seed": -1},
         {"validation": ["r2"]},
     ],
