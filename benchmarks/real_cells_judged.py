@@ -105,7 +105,7 @@ def judged(model: CellModel, judge: Runs, judge_soc: tuple[float, float] | None)
     if not any((each & c.run.measured).any() for each, c in zip(wanted, compared, strict=True)):
         raise ModelError(f"nothing is measured in the judged range of SoC, {judge_soc}")
     chosen, inside = np.concatenate(wanted), np.concatenate([each.inside for each in compared])
-    half_width_V = _half_widths(model, compared, judge.soc)
+    half_width_V = _half_widths(model, compared)
     return {
         "held_out_rmse_mV": metrics(measured[chosen], simulated[chosen])["rmse_mV"],
         "held_out_all_rmse_mV": metrics(measured, simulated)["rmse_mV"],
@@ -150,9 +150,9 @@ def _wanted(compared: RunComparison, judge_soc: tuple[float, float] | None) -> n
     return (compared.soc >= judge_soc[0]) & (compared.soc <= judge_soc[1])
 
 
-def _half_widths(model: CellModel, compared: list[RunComparison], soc: list[float]) -> FloatArray | None:
+def _half_widths(model: CellModel, compared: list[RunComparison]) -> FloatArray | None:
     """(N,) half width of the 95 % band about the free run; None where the model states none."""
-    found = bands(model, [each.run for each in compared], soc)
+    found = bands(model, [each.run for each in compared], [each.start for each in compared])
     return None if found is None else np.concatenate([band.upper_V - band.voltage_V for band in found])
 
 

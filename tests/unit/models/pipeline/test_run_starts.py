@@ -67,7 +67,7 @@ def test_logs_that_begin_anywhere_do_not_bend_the_model() -> None:
     # The judged run passes SoC 0.38 to 0.52, where none of these was.
     logs.append(log(np.zeros(1), 5))
     result = fitted([run for run, _ in logs])
-    assert result.train["rmse_mV"] < 1.05 * NOISE_MV
+    assert result.train["rmse_mV"] < 1.1 * NOISE_MV
     assert result.validation is not None and result.validation["rmse_mV"] < 1.1 * NOISE_MV
     # Nobody doubted the states of charge.
     assert [run["initial_soc"]["std"] for run in result.train_runs] == [None] * 4
