@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from models.data.timeseries import FloatArray
-from models.identification.bounded.fitted import BoundedFit, held_out_error, simulated
+from models.identification.bounded.fitted import BoundedFit, curve_by_values, held_out_error, simulated
 from models.identification.bounded.problem import Layout, blocks, fold_of, regressors, soc_over
 from models.identification.bounded.strengths import penalty
 from models.network.regression import VOLTAGE
@@ -21,14 +21,17 @@ _SAMPLES = 40_000
 # A local level leans on that of all samples as if so many independent samples of it had been seen.
 _PRIOR_SAMPLES = 10.0
 _THIN_SHARE = 0.5
+# Of the mean squared held-out error, as much at most is put down to what sampling leaves open of the coefficients.
+_SAMPLING_SHARE = 0.05
 
 
 def bounded_uncertainty(fit: BoundedFit) -> Uncertainty:
     """Learn what a bounded network does not know.
 
-    The covariance is that of the penalised least squares, with residuals that hang together in time counted for what
-    they are worth. A coefficient at its bound would have no variance: it gets as much as makes an error of the size of
-    the held-out one, for what it would be if it were free is not known better.
+    The covariance has two parts. One is how far the fits that each left a fold out lie apart (the jackknife: Efron and
+    Stein, Ann. Statist. 9, 1981, eq. 1.4): it knows of bounds and of what the form cannot do. The other is that of the
+    penalised least squares, with residuals that hang together in time counted for what they are worth. It knows of no
+    bounds but one: together the coefficients cannot be off by more than the held-out error shows.
     """
     layout, runs = fit.layout, fit.bank.runs
     starts = np.cumsum([0, *(len(run) for run in runs[:-1])])
@@ -43,19 +46,25 @@ def bounded_uncertainty(fit: BoundedFit) -> Uncertainty:
     least = near.local_mean(seen, known, first)
     level = np.maximum(near.local_mean(error**2, known, first), least)
     correlation = fit_correlation(error / np.sqrt(near.at(level)), starts)
-    covariance, determined = _covariance(fit, float(level.mean()), correlation)
-    factor = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(covariance) * np.eye(len(covariance)))
     chosen = np.flatnonzero(known)[:: max(1, int(known.sum()) // _SAMPLES)]
-    variance = np.full(len(error), np.nan)
-    for part, block, columns in blocks(layout, rows, soc, chosen):
-        variance[part] = np.sum((block @ factor[columns]) ** 2, axis=1)
+
+    def variance_by(covariance: FloatArray) -> FloatArray:
+        out, factor = np.full(len(error), np.nan), _root(covariance)
+        for part, block, columns in blocks(layout, rows, soc, chosen):
+            out[part] = np.sum((block @ factor[columns]) ** 2, axis=1)
+        return out
+
+    sampling, determined = _covariance(fit, float(level.mean()), correlation)
+    most = _SAMPLING_SHARE * float(np.mean(error[chosen] ** 2)) / float(np.nanmean(variance_by(sampling)))
+    covariance = _apart(fit) + min(1.0, most) * sampling
+    variance = variance_by(covariance)
     picked = ~np.isnan(variance)
     level = np.maximum(near.local_mean(error**2 - np.nan_to_num(variance), picked, correlation), least)
     ratio = np.sqrt(error[picked] ** 2 / (variance[picked] + near.at(level)[picked]))
     own = near.counts(known)
     share = np.clip(determined[: layout.n_curve], 0.0, 1.0)
     return Uncertainty(
-        parameters=_parameters(fit, factor, _with_ends(share, 0.0)),
+        parameters=_parameters(fit, covariance, _with_ends(share, 0.0)),
         level_V=_with_ends(np.sqrt(level)),
         samples=_with_ends(own, 0.0),
         effective_samples=_with_ends(own / correlation.inflation, 0.0),
@@ -103,7 +112,9 @@ def _covariance(fit: BoundedFit, level2: float, correlation: ResidualCorrelation
     information = sums.xx.sum(axis=0)
     whole = information + float(sums.count.sum()) * penalty(sums, fit.log_strengths)
     at_bound = ~fit.held.whole(fit.log_strengths).free
-    whole[np.diag_indices_from(whole)] += np.where(at_bound, correlation.inflation, 0.0)
+    # At a sample about two coefficients of each term act.
+    # At a sample about two coefficients of each term act.
+    whole[np.diag_indices_from(whole)] += np.where(at_bound, correlation.inflation * len(sums.layout.basis.terms), 0.0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
     scaled = whole * np.outer(scale, scale) + 1e-10 * np.eye(len(whole))
     inverse = cho_solve(cho_factor(scaled), np.eye(len(whole))) * np.outer(scale, scale)
@@ -117,15 +128,32 @@ def _covariance(fit: BoundedFit, level2: float, correlation: ResidualCorrelation
     return 0.5 * (covariance + covariance.T), determined
 
 
-def _parameters(fit: BoundedFit, factor: FloatArray, data_share: FloatArray) -> ParameterCovariance:
+def _apart(fit: BoundedFit) -> FloatArray:
+    """(P, P) covariance by the fits that each left a fold out, the curve by its values."""
+    used = np.flatnonzero(fit.held.sums.count > 0.0)
+    without = [fit.held.without(fit.log_strengths, int(fold)).x for fold in used]
+    found = np.array([curve_by_values(fit.layout, x) for x in without])
+    away = found - found.mean(axis=0)
+    return (len(used) - 1.0) / len(used) * away.T @ away
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """Factor F of a covariance F F'; what is not positive to rounding is left out."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def _parameters(fit: BoundedFit, covariance: FloatArray, data_share: FloatArray) -> ParameterCovariance:
     """The same in the network's units, column after column of its parameters."""
     layout = fit.layout
     order = np.concatenate([np.arange(layout.n_curve, layout.size), np.arange(layout.n_curve)])
     low, high = fit.bank.bounds(VOLTAGE)
-    covariance = (factor @ factor.T)[np.ix_(order, order)] / (high - low) ** 2
-    ridge = 1e-12 * np.trace(covariance) / len(covariance) * np.eye(len(covariance))
+    ordered = covariance[np.ix_(order, order)] / (high - low) ** 2
+    # The triangle of a QR decomposition of any factor: no small eigenvalue can spoil it.
+    triangle = np.asarray(np.linalg.qr(_root(ordered).T, mode="r")).T
     return ParameterCovariance(
-        np.linalg.cholesky(covariance + ridge), 0, layout.n_curve + 2, 0, data_share, expansion_of(layout)
+        np.ascontiguousarray(triangle), 0, layout.n_curve + 2, 0, data_share, expansion_of(layout)
     )
 
 

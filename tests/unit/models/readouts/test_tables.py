@@ -41,7 +41,7 @@ def test_the_record_carries_tables_with_bands(fitted: LocalModelNetwork) -> None
 
 
 def test_bands_of_the_tables_hold_the_truth(fitted: LocalModelNetwork) -> None:
-    # Neighbouring points hang together, so that one fit tells little: over three, nearly all lie within three deviations.
+    # Neighbouring points hang together, so that one fit tells little: of three, nearly all lie within three deviations.
     off = []
     for network in (fitted, _fitted(12), _fitted(22)):
         ocv, _ = tables_of(network)
