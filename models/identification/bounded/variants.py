@@ -33,6 +33,7 @@ _WIDE_K = 10.0
 # The mean current over this time has to vary by this share of the capacity per hour at one state of charge.
 _MEAN_OVER_S = 600.0
 _LEAST_SPREAD = 0.0
+_NEAR_PASSES = 2
 
 
 @dataclass(frozen=True)
@@ -79,12 +80,12 @@ class Trials:
     def error(self, variant: Variant, start: tuple[float, ...] | None = None) -> FloatArray:
         """(folds,) mean squared error of a form on each held-out fold, with the strengths that serve it best.
 
-        Where strengths are given to begin with, which served a form like it, one pass has to do.
+        Where strengths are given to begin with, which served a form like it, fewer passes have to do.
         """
         if variant not in self.known:
             self.progress(variant)
             held = self.held_out(variant, self.keep_every)
-            self.known[variant] = held, held.best() if start is None else held.best(start, 1)
+            self.known[variant] = held, held.best() if start is None else held.best(start, _NEAR_PASSES)
         held, logs = self.known[variant]
         return held.mse(logs)
 
