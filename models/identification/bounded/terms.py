@@ -117,3 +117,9 @@ def make_basis(
     if temperature == "moves":
         terms.append(Term("temperature", ("entropic_voltage", "temperature_dependence"), bounded=False))
     return Basis(axis, tuple(terms))
+
+
+def bounded_effects() -> tuple[str, ...]:
+    """Effects that a bounded network can have, and can do without."""
+    terms = make_basis(1.0, 1.0, "moves", squared=True).terms
+    return tuple(sorted({name for term in terms for name in term.effects}))
