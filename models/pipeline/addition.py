@@ -133,11 +133,8 @@ def _extended(
     extension = search.extended(search.own(network), chosen, {key: each.value for key, each in values.items()})
     if extension is None:
         raise ModelError(f"the model's structure has {chosen.name} already; nothing to add")
-    structure = extension.choice.given
-    return (
-        structure,
-        f"structure extended from {', '.join(network.structure.signals)} to {', '.join(structure.signals)}",
-    )
+    before, structure = network.structure, extension.choice.given
+    return structure, f"structure extended from {', '.join(before.signals)} to {', '.join(structure.signals)}"
 
 
 def _refitted(

@@ -10,7 +10,7 @@ from tests.unit.models.pipeline.bounded_cell import fitted, run
 
 
 def added(name: str, without: tuple[str, ...]) -> Addition:
-    return add_effect(fitted(without=without).network, name, [run(1), run(2)], [SOC, SOC], [run(9)], [SOC])
+    return add_effect(fitted(without=without).network, name, [run(2), run(4)], [SOC, SOC], [run(9)], [SOC])
 
 
 def test_an_effect_that_was_left_out_is_put_in_with_bounds() -> None:

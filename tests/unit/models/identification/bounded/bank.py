@@ -18,7 +18,7 @@ CELL: CellParameters = replace(bare(), hysteresis_amplitude_V=0.02)
 def bank(
     cell: CellParameters = CELL, seeds: tuple[int, ...] = (1, 2), n: int = 3000, swing_K: float | None = None
 ) -> SignalBank:
-    """Two runs; with `swing_K` their temperature goes up and down by as much, or not at all, and the voltage knows nothing of it."""
+    """Two runs; with `swing_K` their temperature goes up and down by as much, or not at all."""
     runs = [to_grid(measured(cell, seed, n), 1.0) for seed in seeds]
     if swing_K is not None:
         wave = 25.0 + swing_K * np.sin(np.arange(n) / 400.0)
