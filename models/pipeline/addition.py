@@ -190,11 +190,9 @@ def _by_correction(
         without=_left_out(network, chosen.name),
     )
     after = make_record(fitted.network, [corrected(run, chosen, plain) for run in validate], validate_soc)
-    remark = _REFITTED
+    remark = f"the model counts charge on {capacity_Ah:.4g} Ah" if told.capacity_Ah is not None else _REFITTED
     if chosen.correction is not None:
         remark = "the runs' columns were corrected by it before the refit; correct further runs of this rig likewise"
-    elif told.capacity_Ah is not None:
-        remark = f"the model counts charge on {capacity_Ah:.4g} Ah"
     return _addition(network, fitted.network, chosen, values, before, after, remark, train)
 
 

@@ -39,16 +39,11 @@ def bounded_uncertainty(fit: BoundedFit) -> Uncertainty:
     voltage = np.concatenate([run.voltage_V for run in runs])
     near = _Near(layout.knots.soc, soc)
     seen = (voltage - simulated(layout, fit.coefficients, rows, soc)) ** 2
-    first = fit_correlation(error, starts)
-    least = near.local_mean(seen, known, first)
-    level = np.maximum(near.local_mean(error**2, known, first), least)
-    correlation = fit_correlation(error / np.sqrt(near.at(level)), starts)
+    level, least, correlation = _levels(near, known, error, seen, starts)
     covariance, determined = _covariance(fit, float(level.mean()), correlation)
     factor = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(covariance) * np.eye(len(covariance)))
     chosen = np.flatnonzero(known)[:: max(1, int(known.sum()) // _SAMPLES)]
-    variance = np.full(len(error), np.nan)
-    for part, block, columns in blocks(layout, rows, soc, chosen):
-        variance[part] = np.sum((block @ factor[columns]) ** 2, axis=1)
+    variance = _variance(layout, factor, rows, soc, chosen)
     picked = ~np.isnan(variance)
     level = np.maximum(near.local_mean(error**2 - np.nan_to_num(variance), picked, correlation), least)
     ratio = np.sqrt(error[picked] ** 2 / (variance[picked] + near.at(level)[picked]))
@@ -63,6 +58,24 @@ def bounded_uncertainty(fit: BoundedFit) -> Uncertainty:
         band_factor=max(1.0, float(np.percentile(ratio, 95.0)) / NORMAL_95),
         correlation=correlation,
     )
+
+
+def _levels(
+    near: _Near, known: np.ndarray, error: FloatArray, seen: FloatArray, starts: np.ndarray
+) -> tuple[FloatArray, FloatArray, ResidualCorrelation]:
+    """(n,) squared held-out error near each knot in V^2, the least that it can be, and how errors hang together."""
+    first = fit_correlation(error, starts)
+    least = near.local_mean(seen, known, first)
+    level = np.maximum(near.local_mean(error**2, known, first), least)
+    return level, least, fit_correlation(error / np.sqrt(near.at(level)), starts)
+
+
+def _variance(layout: Layout, factor: FloatArray, rows: FloatArray, soc: FloatArray, chosen: np.ndarray) -> FloatArray:
+    """(N,) by the covariance of the coefficients in V^2 at the chosen samples; NaN at the others."""
+    variance = np.full(len(soc), np.nan)
+    for part, block, columns in blocks(layout, rows, soc, chosen):
+        variance[part] = np.sum((block @ factor[columns]) ** 2, axis=1)
+    return variance
 
 
 class _Near:
