@@ -106,8 +106,7 @@ def check_excitation(grid: list[GridRun], soc: list[float], cell: CellContext) -
         soc_by_counting(r.charge_Ah, s, cell.capacity_Ah, cell.efficiency) for r, s in zip(grid, soc, strict=True)
     ]
     _check_soc(counted, cell)
-    reservations = [*_coverage(grid, counted, cell), *_voltage_answer(grid)]
-    reservations += _reference_soc(grid, counted, cell)
+    reservations = [*_coverage(grid, counted, cell), *_voltage_answer(grid), *_reference_soc(grid, counted, cell)]
     return reservations + _weak_directions(grid, counted)
 
 

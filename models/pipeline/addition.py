@@ -20,15 +20,20 @@ from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect, effect
 from models.effects.input_correction import as_read, corrected
 from models.effects.reading import Assumption
+from models.identification.bounded.terms import bounded_effects
 from models.identification.progress import Progress, silent
 from models.identification.search.search import Search
 from models.network.lineage import version_of, with_version
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import AddedEffect
-from models.pipeline.fit import fit_network
+from models.network.structure import Structure
+from models.pipeline.fit import FitResult, fit_network
 
 # Numbers of local models with which the ways to put an effect in are compared.
 _SIZES = (12, 24, 36)
+_FREED = "the bounded network was fitted to the training runs with the effect among its terms"
+# A bounded network's gains lie over the state of charge, whatever its terms.
+_OVER_SOC = "soc_dependence"
 _REFITTED = "the network was refitted to the training runs, which takes it in"
 
 
@@ -75,40 +80,89 @@ def add_effect(
     Raises
     ------
     ModelError
-        Unknown effect, one that the structure has already, or one that the training runs cannot show.
+        Unknown effect, one that the structure has already or cannot have, or one that the training runs cannot show.
     """
     chosen = effect(name)
-    if network.structure.kernel == "hat":
-        raise ModelError(
-            f"{name}: {network.name} has hats, which are fitted with bounds: fit it anew to its runs, with the effect "
-            "among its terms"
-        )
+    left_out = _left_out(network, name)
     before = make_record(network, validate, validate_soc)
     own = make_record(network, train, train_soc)
     if chosen.regressors is not None and not visible(chosen, own.runs):
         raise ModelError(f"{name}: the training runs cannot show it, their temperature is missing or hardly moves")
     train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))
-    if chosen.extend is not None:
-        values = _missing(network, chosen, own)
-        plain = {key: each.value for key, each in values.items()}
-        search = ExtensionSearch(Search(own.runs, own.soc, network.cell, silent), _SIZES)
-        extension = search.extended(search.own(network), chosen, plain)
-        if extension is None:
-            raise ModelError(f"the model's structure has {name} already; nothing to add")
-        structure = extension.choice.given
-        remark = f"structure extended from {', '.join(network.structure.signals)} to {', '.join(structure.signals)}"
-        fitted = fit_network(
-            train,
-            capacity_Ah=network.cell.capacity_Ah,
-            coulombic_efficiency=network.cell.efficiency,
-            structure=replace(structure, name=_name(network, name)),
-            initial_soc=train_soc,
-            dt_s=structure.dt_s,
-            progress=progress,
+    if chosen.extend is None:
+        return _by_correction(network, chosen, own, train, validate, validate_soc, before, progress)
+    values = _missing(network, chosen, own)
+    structure, remark = (None, _FREED) if left_out is not None else _extended(network, chosen, own, values)
+    fitted = _refitted(network, name, train, train_soc, progress=progress, structure=structure, without=left_out)
+    after = make_record(fitted.network, validate, validate_soc)
+    return _addition(network, fitted.network, chosen, values, before, after, remark, train)
+
+
+def _left_out(network: LocalModelNetwork, name: str) -> tuple[str, ...] | None:
+    """Effects that a bounded network leaves out once one more is in; None: it is another kind of network.
+
+    Raises
+    ------
+    ModelError
+        It has the effect already, or cannot have it.
+    """
+    if network.structure.kernel != "hat":
+        return None
+    choices = network.record.choices or {}
+    if choices.get("family") != "bounded":
+        raise ModelError(
+            f"{name}: {network.name} has hats, which are fitted with bounds: fit it anew to its runs, with the effect "
+            "among its terms"
         )
-        after = make_record(fitted.network, validate, validate_soc)
-        return _addition(network, fitted.network, chosen, values, before, after, remark, train)
-    return _by_correction(network, chosen, own, train, validate, validate_soc, before, progress)
+    without = tuple(choices.get("without", ()))
+    if effect(name).extend is None or name in without:
+        return tuple(each for each in without if each != name)
+    if name in (*bounded_effects(), _OVER_SOC):
+        raise ModelError(f"the model's structure has {name} already; nothing to add")
+    raise ModelError(
+        f"{name}: a bounded network cannot have it, only {', '.join(bounded_effects())}; fit its runs with "
+        "--structure full and add it to that model"
+    )
+
+
+def _extended(
+    network: LocalModelNetwork, chosen: Effect, own: Record, values: dict[str, Value]
+) -> tuple[Structure, str]:
+    """The structure with an effect in it, and how it was put in."""
+    search = ExtensionSearch(Search(own.runs, own.soc, network.cell, silent), _SIZES)
+    extension = search.extended(search.own(network), chosen, {key: each.value for key, each in values.items()})
+    if extension is None:
+        raise ModelError(f"the model's structure has {chosen.name} already; nothing to add")
+    before, structure = network.structure, extension.choice.given
+    return structure, f"structure extended from {', '.join(before.signals)} to {', '.join(structure.signals)}"
+
+
+def _refitted(
+    network: LocalModelNetwork,
+    name: str,
+    train: list[TimeSeries],
+    train_soc: list[float],
+    *,
+    progress: Progress | None,
+    capacity_Ah: float | None = None,
+    structure: Structure | None = None,
+    without: tuple[str, ...] | None = None,
+) -> FitResult:
+    """The network fitted anew with an effect; by default of the same structure, a bounded one `without` the others."""
+    own_name = _name(network, name)
+    kept: Structure = replace(structure or network.structure, name=own_name)
+    fitted = fit_network(
+        train,
+        capacity_Ah=network.cell.capacity_Ah if capacity_Ah is None else capacity_Ah,
+        coulombic_efficiency=network.cell.efficiency,
+        structure=kept if without is None else "bounded",
+        without=without or (),
+        initial_soc=train_soc,
+        dt_s=network.structure.dt_s,
+        progress=progress,
+    )
+    named = replace(fitted.network, structure=replace(fitted.network.structure, name=own_name))
+    return replace(fitted, network=named)
 
 
 def _by_correction(
@@ -126,21 +180,19 @@ def _by_correction(
     told = chosen.assumption or Assumption()
     capacity_Ah = network.cell.capacity_Ah if told.capacity_Ah is None else told.capacity_Ah(plain)
     moved = 0.0 if told.soc_moved is None else told.soc_moved(plain, own.soc[0])
-    fitted = fit_network(
+    fitted = _refitted(
+        network,
+        chosen.name,
         [corrected(run, chosen, plain) for run in train],
-        capacity_Ah=capacity_Ah,
-        coulombic_efficiency=network.cell.efficiency,
-        structure=replace(network.structure, name=_name(network, chosen.name)),
-        initial_soc=[soc + moved for soc in own.soc],
-        dt_s=network.structure.dt_s,
+        [soc + moved for soc in own.soc],
         progress=progress,
+        capacity_Ah=capacity_Ah,
+        without=_left_out(network, chosen.name),
     )
     after = make_record(fitted.network, [corrected(run, chosen, plain) for run in validate], validate_soc)
-    remark = _REFITTED
+    remark = f"the model counts charge on {capacity_Ah:.4g} Ah" if told.capacity_Ah is not None else _REFITTED
     if chosen.correction is not None:
         remark = "the runs' columns were corrected by it before the refit; correct further runs of this rig likewise"
-    elif told.capacity_Ah is not None:
-        remark = f"the model counts charge on {capacity_Ah:.4g} Ah"
     return _addition(network, fitted.network, chosen, values, before, after, remark, train)
 
 

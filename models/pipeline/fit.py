@@ -21,7 +21,7 @@ from models.identification.progress import Progress, part_of, silent
 from models.network.lineage import document_sha256, with_version
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
-from models.pipeline.choosing import choose
+from models.pipeline.choosing import Chosen, choose
 from models.pipeline.fit_request import FitOptions, FitRequest
 from models.pipeline.plans import Built
 from models.pipeline.run_starts import with_starts
@@ -117,22 +117,8 @@ def fit(request: FitRequest) -> FitResult:
     """Identify the network that a request asks for; see `fit_network`."""
     started = time.perf_counter()
     report = request.progress or silent
-    data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s, request.coulombic_efficiency)
-    chosen = choose(data, request.structure, request.without, part_of(report, 0.0, 0.6))
-    report(0.6, "looking where the runs begin")
-
-    def again(placed: Training) -> Built:
-        return first.plan.build(placed, silent)
-
-    stated, first = data.starts, chosen
-    data, built = with_starts(data, chosen.built, again, lambda made: made.network, request.initial_soc_std)
-    if data.starts != stated:
-        # What was chosen with runs in the wrong places may be richer than what explains them in the right ones.
-        chosen = choose(data, request.structure, request.without, part_of(report, 0.65, 0.2))
-        built = chosen.built
-    network = _read_out(built, data, report)
-    choices = (network.record.choices or {}) | {"expected_rmse_mV": 1e3 * chosen.held_out.rmse_V}
-    network = _noting(network, choices=choices | ({"compared": chosen.compared} if chosen.compared else {}))
+    data, chosen, built = _placed(request, report)
+    network = _noting(_read_out(built, data, report), choices=_choices(built, chosen))
     judged = _judged(network, data, request)
     network = _with_figures(network, data, built, judged)
     report(0.97, "noting what a diagnosis will need")
@@ -150,6 +136,30 @@ def fit(request: FitRequest) -> FitResult:
         seconds=time.perf_counter() - started,
         initial_soc=data.soc,
     )
+
+
+def _placed(request: FitRequest, report: Progress) -> tuple[Training, Chosen, Built]:
+    """Training data with the starts of the runs, what was chosen for them, and the network of it."""
+    data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s, request.coulombic_efficiency)
+    chosen = choose(data, request.structure, request.without, part_of(report, 0.0, 0.6))
+    report(0.6, "looking where the runs begin")
+
+    def again(placed: Training) -> Built:
+        return first.plan.build(placed, silent)
+
+    stated, first = data.starts, chosen
+    data, built = with_starts(data, chosen.built, again, lambda made: made.network, request.initial_soc_std)
+    if data.starts != stated:
+        # What was chosen with runs in the wrong places may be richer than what explains them in the right ones.
+        chosen = choose(data, request.structure, request.without, part_of(report, 0.65, 0.2))
+        built = chosen.built
+    return data, chosen, built
+
+
+def _choices(built: Built, chosen: Chosen) -> Json:
+    """What was chosen, with the error to be expected and the rivals."""
+    choices = (built.network.record.choices or {}) | {"expected_rmse_mV": 1e3 * chosen.held_out.rmse_V}
+    return choices | ({"compared": chosen.compared} if chosen.compared else {})
 
 
 def _read_out(built: Built, data: Training, report: Progress) -> LocalModelNetwork:

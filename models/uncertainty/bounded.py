@@ -42,22 +42,16 @@ def bounded_uncertainty(fit: BoundedFit) -> Uncertainty:
     voltage = np.concatenate([run.voltage_V for run in runs])
     near = _Near(layout.knots.soc, soc)
     seen = (voltage - simulated(layout, fit.coefficients, rows, soc)) ** 2
-    first = fit_correlation(error, starts)
-    least = near.local_mean(seen, known, first)
-    level = np.maximum(near.local_mean(error**2, known, first), least)
-    correlation = fit_correlation(error / np.sqrt(near.at(level)), starts)
+    level, least, correlation = _levels(near, known, error, seen, starts)
     chosen = np.flatnonzero(known)[:: max(1, int(known.sum()) // _SAMPLES)]
-
-    def variance_by(covariance: FloatArray) -> FloatArray:
-        out, factor = np.full(len(error), np.nan), _root(covariance)
-        for part, block, columns in blocks(layout, rows, soc, chosen):
-            out[part] = np.sum((block @ factor[columns]) ** 2, axis=1)
-        return out
-
     sampling, determined = _covariance(fit, float(level.mean()), correlation)
-    most = _SAMPLING_SHARE * float(np.mean(error[chosen] ** 2)) / float(np.nanmean(variance_by(sampling)))
+    most = (
+        _SAMPLING_SHARE
+        * float(np.mean(error[chosen] ** 2))
+        / float(np.nanmean(_variance(layout, sampling, rows, soc, chosen)))
+    )
     covariance = _apart(fit) + min(1.0, most) * sampling
-    variance = variance_by(covariance)
+    variance = _variance(layout, covariance, rows, soc, chosen)
     picked = ~np.isnan(variance)
     level = np.maximum(near.local_mean(error**2 - np.nan_to_num(variance), picked, correlation), least)
     ratio = np.sqrt(error[picked] ** 2 / (variance[picked] + near.at(level)[picked]))
@@ -72,6 +66,26 @@ def bounded_uncertainty(fit: BoundedFit) -> Uncertainty:
         band_factor=max(1.0, float(np.percentile(ratio, 95.0)) / NORMAL_95),
         correlation=correlation,
     )
+
+
+def _levels(
+    near: _Near, known: np.ndarray, error: FloatArray, seen: FloatArray, starts: np.ndarray
+) -> tuple[FloatArray, FloatArray, ResidualCorrelation]:
+    """(n,) squared held-out error near each knot in V^2, the least that it can be, and how errors hang together."""
+    first = fit_correlation(error, starts)
+    least = near.local_mean(seen, known, first)
+    level = np.maximum(near.local_mean(error**2, known, first), least)
+    return level, least, fit_correlation(error / np.sqrt(near.at(level)), starts)
+
+
+def _variance(
+    layout: Layout, covariance: FloatArray, rows: FloatArray, soc: FloatArray, chosen: np.ndarray
+) -> FloatArray:
+    """(N,) by the covariance of the coefficients in V^2 at the chosen samples; NaN at the others."""
+    variance, factor = np.full(len(soc), np.nan), _root(covariance)
+    for part, block, columns in blocks(layout, rows, soc, chosen):
+        variance[part] = np.sum((block @ factor[columns]) ** 2, axis=1)
+    return variance
 
 
 class _Near:

@@ -357,6 +357,54 @@ def test_not_a_number_in_a_model_is_refused(fitted: tuple[Path, dict[str, Any]],
         assert "NaN is not a JSON number" in refusal(call(command, tmp_path / "damaged.json", run))
 
 
+@pytest.fixture(scope="module")
+def bounded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A bounded model without hysteresis, and what `fit` said."""
+    folder = tmp_path_factory.mktemp("bounded")
+    run, model = save_run(folder / "train.csv", 0), folder / "model.json"
+    options = ("--capacity-Ah", 2.5, "--structure", "bounded", "--without", "hysteresis", "--out", model, "--json")
+    return model, answer(call("fit", run, *options))
+
+
+def test_a_bounded_model_says_what_it_is_made_of(bounded: tuple[Path, dict[str, Any]]) -> None:
+    model, said = bounded
+    assert said["structure"] == "bounded" and said["compared"] == []
+    assert {name for term in said["terms"] for name in term["effects"]} <= {"charge_transfer", "relaxation"}
+    assert any(term["signal"] == "current" or "scaled_current" in term["signal"] for term in said["terms"])
+    assert said["train"]["rmse_mV"] < said["expected_rmse_mV"] < 1.3 * said["train"]["rmse_mV"]
+    choices = json.loads(model.read_text())["record"]["choices"]
+    assert choices["terms"] == said["terms"] and choices["without"] == ["hysteresis"]
+    assert choices["expected_rmse_mV"] == said["expected_rmse_mV"]
+
+
+def test_a_page_states_the_error_to_be_expected(bounded: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    model, said = bounded
+    answer(call("compare", model, model.parent / "train.csv", "--report", tmp_path / "page.html", "--json"))
+    assert f"expected on runs it did not see {said['expected_rmse_mV']:.2f} mV" in (tmp_path / "page.html").read_text()
+
+
+def test_auto_is_the_default_and_names_its_rivals(tmp_path: Path) -> None:
+    run, model = save_run(tmp_path / "train.csv", 0), tmp_path / "model.json"
+    done = call("fit", run, "--capacity-Ah", 2.5, "--out", model)
+    assert done.returncode == 0 and "expected on runs it did not see" in done.stdout
+    choices = json.loads(model.read_text())["record"]["choices"]
+    rivals = [each["structure"] for each in choices.get("compared", [])]
+    assert rivals in ([], ["bounded", "auto", "full", "minimal"])
+    assert ("took the" in done.stdout) == bool(rivals)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (("--without", "gravity"), "effect gravity cannot be left out"),
+        (("--without", "hysteresis", "--structure", "full"), "use --structure bounded"),
+        (("--without", "hysteresis,"), "empty name"),
+    ],
+)
+def test_what_cannot_be_left_out_is_refused(options: tuple[str, ...], reason: str, tmp_path: Path) -> None:
+    assert reason in fit_refusal(tmp_path, save_run(tmp_path / "a.csv", 0), *options)
+
+
 @pytest.mark.parametrize("command", ["serve", "run"])
 def test_a_data_directory_that_is_a_file_is_bad_input(command: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")

@@ -17,6 +17,8 @@ from bench_service.cli.output import Output
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from models.pipeline.addition import Addition
+
 
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.json")
@@ -47,10 +49,16 @@ def _run(options: Namespace, output: Output) -> int:
         network = with_tuned_observer(added.network, train, soc[: len(train)])
     record = replace(network.record, parent=str(options.model))
     write_document(options.out, replace(network, record=record).to_json())
-    answer = {
+    answer = _answer(added, options.out, options.model)
+    output.result(answer, lambda console: _show(console, answer))
+    return 0
+
+
+def _answer(added: Addition, out: Path, parent: Path) -> dict[str, Any]:
+    return {
         "effect": added.effect,
-        "model": str(options.out),
-        "parent": str(options.model),
+        "model": str(out),
+        "parent": str(parent),
         "error_before_mV": added.error_before_mV,
         "error_after_mV": added.error_after_mV,
         "parameters": {
@@ -58,8 +66,6 @@ def _run(options: Namespace, output: Output) -> int:
         },
         "remark": added.remark,
     }
-    output.result(answer, lambda console: _show(console, answer))
-    return 0
 
 
 def _show(console: Console, answer: dict[str, Any]) -> None:

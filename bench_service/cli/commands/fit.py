@@ -20,6 +20,9 @@ from bench_service.cli.tables import metrics_table, readout_lines, rivals_line, 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from models.network.local_model_network import LocalModelNetwork
+    from models.pipeline.fit import FitResult
+
 
 _NARROW_SOC = 0.1
 
@@ -42,6 +45,10 @@ def _arguments(parser: ArgumentParser) -> None:
         help="leave effects out of the bounded network, such as hysteresis",
     )
     add_runs_to_learn_from(parser, "MODEL.json")
+    _charge_arguments(parser)
+
+
+def _charge_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--initial-soc-std",
         type=fraction,
@@ -64,7 +71,6 @@ def _run(options: Namespace, output: Output) -> int:
     from bench_service.exchange.atomic import check_writable
     from models.observer.tuning.tuning import with_tuned_observer
     from models.pipeline.fit import fit_network
-    from models.readouts.tables import summary
 
     check_writable(options.out)
     structure = read_structure(options.structure)
@@ -91,18 +97,30 @@ def _run(options: Namespace, output: Output) -> int:
     with threadpool_limits(1):
         network = with_tuned_observer(fitted.network, train, fitted.initial_soc, held_out)
     write_document(options.out, network.to_json())
-    low, high = fitted.network.record.domain["soc"]
+    _warn_of_narrow_soc(fitted.network, output)
+    answer = _answer(fitted, options.out, time.perf_counter() - started)
+    output.result(answer, lambda console: _show(console, answer))
+    return 0
+
+
+def _warn_of_narrow_soc(network: LocalModelNetwork, output: Output) -> None:
+    low, high = network.record.domain["soc"]
     if high - low < _NARROW_SOC:
         output.warn(
             f"the training runs cover the state of charge from {low:.3f} to {high:.3f} only: elsewhere the model "
             "extrapolates; record runs over the range that it is for"
         )
-    answer = {
-        "model": str(options.out),
+
+
+def _answer(fitted: FitResult, out: Path, seconds: float) -> dict[str, Any]:
+    from models.readouts.tables import summary  # lazy: numba and scipy take 1.2 s
+
+    return {
+        "model": str(out),
         "structure": fitted.network.structure.name,
         "n_samples": fitted.n_samples,
         "n_local_models": fitted.network.n_models,
-        "seconds": round(time.perf_counter() - started, 3),
+        "seconds": round(seconds, 3),
         "train": fitted.train,
         "validation": fitted.validation,
         "expected_rmse_mV": fitted.expected_rmse_mV,
@@ -112,8 +130,6 @@ def _run(options: Namespace, output: Output) -> int:
         "readouts": summary(fitted.network),
         "reservations": list(fitted.network.record.reservations),
     }
-    output.result(answer, lambda console: _show(console, answer))
-    return 0
 
 
 def _show(console: Console, answer: dict[str, Any]) -> None:

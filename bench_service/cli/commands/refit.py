@@ -19,6 +19,8 @@ from bench_service.cli.tables import metrics_table
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from models.network.local_model_network import LocalModelNetwork
+
 
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.json")
@@ -39,7 +41,6 @@ def _run(options: Namespace, output: Output) -> int:
     from bench_service.exchange.atomic import check_writable
     from bench_service.jobs.refitting import refitted
     from models.comparison.simulated_runs import free_run_metrics
-    from models.network.lineage import version_of
 
     check_writable(options.out)
     parent = read_model(options.model)
@@ -53,23 +54,26 @@ def _run(options: Namespace, output: Output) -> int:
         network = refitted(parent, train, learned, options.old_weight)
     record = replace(network.record, parent=str(options.model))
     write_document(options.out, replace(network, record=record).to_json())
-    made = version_of(network)
-    assert made is not None  # every refit says how it was made
-    answer = {
-        "model": str(options.out),
-        "parent": str(options.model),
-        "old_weight": None if parent.record.sums is None else made.settings["old_weight"],
-        "train": {"before": made.errors["parent"], "after": made.errors["train"]},
-        "validation": {
-            "before": free_run_metrics(parent, validate, judged),
-            "after": free_run_metrics(network, validate, judged),
-        }
-        if validate
-        else None,
-        "reservations": list(network.record.reservations),
-    }
+    answer = {"model": str(options.out), "parent": str(options.model), **_figures(parent, network)}
+    answer["validation"] = None
+    if validate:
+        before, after = (free_run_metrics(each, validate, judged) for each in (parent, network))
+        answer["validation"] = {"before": before, "after": after}
     output.result(answer, lambda console: _show(console, answer))
     return 0
+
+
+def _figures(parent: LocalModelNetwork, network: LocalModelNetwork) -> dict[str, Any]:
+    """What the refit itself says of the new runs."""
+    from models.network.lineage import version_of  # lazy: numpy takes 90 ms
+
+    made = version_of(network)
+    assert made is not None  # every refit says how it was made
+    return {
+        "old_weight": None if parent.record.sums is None else made.settings["old_weight"],
+        "train": {"before": made.errors["parent"], "after": made.errors["train"]},
+        "reservations": list(network.record.reservations),
+    }
 
 
 def _show(console: Console, answer: dict[str, Any]) -> None:

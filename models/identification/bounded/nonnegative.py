@@ -43,10 +43,6 @@ def solve(information: FloatArray, right: FloatArray, bounded: np.ndarray, start
     bounded : (P,) bool, which coefficients must not be negative
     start : (P,) bool, the set of coefficients off their bounds to begin with; by default all
 
-    Returns
-    -------
-    Solution
-
     Notes
     -----
     Judice and Pires, Computers and Operations Research 21, 1994; Kim and Park, SIAM J. Sci. Comput. 33, 2011. All

@@ -97,23 +97,42 @@ def make_basis(
     squared : whether overvoltages that grow faster than the current are offered
     """
     factors = {"moves": _ACTIVATIONS_K, "one": (_TYPICAL_K,), "missing": (0.0,)}[temperature]
-    exchange_K = 0.0 if temperature == "missing" else _EXCHANGE_K
+    relaxation_s = [tau_s for tau_s in _RELAXATION_S if _FASTEST_SAMPLES * dt_s <= tau_s <= slowest_s]
     terms = []
     for kelvin in factors:
         scaled = ("temperature_dependence",) if kelvin and temperature == "moves" else ()
-        terms.append(Term(f"scaled_current:{kelvin:g}" if kelvin else "current", scaled))
-        for tau_s in _RELAXATION_S:
-            if _FASTEST_SAMPLES * dt_s <= tau_s <= slowest_s:
-                slow = ("relaxation",) if tau_s >= _SLOW_S else ()
-                terms.append(Term(f"low_pass:{tau_s:g}/{kelvin:g}", (*scaled, *slow)))
+        terms += _linear(kelvin, scaled, relaxation_s)
         if squared:
-            for tau_s in _SQUARED_S:
-                terms.append(Term(f"squared_current:{tau_s:g}/{kelvin:g}", (*scaled, "relaxation")))
-    for rate in _EXCHANGE_RATES:
-        for tau_s in (0.0, _SLOWED_S) if _FASTEST_SAMPLES * dt_s <= _SLOWED_S else (0.0,):
-            signal = f"charge_transfer:{rate * capacity_Ah:.6g}/{exchange_K:g}/{tau_s:g}"
-            terms.append(Term(signal, ("charge_transfer",)))
+            signals = [f"squared_current:{tau_s:g}/{kelvin:g}" for tau_s in _SQUARED_S]
+            terms += [Term(signal, (*scaled, "relaxation")) for signal in signals]
+    terms += _charge_transfer(dt_s, capacity_Ah, 0.0 if temperature == "missing" else _EXCHANGE_K)
     terms += [Term(f"hysteresis_state:{rate:g}", ("hysteresis",)) for rate in _LOOP_RATES]
     if temperature == "moves":
         terms.append(Term("temperature", ("entropic_voltage", "temperature_dependence"), bounded=False))
     return Basis(axis, tuple(terms))
+
+
+def _linear(kelvin: float, scaled: tuple[str, ...], relaxation_s: Iterable[float]) -> list[Term]:
+    """The current and its low-passes times one factor of the temperature."""
+    terms = [Term(f"scaled_current:{kelvin:g}" if kelvin else "current", scaled)]
+    for tau_s in relaxation_s:
+        slow = ("relaxation",) if tau_s >= _SLOW_S else ()
+        terms.append(Term(f"low_pass:{tau_s:g}/{kelvin:g}", (*scaled, *slow)))
+    return terms
+
+
+def _charge_transfer(dt_s: float, capacity_Ah: float, activation_K: float) -> list[Term]:
+    """At once and slowed, for each exchange current."""
+    slowed_s = (0.0, _SLOWED_S) if _FASTEST_SAMPLES * dt_s <= _SLOWED_S else (0.0,)
+    signals = [
+        f"charge_transfer:{rate * capacity_Ah:.6g}/{activation_K:g}/{tau_s:g}"
+        for rate in _EXCHANGE_RATES
+        for tau_s in slowed_s
+    ]
+    return [Term(signal, ("charge_transfer",)) for signal in signals]
+
+
+def bounded_effects() -> tuple[str, ...]:
+    """Effects that a bounded network can have, and can do without."""
+    terms = make_basis(1.0, 1.0, "moves", squared=True).terms
+    return tuple(sorted({name for term in terms for name in term.effects}))

@@ -118,7 +118,7 @@ class Trials:
         return held.sums.count
 
     def mean(self, errors: FloatArray) -> float:
-        """Mean squared error over all samples."""
+        """Root mean squared errors of the folds, their mean over all samples."""
         return float(np.sqrt(errors) @ self.counts / self.counts.sum())
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from bench_service.cli.arguments import fraction, fractions, named_numbers, natural, number, port, positive
+from bench_service.cli.arguments import fraction, fractions, named_numbers, names, natural, number, port, positive
 
 
 def test_values() -> None:
@@ -13,6 +13,7 @@ def test_values() -> None:
     assert positive("0.1") == 0.1
     assert fraction("1") == 1.0
     assert fractions("0.5,1") == (0.5, 1.0)
+    assert names("hysteresis, relaxation") == ("hysteresis", "relaxation")
     assert natural("7") == 7
     assert port("0") == 0
     assert named_numbers("a=1, b=-0.5,") == {"a": 1.0, "b": -0.5}
@@ -30,6 +31,8 @@ def test_values() -> None:
         (fraction, "1.01"),
         (fraction, "-0.1"),
         (fractions, "0.5,"),
+        (names, "a,,b"),
+        (names, ""),
         (natural, "-1"),
         (natural, "1.0"),
         (natural, "²"),

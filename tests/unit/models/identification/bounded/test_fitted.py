@@ -1,0 +1,72 @@
+"""A hidden cell of the bounded form is found, to the noise and with the network that says the same."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.identification.bounded.fitted import BoundedFit, fit_variant, held_out_error, network_parts, simulated
+from models.identification.bounded.problem import fold_of, regressors, soc_over
+from models.identification.bounded.variants import Trials, Variant
+from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
+from models.network.regression import SignalBank
+from tests.unit.models.identification.bounded.bank import bank
+
+NOISE_V = 1e-3
+
+
+def hidden(swing_K: float | None = None) -> SignalBank:
+    """Curve, resistance that falls with SoC, one pair, hysteresis, and all of it without error but the noise."""
+    known = bank(n=4000, swing_K=swing_K)
+    rng, runs = np.random.default_rng(5), []
+    for k, run in enumerate(known.runs):
+        soc = known.values("soc")[k]
+        voltage = 3.4 + 0.6 * soc + 0.04 * np.sin(8.0 * soc) + (0.03 - 0.01 * soc) * run.current_A
+        voltage += 0.01 * known.values("low_pass:60/3500")[k] + 0.015 * known.values("hysteresis_state:40")[k]
+        runs.append(replace(run, voltage_V=voltage + NOISE_V * rng.standard_normal(len(run))))
+    return SignalBank(runs, known.initial_soc, known.cell)
+
+
+@pytest.fixture(scope="module")
+def found() -> BoundedFit:
+    return fit_variant(Trials(hidden()), Variant())
+
+
+def test_held_out_error_is_the_noise(found: BoundedFit) -> None:
+    assert NOISE_V < found.held_out_rmse_V < 1.04 * NOISE_V
+    error = held_out_error(found, fold_of(found.bank))
+    assert float(np.sqrt(np.mean(error**2))) < 1.04 * NOISE_V
+
+
+def test_gains_are_not_negative_and_what_comes_out_as_nothing_is_gone(found: BoundedFit) -> None:
+    layout = found.layout
+    gains = np.split(found.coefficients, layout.first.tolist())[1:-1]
+    bounded = [part for part, term in zip(gains, layout.basis.terms, strict=True) if term.bounded]
+    assert all(part.min() >= 0.0 < part.max() for part in bounded)
+    assert (np.diff(found.coefficients[: layout.n_curve]) >= 0.0).all()
+
+
+def test_the_network_says_the_same(found: BoundedFit) -> None:
+    structure, partition, theta, scaling = network_parts(found, "bounded")
+    network = LocalModelNetwork(structure, partition, theta, scaling, found.bank.cell)
+    rows = regressors(found.bank, found.layout.basis, found.layout.scale)
+    soc = np.concatenate(soc_over(found.bank, found.layout.basis.axis))
+    own = simulated(found.layout, found.coefficients, rows, soc)
+    starts = found.bank.initial_soc
+    free = np.concatenate([free_run_V(network, run, soc) for run, soc in zip(found.bank.runs, starts, strict=True)])
+    np.testing.assert_allclose(free, own, atol=1e-9)
+    assert network.structure.kernel == "hat" and network.structure.output_order == 0
+
+
+def test_an_effect_left_out_is_missed() -> None:
+    bare = fit_variant(Trials(hidden(), ("hysteresis",)), Variant())
+    assert not any("hysteresis" in term.effects for term in bare.layout.basis.terms)
+    assert bare.held_out_rmse_V > 2.0 * NOISE_V
+
+
+def test_temperature_that_says_nothing_gets_little() -> None:
+    warm = fit_variant(Trials(hidden(swing_K=4.0)), Variant())
+    assert warm.held_out_rmse_V < 1.06 * NOISE_V
+    assert warm.layout.basis.terms[-1].signal == "temperature"
+    assert np.abs(warm.coefficients[warm.layout.first[-2] :]).max() < 5e-3

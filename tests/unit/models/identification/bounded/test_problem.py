@@ -1,0 +1,81 @@
+"""Sums of products, held against the dense matrix that they are the sums of."""
+
+import numpy as np
+import pytest
+
+from models.identification.bounded.knots import hats, make_knots
+from models.identification.bounded.problem import (
+    REFERENCE_DEGC,
+    Layout,
+    fold_of,
+    make_layout,
+    make_sums,
+    regressors,
+    soc_over,
+)
+from models.identification.bounded.terms import make_basis
+from models.network.regression import SignalBank
+from tests.unit.models.identification.bounded.bank import CELL, bank
+
+
+@pytest.fixture(scope="module")
+def signals() -> SignalBank:
+    return bank(n=1500, swing_K=5.0)
+
+
+@pytest.fixture(scope="module")
+def layout(signals: SignalBank) -> Layout:
+    soc = np.concatenate(soc_over(signals, "soc"))
+    basis = make_basis(1.0, CELL.capacity_Ah, "moves")
+    return make_layout(signals, basis, make_knots(float(soc.min()), float(soc.max()), 24, 5, 4))
+
+
+def dense(signals: SignalBank, layout: Layout) -> np.ndarray:
+    """(N, P) one row a sample, the curve by its values."""
+    soc = np.concatenate(soc_over(signals, layout.basis.axis))
+    rows = regressors(signals, layout.basis, layout.scale)
+    parts = [hats(layout.knots.soc, soc)]
+    parts += [rows[:, [b]] * hats(layout.knots.soc[layout.places(b)], soc) for b in range(len(layout.basis.terms))]
+    return np.hstack(parts)
+
+
+def test_sums_of_each_fold_are_those_of_the_dense_matrix(signals: SignalBank, layout: Layout) -> None:
+    a, y = dense(signals, layout), np.concatenate([run.voltage_V for run in signals.runs])
+    fold, sums = fold_of(signals), make_sums(signals, layout)
+    assert set(fold) == set(range(len(sums.count)))
+    for number in range(len(sums.count)):
+        own = fold == number
+        np.testing.assert_allclose(sums.xx[number], a[own].T @ a[own], atol=1e-8)
+        np.testing.assert_allclose(sums.xy[number], a[own].T @ y[own], atol=1e-8)
+        assert (sums.yy[number], sums.count[number]) == (pytest.approx(y[own] @ y[own]), own.sum())
+
+
+def test_every_n_th_sample_and_folds_of_ones_own(signals: SignalBank, layout: Layout) -> None:
+    a, fold = dense(signals, layout), np.arange(3000) % 2
+    sums = make_sums(signals, layout, 3, fold)
+    chosen = np.arange(0, 3000, 3)
+    np.testing.assert_allclose(sums.xx.sum(axis=0), a[chosen].T @ a[chosen], atol=1e-8)
+    assert sums.count.tolist() == [500.0, 500.0]
+
+
+def test_increments_are_the_same_curve(signals: SignalBank, layout: Layout) -> None:
+    sums = make_sums(signals, layout)
+    turned, n = sums.by_increments(), layout.n_curve
+    x = np.random.default_rng(0).standard_normal(layout.size)
+    by_values = np.concatenate([np.cumsum(x[:n]), x[n:]])
+    for own, whole in ((turned.xx[0], sums.xx[0]), (turned.penalties[0], sums.penalties[0])):
+        assert x @ own @ x == pytest.approx(by_values @ whole @ by_values)
+    assert x @ turned.xy[1] == pytest.approx(by_values @ sums.xy[1])
+
+
+def test_only_the_first_value_and_the_slope_with_temperature_are_unbounded(layout: Layout) -> None:
+    free = np.flatnonzero(~layout.bounded)
+    (at,) = [b for b, term in enumerate(layout.basis.terms) if term.signal == "temperature"]
+    assert free.tolist() == [0, *range(layout.first[at], layout.first[at + 1])]
+
+
+def test_signals_are_counted_from_what_their_gain_is_zero_at(signals: SignalBank, layout: Layout) -> None:
+    rows = regressors(signals, layout.basis, layout.scale)
+    np.testing.assert_allclose(np.abs(rows).max(axis=0), 1.0)
+    degC = np.concatenate([run.temperature_degC for run in signals.runs])
+    np.testing.assert_allclose(rows[:, -1] * layout.scale[-1], degC - REFERENCE_DEGC)

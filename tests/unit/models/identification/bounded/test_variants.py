@@ -1,0 +1,77 @@
+"""Which form is taken, and what is left out of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.data.errors import ModelError
+from models.identification.bounded.variants import (
+    Trials,
+    Variant,
+    best_variant,
+    clearly_better,
+    temperature_in,
+)
+from models.network.regression import CellContext, SignalBank
+from tests.unit.models.identification.bounded.bank import bank, trials
+
+COUNTS = np.full(5, 100.0)
+
+
+def test_better_by_more_than_one_standard_error() -> None:
+    present = np.full(5, 4.0)
+    # Of the root mean squares: better by 0.1 on each fold, then by 0.1 on the mean of folds that differ by 1.
+    assert clearly_better(np.full(5, 1.9**2), present, COUNTS)
+    scattered = (1.9 + np.array([1.0, -1.0, 1.0, -1.0, 0.0])) ** 2
+    assert not clearly_better(scattered, present, COUNTS)
+    assert not clearly_better(present, present, COUNTS)
+    assert not clearly_better(np.full(5, 4.1), present, COUNTS)
+
+
+def test_the_rule_is_that_of_the_standard_error() -> None:
+    step = np.array([0.2, -0.1, 0.3, 0.05, 0.1])
+    error = float(np.sqrt(np.mean((step - step.mean()) ** 2) / 4.0))
+    for shift, wanted in ((1.01, True), (0.99, False)):
+        trial = (3.0 - (step - step.mean() + shift * error)) ** 2
+        assert clearly_better(trial, np.full(5, 9.0), COUNTS) is wanted
+
+
+def test_empty_folds_do_not_count_and_one_fold_is_compared_as_it_is() -> None:
+    counts = np.array([100.0, 0.0, 0.0, 0.0, 0.0])
+    assert clearly_better(np.array([1.0, 9.0, 9.0, 9.0, 9.0]), np.full(5, 1.1), counts)
+    assert not clearly_better(np.array([1.2, 0.0, 0.0, 0.0, 0.0]), np.full(5, 1.1), counts)
+
+
+def test_a_plain_cell_gets_the_plain_form() -> None:
+    tried = trials()
+    assert best_variant(tried) == Variant()
+    assert Variant() in tried.known and len(tried.known) > 1
+
+
+def test_effects_are_left_out_of_every_form() -> None:
+    tried = trials(("hysteresis", "relaxation"))
+    for variant in (Variant(), Variant(squared=True)):
+        found = {name for term in tried.basis(variant).terms for name in term.effects}
+        assert "charge_transfer" in found and not found & {"hysteresis", "relaxation"}
+    # A surface that runs ahead of the mean is slow diffusion, too.
+    best_variant(tried)
+    assert all(variant.surface is None for variant in tried.known)
+
+
+def test_an_effect_that_the_runs_cannot_show_is_not_there_to_be_left_out() -> None:
+    with pytest.raises(ModelError, match="temperature_dependence cannot be left out"):
+        Trials(bank(swing_K=0.0), ("temperature_dependence",)).basis(Variant())
+
+
+def test_what_runs_say_of_the_temperature() -> None:
+    still = bank(swing_K=0.0)
+    assert temperature_in(still) == "one"
+    assert temperature_in(bank(n=1500, swing_K=5.0)) == "moves"
+    blind = [replace(run, temperature_degC=np.full(len(run), np.nan)) for run in still.runs]
+    assert temperature_in(SignalBank(blind, still.initial_soc, CellContext(2.5))) == "missing"
+
+
+def test_a_form_names_itself() -> None:
+    assert Variant().to_json() == {"axis": "soc", "squared": False, "fine_slope": False}
+    assert Variant((0.02, 200.0, 5500.0), squared=True).axis == "surface_soc:0.02/200/5500"
