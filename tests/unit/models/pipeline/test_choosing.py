@@ -9,7 +9,7 @@ from models.comparison.simulated_runs import free_run_metrics
 from models.data.errors import ModelError
 from models.identification.progress import Progress, silent
 from models.pipeline import choosing
-from models.pipeline.choosing import STRUCTURES, choose
+from models.pipeline.choosing import STRUCTURES, choose, is_physical
 from models.pipeline.plans import BoundedNetwork, HeldOutError, SearchedNetwork
 from models.pipeline.training import Training, training
 from tests.unit.models.diagnosis.cells import SOC
@@ -43,8 +43,11 @@ class Kind:
         return replace(self, name=family)
 
 
-def automatic(monkeypatch: pytest.MonkeyPatch, bounded: list[float], others: list[float]) -> choosing.Chosen:
-    """What `auto` takes where all searched networks do as well as each other."""
+def automatic(
+    monkeypatch: pytest.MonkeyPatch, bounded: list[float], others: list[float], physical: bool = True
+) -> choosing.Chosen:
+    """What `auto` takes where all searched networks do as well as each other, and are physical or not."""
+    monkeypatch.setattr(choosing, "is_physical", lambda _network: physical)
     monkeypatch.setattr(choosing, "_bounded", lambda *_: Kind("bounded", tuple(bounded)))
     monkeypatch.setattr(choosing, "_search", lambda *_: Kind("", tuple(others)))
     monkeypatch.setattr(choosing, "SearchedPlan", lambda _search, chosen: chosen)
@@ -76,6 +79,12 @@ def test_beyond_it_the_better_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> N
     assert len(better.compared) == 4
 
 
+def test_what_is_not_physical_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = automatic(monkeypatch, [5.0, 5.0, 5.0, 5.0, 5.0], [1.0, 1.2, 0.8, 1.1, 0.9], physical=False)
+    assert name_of(found) == "bounded"
+    assert len(found.compared) == 4
+
+
 def test_at_the_noise_nothing_else_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     found = automatic(monkeypatch, [0.505] * 5, [0.1] * 5)
     assert name_of(found) == "bounded" and found.compared == []
@@ -101,6 +110,12 @@ def test_names_are_what_they_say(data: Training) -> None:
         choose(data, "huge", (), silent)
     assert STRUCTURES[0] == "auto"
     assert isinstance(choose(data, "minimal", (), silent).built, SearchedNetwork)
+
+
+def test_a_negative_resistance_is_not_physical() -> None:
+    network = fitted().network
+    assert is_physical(network)
+    assert not is_physical(replace(network, theta=-network.theta))
 
 
 def test_the_expected_error_is_near_that_on_unseen_runs() -> None:
