@@ -13,10 +13,14 @@ from tests.unit.models.diagnosis.cells import SOC
 from tests.unit.models.pipeline.bounded_cell import CELL, run
 
 
+def silent(fraction: float, message: str = "") -> None:
+    pass
+
+
 def fit(without: list[str], monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(modelling, "read_series", lambda _directory, ids: [run(int(each)) for each in ids])
     train, capacity_Ah = [RunInput("2", SOC), RunInput("4", SOC)], CELL.capacity_Ah
-    return modelling.fit(lambda *_: None, Path(), train, [], capacity_Ah, "bounded", without=without)
+    return modelling.fit(silent, Path(), train, [], capacity_Ah, "bounded", without=without)  # pyright: ignore[reportArgumentType]
 
 
 def test_it_names_structure_expected_error_and_terms(monkeypatch: pytest.MonkeyPatch) -> None:
