@@ -29,6 +29,7 @@ from models.network.model_record import Domain, Json, ModelRecord
 from models.network.regression import Dataset
 from models.network.signals import soc_by_counting
 from models.network.signals.filters import slow_current_A
+from models.pipeline.bounded_refit import remembers, solved_bounded
 from models.pipeline.refit_problem import Solution, solved
 
 # Parts of the record that speak of other parameters than the new ones.
@@ -39,10 +40,10 @@ _STATED = frozenset({"domain", "reservations"})
 
 @dataclass(frozen=True)
 class Refit:
-    """A network with new parameters, and the sums to store with it."""
+    """A network with new parameters, and the sums to store with it; a bounded one has a covariance in their place."""
 
     network: LocalModelNetwork
-    sums: StoredSums
+    sums: StoredSums | None
 
 
 def stored_sums(
@@ -88,12 +89,10 @@ def refit(
     """
     _check(network, runs, old, old_weight)
     reservations = check_series(runs, network.dt_s, network.cell.capacity_Ah)
-    data, soc = _data(network, runs, initial_soc)
-    found = solved(network, data, old, old_weight)
-    new = replace(network, theta=found.theta, record=_kept(network, runs, soc))
+    soc = initial_soc or [start_soc(run) for run in runs]
+    found, new, sums = (_with_bounds if remembers(network) else _by_sums)(network, runs, soc, old, old_weight)
     errors = {"train": free_run_metrics(new, runs, soc), "parent": free_run_metrics(network, runs, soc)}
-    sums = _with_old(stored_sums(new, runs, soc), old, found.old_weight)
-    stored = sums.to_json()
+    stored = None if sums is None else sums.to_json()
     record = replace(new.record, train=errors["train"], reservations=tuple(reservations), sums=stored)
     new = with_version(
         replace(new, record=record),
@@ -103,15 +102,45 @@ def refit(
         settings=_settings(found, old, 1e3 * network.voltage_span_V),
         errors=errors,
         code_version=code_version,
-        sums_sha256=document_sha256(stored),
+        sums_sha256=None if stored is None else document_sha256(stored),
     )
     return Refit(new, sums)
+
+
+def _by_sums(
+    network: LocalModelNetwork,
+    runs: list[TimeSeries],
+    soc: list[float],
+    old: StoredSums | None,
+    old_weight: float | None,
+) -> tuple[Solution, LocalModelNetwork, StoredSums | None]:
+    """Held to what sums of the old runs say; with the sums of all runs."""
+    data, _ = _data(network, runs, soc)
+    found = solved(network, data, old, old_weight)
+    new = replace(network, theta=found.theta, record=_kept(network, runs, soc))
+    return found, new, _with_old(stored_sums(new, runs, soc), old, found.old_weight)
+
+
+def _with_bounds(
+    network: LocalModelNetwork,
+    runs: list[TimeSeries],
+    soc: list[float],
+    _old: StoredSums | None,
+    old_weight: float | None,
+) -> tuple[Solution, LocalModelNetwork, StoredSums | None]:
+    """A bounded network, held to its old coefficients by their covariance; it stays one over its own knots."""
+    grid = [to_grid(as_read(network.record, run), network.dt_s) for run in runs]
+    bounded = solved_bounded(network, grid, soc, old_weight)
+    record = _kept(network, runs, soc)
+    domain = {**record.domain, "soc": network.record.domain["soc"]}
+    record = replace(record, domain=domain, uncertainty=bounded.uncertainty.to_json())
+    return bounded.solution, replace(network, theta=bounded.solution.theta, record=record), None
 
 
 def _check(
     network: LocalModelNetwork, runs: list[TimeSeries], old: StoredSums | None, old_weight: float | None
 ) -> None:
-    if network.structure.kernel == "hat":
+    if network.structure.kernel == "hat" and not remembers(network):
         raise ModelError(
             f"refit: {network.name} has hats, whose gains keep their bounds only in a fit of their own: fit the "
             "structure anew to old and new runs together, or follow the cell with a recursive update"

@@ -48,7 +48,7 @@ def _run(options: Namespace, output: Output) -> int:
     validate = read_runs(options.validate, options.current_sign, output)
     soc = initial_soc([*train, *validate], options.initial_soc, parent, output)
     learned, judged = soc[: len(train)], soc[len(train) :]
-    if parent.record.sums is None:
+    if not _weighs(parent):
         output.warn(f"{options.model} holds no sums of its runs: what they said is not weighed against the new ones")
     with output.progress("Refitting"), threadpool_limits(1):
         network = refitted(parent, train, learned, options.old_weight)
@@ -63,6 +63,13 @@ def _run(options: Namespace, output: Output) -> int:
     return 0
 
 
+def _weighs(parent: LocalModelNetwork) -> bool:
+    """Whether a model holds what its old runs said: as sums or, a bounded one, as a covariance."""
+    from models.pipeline.refitting import remembers  # lazy: numba and scipy take 1.5 s
+
+    return parent.record.sums is not None or remembers(parent)
+
+
 def _figures(parent: LocalModelNetwork, network: LocalModelNetwork) -> dict[str, Any]:
     """What the refit itself says of the new runs."""
     from models.network.lineage import version_of  # lazy: numpy takes 90 ms
@@ -70,7 +77,7 @@ def _figures(parent: LocalModelNetwork, network: LocalModelNetwork) -> dict[str,
     made = version_of(network)
     assert made is not None  # every refit says how it was made
     return {
-        "old_weight": None if parent.record.sums is None else made.settings["old_weight"],
+        "old_weight": made.settings["old_weight"] if _weighs(parent) else None,
         "train": {"before": made.errors["parent"], "after": made.errors["train"]},
         "reservations": list(network.record.reservations),
     }

@@ -114,7 +114,6 @@ def network_parts(fit: BoundedFit, name: str) -> tuple[Structure, Partition, Flo
     Each knot of the curve is a local model; one more on each side continues the curve's slope and holds the gains.
     """
     layout = fit.layout
-    knots, inner = layout.knots, layout.knots.soc
     run, voltage = fit.bank.runs[0], fit.bank.bounds(VOLTAGE)
     structure = Structure(
         output_order=0,
@@ -124,20 +123,23 @@ def network_parts(fit: BoundedFit, name: str) -> tuple[Structure, Partition, Flo
         kernel="hat",
         name=name,
     )
-    curve = fit.coefficients[: layout.n_curve]
-    low = curve[0] - (curve[1] - curve[0]) / (inner[1] - inner[0]) * (inner[0] - knots.outer[0])
-    high = curve[-1] + (curve[-1] - curve[-2]) / (inner[-1] - inner[-2]) * (knots.outer[-1] - inner[-1])
-    span = voltage[1] - voltage[0]
-    gains = [
-        hats(inner[layout.places(b)], knots.outer) @ fit.coefficients[_part(layout, b)]
-        for b in range(len(layout.basis.terms))
-    ]
-    theta = np.column_stack([*gains, np.concatenate([[low], curve, [high]]) - voltage[0]]) / span
     scaling: Scaling = {layout.basis.axis: (0.0, 1.0), VOLTAGE: voltage}
     for term, scale in zip(layout.basis.terms, layout.scale.tolist(), strict=True):
         offset = 0.0 if term.bounded else REFERENCE_DEGC
         scaling[term.signal] = (offset, offset + scale)
-    return structure, hat_partition(knots.outer), np.ascontiguousarray(theta), scaling
+    return structure, hat_partition(layout.knots.outer), theta_of(layout, fit.coefficients, voltage), scaling
+
+
+def theta_of(layout: Layout, coefficients: FloatArray, voltage: tuple[float, float]) -> FloatArray:
+    """(M, p) parameters of the network from (P,) coefficients, the curve by its values, in units of a voltage range."""
+    outer, inner, curve = layout.knots.outer, layout.knots.soc, coefficients[: layout.n_curve]
+    low = curve[0] - (curve[1] - curve[0]) / (inner[1] - inner[0]) * (inner[0] - outer[0])
+    high = curve[-1] + (curve[-1] - curve[-2]) / (inner[-1] - inner[-2]) * (outer[-1] - inner[-1])
+    gains = [
+        hats(inner[layout.places(b)], outer) @ coefficients[_part(layout, b)] for b in range(len(layout.basis.terms))
+    ]
+    theta = np.column_stack([*gains, np.concatenate([[low], curve, [high]]) - voltage[0]]) / (voltage[1] - voltage[0])
+    return np.ascontiguousarray(theta)
 
 
 def _part(layout: Layout, term: int) -> slice:

@@ -12,7 +12,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import hats
-from models.identification.bounded.nonnegative import solve
+from models.identification.bounded.nonnegative import Solution, solve
 from models.identification.bounded.problem import REFERENCE_DEGC, Layout
 from models.identification.bounded.strengths import HeldOut, penalty
 from models.network.signals import parse_signal
@@ -32,10 +32,15 @@ def rising(held: HeldOut, logs: tuple[float, ...], temperature_degC: tuple[float
     logs : strengths of the penalties
     temperature_degC : range in which the curve has to rise
     """
-    sums, layout = held.sums, held.sums.layout
-    count = float(sums.count.sum())
+    sums, count = held.sums, float(held.sums.count.sum())
     matrix, right = sums.xx.sum(axis=0) / count + penalty(sums, logs), sums.xy.sum(axis=0) / count
-    found = held.whole(logs)
+    return risen(matrix, right, sums.layout, held.whole(logs), temperature_degC)
+
+
+def risen(
+    matrix: FloatArray, right: FloatArray, layout: Layout, found: Solution, temperature_degC: tuple[float, float]
+) -> FloatArray:
+    """(P,) the same from the equations of a mean squared error, whose solution without the further bounds is known."""
     rises = corner_increments(layout, temperature_degC)
     before = np.zeros(len(rises), dtype=bool)
     for _ in range(_ROUNDS):

@@ -41,7 +41,8 @@ def test_what_is_left_out_is_left_to_the_bench() -> None:
     ("field", "value", "taken"),
     [
         ("structure", "auto", True),
-        ("structure", "bounded", False),
+        ("structure", "bounded", True),
+        ("structure", "deep", False),
         ("rounds", MOST_ROUNDS, True),
         ("rounds", MOST_ROUNDS + 1, False),
         ("rounds", 0, False),
