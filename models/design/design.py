@@ -149,10 +149,9 @@ def judged(
     planned_s: float | None = None,
 ) -> Design:
     """Say what a current would tell."""
-    evaluator = Evaluator(experiment, len(current_A), criterion)
-    information = evaluator.information(current_A)
+    information = Evaluator(experiment, len(current_A), criterion).information(current_A)
     std = parameter_std(information)
-    predicted = evaluator.predict(current_A)
+    predicted = Evaluator(experiment.predicted, len(current_A)).predict(current_A)
     low, high = feasible.voltage_band_V(current_A)
     return Design(
         current_A=current_A,

@@ -64,6 +64,7 @@ class Feasible:
         for name, source in (("voltage_V", demands.band), ("temperature_degC", demands.temperature_of)):
             if getattr(demands.limits, name) is not None and source is None:
                 raise InfeasibleError(f"limit {name} is given, but nothing predicts it with its uncertainty")
+        experiment = experiment.predicted
         self._experiment, self._demands = experiment, demands
         network = experiment.network
         self._net = flat_network(network)
@@ -101,16 +102,17 @@ class Feasible:
         limit(self._net, flat, near, where.initial_soc, where.temperature_degC, where.lead, out)
         return out
 
-    def renew(self, current_A: FloatArray, widened: float = 1.0) -> None:
-        """Take the voltage's band at this current, times a factor, from now on."""
+    def renew(self, current_A: FloatArray, widened: float = 1.0) -> bool:
+        """Take the voltage's band at this current, times a factor, from now on; whether there is one."""
         window, band = self._demands.limits.voltage_V, self._demands.band
         if window is None or band is None:
-            return
+            return False
         width = widened * band.width_V(self._experiment, current_A, self._evaluator.predict(current_A))
         low, high = window[0] + width, window[1] - width
         zero = self._experiment.network.to_volts(np.zeros(1))[0]
         span = self._experiment.network.voltage_span_V
         self._flat = self._flat._replace(watch_voltage=True, y_low=(low - zero) / span, y_high=(high - zero) / span)
+        return True
 
     def finish(self, current_A: FloatArray) -> FloatArray:
         """Return a current that keeps every limit, as near to this one as can be had; checked, not assumed."""
@@ -203,7 +205,6 @@ class Feasible:
         limits = self._demands.limits
         rest = self.project(np.zeros(n_samples))
         if self._linear_excess(rest):
-            start = self._experiment.initial_soc
             start = self._experiment.initial_soc
             rest = linear_anchor(limits, self._bounds, self._flat, self._soc_per_A, start, self._dt_s)
         left = self.excess(rest)

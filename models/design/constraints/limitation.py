@@ -75,6 +75,7 @@ def limitation_ratio(experiment: Experiment, limits: Limits, band: Band, pulse_s
     """
     if limits.voltage_V is None:
         return no_limitation()
+    experiment = experiment.predicted
     count = max(1, round(pulse_s / experiment.network.structure.dt_s))
     grid = np.linspace(*limits.soc, _POINTS)
     shares = np.ones((2, _POINTS))

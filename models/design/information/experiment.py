@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ class Experiment:
 
     Attributes
     ----------
-    network : reference model
+    network : reference model, whose parameters the experiment is to tell
     initial_soc : fraction, the cell at rest
     noise_V : standard deviation of the voltage that the fit cannot explain
     temperature_degC : of the cell, throughout
@@ -38,6 +38,7 @@ class Experiment:
     prior : (M p, M p) information that is there already; without it each parameter, which is of the order of 1 in
         normalised units, is taken as known to `prior_std`
     prior_std : see `prior`
+    predictor : predicts the voltage, where `network` is a coarse copy of it; None: `network` does
     """
 
     network: LocalModelNetwork
@@ -47,6 +48,7 @@ class Experiment:
     sensitivity: str = SENSITIVITIES[0]
     prior: FloatArray | None = field(default=None, repr=False)
     prior_std: float = 1.0
+    predictor: LocalModelNetwork | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -59,6 +61,13 @@ class Experiment:
         size = self.network.theta.size
         if self.prior is not None and self.prior.shape != (size, size):
             raise ModelError(f"prior information has shape {self.prior.shape}; the network has {size} parameters")
+
+    @property
+    def predicted(self) -> Experiment:
+        """The same with the network that predicts its voltage, of whose parameters nothing is asked."""
+        if self.predictor is None:
+            return self
+        return replace(self, network=self.predictor, predictor=None, prior=None, sensitivity=SENSITIVITIES[0])
 
     @property
     def lead(self) -> int:

@@ -29,6 +29,8 @@ _LONGEST_HOLD = 0.1
 # Every start climbs this many steps; then the best of them, this share, climb to the end.
 _TRIAL_STEPS = 4
 _FINALISTS = 0.15
+# How often those renew the band of the predicted voltage on their way.
+_RENEWALS = 3
 
 
 class Objective(Protocol):
@@ -124,7 +126,9 @@ def optimise(
         search = _Search(evaluator, feasible, demands.limits.current_A, experiment.network.theta.size)
         climbs = _first_climbs(search, n_samples, n_starts, min(_TRIAL_STEPS, max_iterations), seed, report)
         finalists = _finish_best(search, climbs, max_iterations - _TRIAL_STEPS, report)
-        best = feasible.finish(max(climbs, key=lambda climb: climb.value).current_A)
+        # What the band of the voltage, taken at the end, leaves of them is not in their order.
+        ends = [feasible.finish(climbs[number].current_A) for number in finalists]
+        best = max(ends, key=evaluator.value)
         value = evaluator.value(best)
         return Optimum(
             current_A=best,
@@ -149,11 +153,15 @@ def _first_climbs(
 
 
 def _finish_best(search: _Search, climbs: list[_Climb], n_steps: int, report: Progress) -> np.ndarray:
-    """Let the best climbs go on to the end, in their places; which ones those are."""
+    """Let the best climbs go on to the end, in their places; which ones those are.
+
+    How far the voltage may be off depends on the current: from here on it is what it is at each climb's own.
+    """
     ranking = np.argsort([-climb.value for climb in climbs], kind="stable")
     finalists = ranking[: max(1, round(_FINALISTS * len(climbs)))]
     for place, number in enumerate(finalists):
-        climbs[number] = search.climb(climbs[number], n_steps)
+        for _ in range(_RENEWALS):
+            climbs[number] = search.climb(search.renewed(climbs[number]), -(-n_steps // _RENEWALS))
         report(0.7 + 0.3 * (place + 1) / len(finalists), f"climbing the best, {place + 1} of {len(finalists)}")
     return finalists
 
@@ -176,6 +184,13 @@ class _Search:
         levels = rng.uniform(self._low_A, self._high_A, -(-n_samples // hold))
         current = self._feasible.project(np.repeat(levels, hold)[:n_samples])
         return _Climb(current, self._evaluator.value(current), _FIRST_STEP * self._half_A)
+
+    def renewed(self, at: _Climb) -> _Climb:
+        """Where a climb stands with the voltage's band taken anew at its current."""
+        if not self._feasible.renew(at.current_A):
+            return at
+        current = self._feasible.project(at.current_A)
+        return _Climb(current, self._evaluator.value(current), max(at.step_A, _FIRST_STEP * self._half_A))
 
     def climb(self, at: _Climb, max_iterations: int) -> _Climb:
         """Go up for some steps, or until nothing is gained any more."""

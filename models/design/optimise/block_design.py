@@ -104,7 +104,7 @@ def demands_of(experiment: Experiment, limits: Limits, bounds: CurrentBounds | N
     InfeasibleError
         The temperature is limited, but the network has no thermal model.
     """
-    temperature_of = None
+    experiment, temperature_of = experiment.predicted, None
     if limits.temperature_degC is not None:
         temperature_of = predicted_temperature(experiment.network, experiment.initial_soc, experiment.temperature_degC)
         if temperature_of is None:
@@ -166,7 +166,8 @@ def _mean_A(request: DesignRequest) -> Window | None:
 
 
 def _ratio(experiment: Experiment, request: DesignRequest) -> LimitationRatio:
-    band, longest_s = recorded_band(experiment.network), longest_time_constant_s(experiment.network)
+    network = experiment.predicted.network
+    band, longest_s = recorded_band(network), longest_time_constant_s(network)
     return limitation_ratio(experiment, request.limits, band, min(longest_s, _LIMITATION_S))
 
 

@@ -12,6 +12,7 @@ from models.data.errors import ModelError
 from models.data.timeseries import FloatArray, TimeSeries
 from models.design.constraints.feasible import TemperatureOf
 from models.design.constraints.limits import InfeasibleError, Limits
+from models.design.information.coarse_network import coarse_copy
 from models.design.information.experiment import DEFAULT_TEMPERATURE_DEGC, SENSITIVITIES, Experiment
 from models.design.sequence.profile import Profile
 from models.design.sequence.step_profile import StepProfileRequest, step_profile
@@ -43,6 +44,7 @@ def experiment_with(
     use_prior: bool = True,
     temperature_degC: float | None = None,
     noise_V: float | None = None,
+    coarse: bool = True,
 ) -> Experiment:
     """Experiment with a fitted network.
 
@@ -54,6 +56,7 @@ def experiment_with(
     use_prior : count what the training runs have told already, as far as the network's record says it
     temperature_degC : of the cell; by default the middle of the trained range
     noise_V : by default the noise floor of the training runs, at least 1 mV
+    coarse : ask for a coarse copy's parameters where the network is a large one by hats; it still predicts the voltage
     """
     domain = network.record.domain.get("temperature_degC")
     degC = temperature_degC
@@ -61,16 +64,23 @@ def experiment_with(
         degC = DEFAULT_TEMPERATURE_DEGC if domain is None else 0.5 * (domain[0] + domain[1])
     floor_mV = network.record.noise_floor_mV
     noise = noise_V if noise_V is not None else max(_LEAST_NOISE_V, 1e-3 * float(floor_mV or 0.0))
-    prior = known_information(network) if use_prior else None
-    return Experiment(network, initial_soc, noise, float(degC), sensitivity, prior)
+    if not coarse:
+        prior = known_information(network) if use_prior else None
+        return Experiment(network, initial_soc, noise, float(degC), sensitivity, prior)
+    asked, covariance = coarse_copy(network)
+    prior = _information(covariance) if use_prior and covariance is not None else None
+    predictor = None if asked is network else network
+    return Experiment(asked, initial_soc, noise, float(degC), sensitivity, prior, predictor=predictor)
 
 
 def known_information(network: LocalModelNetwork) -> FloatArray | None:
     """(M p, M p) information on the parameters that the training runs gave; None where the record does not say."""
     uncertainty = uncertainty_of(network)
-    if uncertainty is None:
-        return None
-    values, vectors = np.linalg.eigh(uncertainty.parameters.covariance)
+    return None if uncertainty is None else _information(uncertainty.parameters.covariance)
+
+
+def _information(covariance: FloatArray) -> FloatArray:
+    values, vectors = np.linalg.eigh(covariance)
     least = _BEST_KNOWN * max(float(values[-1]), 1e-300)
     return (vectors / np.maximum(values, least)) @ vectors.T
 
