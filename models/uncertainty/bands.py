@@ -21,6 +21,8 @@ from models.uncertainty.spread import LocalFactor, blended_variance
 
 # Beyond the trained range the residual level grows by itself for each tenth of the range: nothing was seen there.
 _DOUBLING_SHARE = 0.1
+# Nobody knows how the open-circuit curve goes on: its slope there may be off by this share of the trained mean one.
+_SLOPE_SHARE = 0.15
 NORMAL_95 = 1.959963984540054
 _BLOCK = 4096
 
@@ -85,22 +87,25 @@ def prediction_band(
     simulated = network.to_volts(free_run(network.theta, order, validity, data))
     variance = span**2 * parameter_variance(uncertainty.parameters, network.theta, order, validity, data, local)
     soc = soc_by_counting(run.charge_Ah, initial_soc, network.cell.capacity_Ah, network.cell.efficiency)
-    level2 = validity @ uncertainty.level_V**2 * (1.0 + _distance(network, run, soc) / _DOUBLING_SHARE) ** 2
+    beyond = _distances(network, run, soc)
+    farthest = np.max([np.zeros(len(run)), *beyond.values()], axis=0)
+    level2 = validity @ uncertainty.level_V**2 * (1.0 + farthest / _DOUBLING_SHARE) ** 2
+    level2 = level2 + (_SLOPE_SHARE * span * beyond.get("soc", np.zeros(len(run)))) ** 2
     return PredictionBand(simulated, np.sqrt(variance), uncertainty.band_factor * np.sqrt(variance + level2))
 
 
-def _distance(network: LocalModelNetwork, run: GridRun, soc: FloatArray) -> FloatArray:
-    """(n,) distance from the trained domain in units of its ranges, the largest of all dimensions."""
+def _distances(network: LocalModelNetwork, run: GridRun, soc: FloatArray) -> dict[str, FloatArray]:
+    """(n,) distance from the trained domain in units of its range, for each dimension."""
     values = {
         "soc": soc,
         "current_A": run.current_A,
         "slow_current_A": slow_current_A(run.current_A, run.dt_s),
         "temperature_degC": run.temperature_degC,
     }
-    beyond = np.zeros(len(run))
+    beyond = {}
     for name, (low, high) in network.record.domain.items():
         away = np.nan_to_num(np.maximum(low - values[name], values[name] - high))
-        beyond = np.maximum(beyond, away / max(high - low, 1e-9))
+        beyond[name] = np.maximum(away, 0.0) / max(high - low, 1e-9)
     return beyond
 
 
