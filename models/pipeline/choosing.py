@@ -52,7 +52,13 @@ class Chosen:
     compared: list[Json] = field(default_factory=list)
 
 
-def choose(data: Training, structure: str | Structure, without: tuple[str, ...], report: Progress) -> Chosen:
+def choose(
+    data: Training,
+    structure: str | Structure,
+    without: tuple[str, ...],
+    report: Progress,
+    bounded: Chosen | None = None,
+) -> Chosen:
     """Choose a plan and build it.
 
     Parameters
@@ -61,6 +67,7 @@ def choose(data: Training, structure: str | Structure, without: tuple[str, ...],
     structure : one of `STRUCTURES`, or a structure of one's own, which is kept
     without : effects that are left out; of the bounded network only
     report : called with a share 0..1 and a short text
+    bounded : the bounded network of these data, where it is known
 
     Raises
     ------
@@ -80,12 +87,12 @@ def choose(data: Training, structure: str | Structure, without: tuple[str, ...],
         return _built(SearchedPlan(search, search.best(structure)), data, part_of(report, 0.7, 0.3))
     if structure != "auto":
         raise ModelError(f"structure {structure!r} is unknown; use one of {', '.join(STRUCTURES)}")
-    return _automatic(data, report)
+    return _automatic(data, report, bounded)
 
 
-def _automatic(data: Training, report: Progress) -> Chosen:
+def _automatic(data: Training, report: Progress, bounded: Chosen | None) -> Chosen:
     """The bounded network, unless one of the searched ones is clearly better."""
-    found = _built(_bounded(data, (), part_of(report, 0.0, 0.2)), data, part_of(report, 0.2, 0.1))
+    found = bounded or _built(_bounded(data, (), part_of(report, 0.0, 0.2)), data, part_of(report, 0.2, 0.1))
     noise_mV = data.noise_floor_mV
     if noise_mV is not None and 1e3 * found.held_out.rmse_V <= _AT_NOISE * noise_mV:
         return found

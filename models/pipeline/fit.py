@@ -141,19 +141,22 @@ def fit(request: FitRequest) -> FitResult:
 def _placed(request: FitRequest, report: Progress) -> tuple[Training, Chosen, Built]:
     """Training data with the starts of the runs, what was chosen for them, and the network of it."""
     data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s, request.coulombic_efficiency)
-    chosen = choose(data, request.structure, request.without, part_of(report, 0.0, 0.6))
-    report(0.6, "looking where the runs begin")
+    automatic = request.structure == "auto"
+    first = choose(data, "bounded" if automatic else request.structure, request.without, part_of(report, 0.0, 0.3))
+    report(0.3, "looking where the runs begin")
 
     def again(placed: Training) -> Built:
         return first.plan.build(placed, silent)
 
-    stated, first = data.starts, chosen
-    data, built = with_starts(data, chosen.built, again, lambda made: made.network, request.initial_soc_std)
-    if data.starts != stated:
-        # What was chosen with runs in the wrong places may be richer than what explains them in the right ones.
-        chosen = choose(data, request.structure, request.without, part_of(report, 0.65, 0.2))
-        built = chosen.built
-    return data, chosen, built
+    stated = data.starts
+    data, built = with_starts(data, first.built, again, lambda made: made.network, request.initial_soc_std)
+    moved = data.starts != stated
+    if not automatic and not moved:
+        return data, first, built
+    # What was chosen with runs in the wrong places may be richer than what explains them in the right ones.
+    known = first if automatic and not moved else None
+    chosen = choose(data, request.structure, request.without, part_of(report, 0.35, 0.5), known)
+    return data, chosen, chosen.built
 
 
 def _choices(built: Built, chosen: Chosen) -> Json:
