@@ -1,6 +1,7 @@
 """Coarse copies of networks by hats, that experiments ask about instead of all their parameters."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,7 +46,7 @@ def bounded() -> LocalModelNetwork:
         1.0,
         ResidualCorrelation(1.0, np.zeros(0), np.zeros(0)),
     )
-    figures = {"rmse_mV": 1.0, "max_mV": 4.0, "p95_mV": 2.0, "n_samples": 5000}
+    figures: Any = {"rmse_mV": 1.0, "max_mV": 4.0, "p95_mV": 2.0, "n_samples": 5000}
     return replace(made, record=ModelRecord(train=figures, uncertainty=uncertainty.to_json()))
 
 
