@@ -80,6 +80,7 @@ def test_the_network_itself_predicts_the_voltage() -> None:
     assert experiment.predictor is whole and experiment.predicted.network is whole
     found = design(experiment, request)
     assert found.information.shape == experiment.prior_information().shape
+    assert list(found.parameter_std)[4:6] == ["SoC 0.000: current(k-0)", "SoC 0.000: low_pass:30(k-0)"]
     alone = Evaluator(experiment_with(whole, 0.5, coarse=False), 300).predict(found.current_A)
     np.testing.assert_allclose(found.voltage_V, alone.voltage_V)
     assert found.band_low_V.min() >= 3.4 - 1e-9 and found.band_high_V.max() <= 3.9 + 1e-9
