@@ -71,7 +71,7 @@ def left_over(result: Mapping[str, Any]) -> str:
         return words
     advice = {
         "change": "A change that shows less cannot be seen with it.",
-        "structure": "Structure auto, more local models or more training data come before any effect.",
+        "structure": "Another structure or more training data come before any effect.",
     }
     share = 1.0 - (noise_mV / left_mV) ** 2
     own = f"{100 * share:.0f} % of its square is more than noise: the model itself is off by that much."

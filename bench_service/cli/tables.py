@@ -80,8 +80,8 @@ def readout_lines(readouts: Mapping[str, Any]) -> list[str]:
 
 
 def _plus_minus(std: float | None, factor: float = 1.0, unit: str = "") -> str:
-    """Half width of a 95 % band."""
-    return "" if std is None else f" ± {1.96 * factor * std:.2g}{unit}"
+    """Half width of a 95 % band, with two digits and no power of ten."""
+    return "" if std is None else f" ± {float(f'{1.96 * factor * std:.2g}'):g}{unit}"
 
 
 def where_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:

@@ -185,8 +185,7 @@ def _discriminating(
     for network in networks:
         _check_model(request, network)
     first, second = (experiment_with(network, soc, coarse=False) for network in networks)
-    dt_s = first.network.structure.dt_s
-    n_samples = round(request.duration_s / dt_s)
+    n_samples = round(request.duration_s / first.network.structure.dt_s)
     demands = demands_of(first, request.limits)
     feasible = Feasible(first, demands, n_samples)
     objective = RivalEvaluator(first, second, n_samples)

@@ -150,16 +150,16 @@ def judged(
 ) -> Design:
     """Say what a current would tell."""
     information = Evaluator(experiment, len(current_A), criterion).information(current_A)
-    std = parameter_std(information)
+    std = dict(zip(parameter_names(experiment.network), parameter_std(information).tolist(), strict=True))
     predicted = Evaluator(experiment.predicted, len(current_A)).predict(current_A)
-    low, high = feasible.voltage_band_V(current_A)
+    (low, high), dt_s = feasible.voltage_band_V(current_A), experiment.network.structure.dt_s
     return Design(
         current_A=current_A,
-        dt_s=experiment.network.structure.dt_s,
+        dt_s=dt_s,
         value=CRITERIA[criterion](information)[0],
         log_det=CRITERIA["D"](information)[0],
         information=information,
-        parameter_std=dict(zip(parameter_names(experiment.network), std.tolist(), strict=True)),
+        parameter_std=std,
         voltage_V=predicted.voltage_V,
         band_low_V=low,
         band_high_V=high,
@@ -168,7 +168,7 @@ def judged(
         blocks=blocks,
         optima=optima,
         seconds=seconds,
-        planned_s=len(current_A) * experiment.network.structure.dt_s if planned_s is None else planned_s,
+        planned_s=len(current_A) * dt_s if planned_s is None else planned_s,
     )
 
 

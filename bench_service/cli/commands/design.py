@@ -33,9 +33,8 @@ def _run(options: Namespace, output: Output) -> int:
     from models.design.answer import answer
     from models.design.request import read_request
 
-    check_writable(options.out)
-    if options.report is not None:
-        check_writable(options.report)
+    for path in filter(None, (options.out, options.report)):
+        check_writable(path)
     request = read_request(_read_toml(options.request))
     material = _material(request, options.request.parent, output)
     with output.progress("Designing") as report:
@@ -104,7 +103,6 @@ def _csv(profile: Profile) -> bytes:
 
 
 def _show(console: Console, figures: dict[str, Any]) -> None:
-
     hours = figures["duration_s"] / 3600.0
     console.print(
         f"{figures['profile']}: {hours:.2f} h, {figures['n_samples']} samples, {figures['throughput_Ah']:.2f} Ah moved "

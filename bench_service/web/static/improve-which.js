@@ -35,7 +35,7 @@ function leftWords(result) {
   const words = `Left unexplained: ${quantity(left, 2, "mV")}${Number.isFinite(floor) ? `, noise floor ${quantity(floor, 2, "mV")}` : ""}.`;
   if (verdict !== "nothing_missing" || !above(result)) return words;
   return `${words} ${percent(above(result), 0)} of its square is more than noise: the model itself is off by that much. ${mode === "change"
-    ? "A change that shows less cannot be seen with it." : "Structure “auto”, more local models or more training data come before any effect."}`;
+    ? "A change that shows less cannot be seen with it." : "Another structure or more training data come before any effect."}`;
 }
 
 function verdictWords({ result }, titleOf) {

@@ -284,6 +284,10 @@ def parameter_std(information: FloatArray) -> FloatArray:
 
 
 def parameter_names(network: LocalModelNetwork) -> list[str]:
-    """Name of each parameter, as the information matrix orders them."""
+    """Name of each parameter, as the information matrix orders them; of hats with the place of their knot."""
     names: Any = network.structure.regressor_names()
-    return [f"local model {i + 1}: {name}" for i in range(network.n_models) for name in names]
+    places = [f"local model {i + 1}" for i in range(network.n_models)]
+    if network.structure.kernel == "hat":
+        low, high = network.scaling[network.structure.axes[0].signal]
+        places = [f"SoC {low + (high - low) * at:.3f}" for at in network.partition.centres[:, 0].tolist()]
+    return [f"{place}: {name}" for place in places for name in names]

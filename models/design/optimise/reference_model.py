@@ -58,25 +58,28 @@ def experiment_with(
     noise_V : by default the noise floor of the training runs, at least 1 mV
     coarse : ask for a coarse copy's parameters where the network is a large one by hats; it still predicts the voltage
     """
-    domain = network.record.domain.get("temperature_degC")
-    degC = temperature_degC
-    if degC is None:
-        degC = DEFAULT_TEMPERATURE_DEGC if domain is None else 0.5 * (domain[0] + domain[1])
-    floor_mV = network.record.noise_floor_mV
-    noise = noise_V if noise_V is not None else max(_LEAST_NOISE_V, 1e-3 * float(floor_mV or 0.0))
-    if not coarse:
-        prior = known_information(network) if use_prior else None
-        return Experiment(network, initial_soc, noise, float(degC), sensitivity, prior)
-    asked, covariance = coarse_copy(network)
+    degC = _middle_degC(network) if temperature_degC is None else float(temperature_degC)
+    noise = noise_V if noise_V is not None else max(_LEAST_NOISE_V, 1e-3 * float(network.record.noise_floor_mV or 0.0))
+    asked, covariance = coarse_copy(network) if coarse else (network, _covariance(network))
     prior = _information(covariance) if use_prior and covariance is not None else None
     predictor = None if asked is network else network
-    return Experiment(asked, initial_soc, noise, float(degC), sensitivity, prior, predictor=predictor)
+    return Experiment(asked, initial_soc, noise, degC, sensitivity, prior, predictor=predictor)
+
+
+def _middle_degC(network: LocalModelNetwork) -> float:
+    domain = network.record.domain.get("temperature_degC")
+    return DEFAULT_TEMPERATURE_DEGC if domain is None else float(0.5 * (domain[0] + domain[1]))
 
 
 def known_information(network: LocalModelNetwork) -> FloatArray | None:
     """(M p, M p) information on the parameters that the training runs gave; None where the record does not say."""
+    covariance = _covariance(network)
+    return None if covariance is None else _information(covariance)
+
+
+def _covariance(network: LocalModelNetwork) -> FloatArray | None:
     uncertainty = uncertainty_of(network)
-    return None if uncertainty is None else _information(uncertainty.parameters.covariance)
+    return None if uncertainty is None else uncertainty.parameters.covariance
 
 
 def _information(covariance: FloatArray) -> FloatArray:

@@ -65,5 +65,5 @@ def _one(name: str, each: Value) -> str:
     in_words = each.unit.replace("/", " per ").removeprefix("1 ")
     label = name.replace("_", " ").removesuffix(f" {in_words}")
     unit = "" if each.unit == "1" else f" {each.unit}"
-    band = "" if each.std is None else f" +- {each.std:.1g}"
+    band = "" if each.std is None else f" +- {float(f'{each.std:.1g}'):g}"
     return f"{label} {each.value:.3g}{band}{unit}"

@@ -8,7 +8,9 @@ confirm it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -22,10 +24,13 @@ from models.diagnosis.reference.record import Record
 from models.diagnosis.structure.extension import Extension, ExtensionSearch
 from models.diagnosis.structure.structure import StructureAnalysis
 from models.effects import Effect, effect
+from models.identification.bounded.fitted import fit_variant, network_parts
+from models.identification.bounded.variants import Trials, clearly_better, variant_of
 from models.identification.progress import silent
 from models.identification.search.search import Search
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
+from models.network.regression import SignalBank
 
 # An effect must lower the held-out error by this share; others that come as near to it are its rivals.
 _WORTH = 0.05
@@ -49,6 +54,15 @@ class Refit:
     parameters: dict[str, Value]
     held_out_mV: float
     error_mV: float
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """An effect put into the structure: its error on held-out training runs, and the network when it is asked for."""
+
+    candidate: Candidate
+    error_V: float
+    network: Callable[[], LocalModelNetwork]
 
 
 @dataclass(frozen=True)
@@ -78,43 +92,82 @@ def try_refits(
     Returns
     -------
     Refits
-        None where no effect clearly lowers the error of held-out training runs and that of the diagnosed runs, or none
-        by more than it does to first order; and for networks by hats, which are not fitted by this search.
+        None where no effect clearly lowers the error of held-out training runs and that of the diagnosed runs, or,
+        but of a bounded network, none by more than it does to first order. To a bounded network only effects that were
+        left out of it are given back.
     """
-    if network.structure.kernel == "hat":
-        return None
-    search = Search(train, train_soc, network.cell, silent)
-    extensions = ExtensionSearch(search)
-    own, comparison = extensions.own(network), analysis.comparison
-    tried: list[tuple[Candidate, Extension]] = []
-    for each in analysis.ranking.candidates:
-        if each.effect.extend is not None:
-            values = {name: value.value for name, value in parameters(comparison, each).items()}
-            extension = extensions.extended(own, each.effect, values)
-            tried += [] if extension is None else [(each, extension)]
-    least_V = min((extension.error_V for _, extension in tried), default=np.inf)
+    comparison = analysis.comparison
+    bounded = network.structure.kernel == "hat"
+    own_V, tried = (_bounded if bounded else _searched)(network, train, train_soc, analysis)
+    least_V = min((trial.error_V for trial in tried), default=np.inf)
     # The best, and what comes near to it, as far as they lower the error clearly.
-    most_V = min((1.0 - _WORTH) * own.error_V, least_V / (1.0 - _WORTH))
-    clear = sorted((pair for pair in tried if pair[1].error_V <= most_V), key=lambda pair: pair[1].error_V)
+    most_V = min((1.0 - _WORTH) * own_V, least_V / (1.0 - _WORTH))
+    clear = sorted((trial for trial in tried if trial.error_V <= most_V), key=lambda trial: trial.error_V)
     named = Named(comparison, analysis.ranking)
     found = tuple(
         Refit(
-            each.effect,
-            Readings((named,)).parameters(named, each),
-            1e3 * extension.error_V,
-            _error_mV(search, extension, record),
+            trial.candidate.effect,
+            Readings((named,)).parameters(named, trial.candidate),
+            1e3 * trial.error_V,
+            _error_mV(trial.network(), record),
         )
-        for each, extension in clear
+        for trial in clear
     )
-    # A refit that explains no more of unseen samples than sensitivities do is none to listen to.
-    explained = 1.0 - (least_V / own.error_V) ** 2
-    confirmed = bool(found) and found[0].error_mV < record.rms_mV and explained > analysis.ranking.held_out_share
-    return Refits(found, 1e3 * own.error_V) if confirmed else None
+    if not found or found[0].error_mV >= record.rms_mV:
+        return None
+    # A refit that explains no more of unseen samples than sensitivities do is none to listen to; bounds, which those do
+    # not know, make that of a bounded network the better judge.
+    explained = 1.0 - (least_V / own_V) ** 2
+    return Refits(found, 1e3 * own_V) if bounded or explained > analysis.ranking.held_out_share else None
 
 
-def _error_mV(search: Search, extension: Extension, record: Record) -> float:
-    fitted = search.fitted(extension.choice)
-    network = LocalModelNetwork(fitted.structure, fitted.partition, fitted.theta, fitted.scaling, search.cell)
+def _searched(
+    network: LocalModelNetwork, train: list[GridRun], train_soc: list[float], analysis: StructureAnalysis
+) -> tuple[float, list[_Trial]]:
+    """Held-out error in V of the network's structure, and every structure that has one effect more."""
+    search = Search(train, train_soc, network.cell, silent)
+    extensions = ExtensionSearch(search)
+    own = extensions.own(network)
+
+    def fitted(extension: Extension) -> LocalModelNetwork:
+        found = search.fitted(extension.choice)
+        return LocalModelNetwork(found.structure, found.partition, found.theta, found.scaling, search.cell)
+
+    tried: list[_Trial] = []
+    for each in analysis.ranking.candidates:
+        if each.effect.extend is not None:
+            values = {name: value.value for name, value in parameters(analysis.comparison, each).items()}
+            extension = extensions.extended(own, each.effect, values)
+            tried += [] if extension is None else [_Trial(each, extension.error_V, partial(fitted, extension))]
+    return own.error_V, tried
+
+
+def _bounded(
+    network: LocalModelNetwork, train: list[GridRun], train_soc: list[float], analysis: StructureAnalysis
+) -> tuple[float, list[_Trial]]:
+    """Held-out error in V of the same form of a bounded network, and with each effect that was left out of it."""
+    choices = network.record.choices or {}
+    left_out = tuple(str(name) for name in choices.get("without", ()))
+    if choices.get("family") != "bounded" or not left_out:
+        return np.inf, []
+    bank, variant = SignalBank(train, train_soc, network.cell), variant_of(choices)
+    own = Trials(bank, left_out)
+    own_mse = own.error(variant)
+
+    def fitted(trials: Trials) -> LocalModelNetwork:
+        structure, partition, theta, scaling = network_parts(fit_variant(trials, variant), "bounded")
+        return LocalModelNetwork(structure, partition, theta, scaling, network.cell)
+
+    tried: list[_Trial] = []
+    for each in analysis.ranking.candidates:
+        if each.effect.name in left_out:
+            trials = Trials(bank, tuple(name for name in left_out if name != each.effect.name))
+            if clearly_better(trials.error(variant), own_mse, own.counts):
+                tried.append(_Trial(each, trials.mean(trials.error(variant)), partial(fitted, trials)))
+    return own.mean(own_mse), tried
+
+
+def _error_mV(network: LocalModelNetwork, record: Record) -> float:
     runs = zip(record.runs, record.soc, strict=True)
     left = np.concatenate([run.voltage_V - free_run_V(network, run, soc) for run, soc in runs])
     return 1e3 * float(np.sqrt(np.nanmean(left**2)))

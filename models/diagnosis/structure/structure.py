@@ -97,12 +97,19 @@ def analyse_structure(
         named = (Named(comparison, ranking),)
     if len(named) == 1 and not (ranking.significant and (not runs or _helps(named[0], n_train))):
         named = ()
+    # With all that a refit moves beside it, an effect has to do better than the network as it is.
+    if named and 0 < n_train < len(error) and not _lowers(named[-1], n_train, float(np.mean(error[n_train:] ** 2))):
+        named = ()
     return StructureAnalysis(comparison, ranking, named, n_train, resolution)
 
 
 def _helps(named: Named, n_train: int) -> bool:
     candidate = named.ranking.candidates[0]
     return held_out_mse(named.comparison, n_train, candidate) < held_out_mse(named.comparison, n_train)
+
+
+def _lowers(named: Named, n_train: int, own_mse: float) -> bool:
+    return held_out_mse(named.comparison, n_train, named.ranking.candidates[0]) < own_mse
 
 
 def _inside(samples: Samples, n_train: int) -> Samples:

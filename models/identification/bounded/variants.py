@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import make_knots
 from models.identification.bounded.problem import make_layout, make_sums, soc_over
@@ -59,6 +60,15 @@ class Variant:
     def to_json(self) -> dict[str, Any]:
         """Return a document of plain types."""
         return {"axis": self.axis, "squared": self.squared, "fine_slope": self.fine_slope}
+
+
+def variant_of(document: dict[str, Any]) -> Variant:
+    """Read what `Variant.to_json` wrote, as a network's choices have it."""
+    _, _, depth = str(document["axis"]).partition(":")
+    surface = tuple(float(value) for value in depth.split("/")) if depth else None
+    if surface is not None and len(surface) != 3:
+        raise ModelError(f"axis {document['axis']!r} of a bounded network is neither soc nor surface_soc:a/b/c")
+    return Variant(surface, bool(document["squared"]), bool(document["fine_slope"]))
 
 
 @dataclass

@@ -49,3 +49,8 @@ def test_a_finding_in_the_temperature_is_told_in_kelvin() -> None:
     words = explain_warmth(cooling, 0.964, 2.25, 0.3, {"heat_transfer_W_per_K": Value(0.05, 0.001, "W/K")})
     assert "explains 96 % of the squared error of the temperature, which falls from 2.25 to 0.30 K" in words
     assert words.startswith(f"{cooling.title} has changed:") and cooling.recognise in words
+
+
+def test_wide_bands_are_plain_numbers() -> None:
+    slow = {"time_constant_s": Value(352.0, 12.3, "s")}
+    assert "time constant 352 +- 10 s" in explain(effect("relaxation"), 0.5, 1.0, slow, (), "structure")
