@@ -80,5 +80,6 @@ EFFECT = Effect(
     contains=("series_resistance",),
     reference_terms=("charge_transfer",),
     extend=_extend,
+    bounded_part="charge_transfer",
     ways_in=(WayIn(_over_rates), WayIn(_over_activations)),
 )

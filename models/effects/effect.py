@@ -133,6 +133,7 @@ class Effect:
         that of other effects as well; None: it scales none
     extend : (structure, values of the parameters, capacity in Ah) -> structure that has the effect; None: it is put in
         by `correction` or `assumption`, or by a refit alone
+    bounded_part : part of a bounded network that stands for it; "": it is always in one; None: it cannot be
     ways_in : steps to a richer structure, tried beside `extend`
     correction : how it is put right in a run's columns; None: it is not in the sensors
     assumption : how it is put right in what a fit is told; None: it is not in that
@@ -161,6 +162,7 @@ class Effect:
     reference_terms: tuple[ReferenceTerm, ...] = ()
     activation_K: Callable[[Values], float] | None = None
     extend: Callable[[Structure, Values, float], Structure] | None = None
+    bounded_part: str | None = None
     ways_in: tuple[WayIn, ...] = ()
     correction: InputCorrection | None = None
     assumption: Assumption | None = None

@@ -40,4 +40,5 @@ EFFECT = Effect(
     needs_temperature=True,
     reference_terms=("entropy",),
     extend=_extend,
+    bounded_part="slope with temperature",
 )

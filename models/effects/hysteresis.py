@@ -51,4 +51,5 @@ EFFECT = Effect(
     lean=Lean(_columns, lambda _view: _SHAPES),
     reference_terms=("hysteresis",),
     extend=_extend,
+    bounded_part="hysteresis",
 )

@@ -81,5 +81,6 @@ EFFECT = Effect(
     lean=Lean(_columns, lambda _view: _SHAPES_S),
     reference_terms=("slow_current",),
     extend=_extend,
+    bounded_part="relaxation",
     ways_in=(WayIn(_spread), WayIn(_at_surface, only_if_worth=True)),
 )

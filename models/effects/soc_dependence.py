@@ -44,4 +44,5 @@ EFFECT = Effect(
     local=Local(_BUMPS),
     contains=("series_resistance",),
     extend=_extend,
+    bounded_part="",
 )

@@ -72,4 +72,5 @@ EFFECT = Effect(
     reference_terms=("warm_current",),
     activation_K=lambda values: values["activation_K"],
     extend=_extend,
+    bounded_part="scaling by temperature",
 )

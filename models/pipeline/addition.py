@@ -18,9 +18,9 @@ from models.diagnosis.reference.samples import visible
 from models.diagnosis.structure.extension import ExtensionSearch
 from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect, effect
+from models.effects.bounded_parts import bounded_effects
 from models.effects.input_correction import as_read, corrected
 from models.effects.reading import Assumption
-from models.identification.bounded.terms import bounded_effects
 from models.identification.progress import Progress, silent
 from models.identification.search.search import Search
 from models.network.lineage import version_of, with_version
@@ -32,8 +32,6 @@ from models.pipeline.fit import FitResult, fit_network
 # Numbers of local models with which the ways to put an effect in are compared.
 _SIZES = (12, 24, 36)
 _FREED = "the bounded network was fitted to the training runs with the effect among its terms"
-# A bounded network's gains lie over the state of charge, whatever its terms.
-_OVER_SOC = "soc_dependence"
 _REFITTED = "the network was refitted to the training runs, which takes it in"
 
 
@@ -117,7 +115,7 @@ def _left_out(network: LocalModelNetwork, name: str) -> tuple[str, ...] | None:
     without = tuple(choices.get("without", ()))
     if effect(name).extend is None or name in without:
         return tuple(each for each in without if each != name)
-    if name in (*bounded_effects(), _OVER_SOC):
+    if effect(name).bounded_part is not None:
         raise ModelError(f"the model's structure has {name} already; nothing to add")
     raise ModelError(
         f"{name}: a bounded network cannot have it, only {', '.join(bounded_effects())}; fit its runs with "

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from models.data.errors import ModelError
+from models.effects.bounded_parts import parts_of
 from models.identification.bounded.variants import Trials, Variant, best_variant, clearly_better
 from models.identification.progress import Progress, part_of
 from models.identification.search.search import Search
@@ -130,7 +131,7 @@ def _bounded(data: Training, without: tuple[str, ...], report: Progress) -> Boun
         tried.append(variant)
         report(min(0.1 * len(tried), 0.9), f"bounded network over {variant.axis}")
 
-    trials = Trials(bank, without, begun)
+    trials = Trials(bank, parts_of(without), begun)
     best = best_variant(trials)
     table: list[Json] = [
         {"family": "bounded", **variant.to_json(), "held_out_rmse_mV": 1e3 * held.mean_mse(logs) ** 0.5}

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from models.data.timeseries import FloatArray
+from models.effects.bounded_parts import effects_of, parts_of
 from models.identification.bounded.fitted import BoundedFit, fit_variant, network_parts
 from models.identification.bounded.problem import groups_of, make_sums, run_index
 from models.identification.bounded.strengths import HeldOut
@@ -172,7 +173,7 @@ class BoundedPlan:
     def build(self, data: Training, report: Progress) -> Built:
         """Fit the form to training data."""
         report(0.0, "solving for the bounded network")
-        trials = Trials(SignalBank(data.fit_grid, data.fit_soc, data.cell), self.without)
+        trials = Trials(SignalBank(data.fit_grid, data.fit_soc, data.cell), parts_of(self.without))
         fit = fit_variant(trials, self.variant)
         structure, partition, theta, scaling = network_parts(fit, self.name)
         record = _record(data, self._choices(fit), self.table, None)
@@ -182,7 +183,7 @@ class BoundedPlan:
         """What was chosen, with each term and the effects that it stands for."""
         layout = fit.layout
         terms = [
-            {"signal": term.signal, "effects": list(term.effects), "largest_V": float(np.abs(part).max())}
+            {"signal": term.signal, "effects": list(effects_of(term.parts)), "largest_V": float(np.abs(part).max())}
             for term, part in zip(
                 layout.basis.terms, np.split(fit.coefficients, layout.first.tolist())[1:-1], strict=True
             )

@@ -24,6 +24,7 @@ from models.diagnosis.reference.record import Record
 from models.diagnosis.structure.extension import Extension, ExtensionSearch
 from models.diagnosis.structure.structure import StructureAnalysis
 from models.effects import Effect, effect
+from models.effects.bounded_parts import parts_of
 from models.identification.bounded.fitted import fit_variant, network_parts
 from models.identification.bounded.variants import Trials, clearly_better, variant_of
 from models.identification.progress import silent
@@ -151,7 +152,7 @@ def _bounded(
     if choices.get("family") != "bounded" or not left_out:
         return np.inf, []
     bank, variant = SignalBank(train, train_soc, network.cell), variant_of(choices)
-    own = Trials(bank, left_out)
+    own = Trials(bank, parts_of(left_out))
     own_mse = own.error(variant)
 
     def fitted(trials: Trials) -> LocalModelNetwork:
@@ -161,7 +162,7 @@ def _bounded(
     tried: list[_Trial] = []
     for each in analysis.ranking.candidates:
         if each.effect.name in left_out:
-            trials = Trials(bank, tuple(name for name in left_out if name != each.effect.name))
+            trials = Trials(bank, parts_of(name for name in left_out if name != each.effect.name))
             if clearly_better(trials.error(variant), own_mse, own.counts):
                 tried.append(_Trial(each, trials.mean(trials.error(variant)), partial(fitted, trials)))
     return own.mean(own_mse), tried

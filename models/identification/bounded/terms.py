@@ -25,6 +25,11 @@ _SQUARED_S = (60.0, 600.0)
 _FASTEST_SAMPLES = 1.5
 
 
+# Parts that a network can do without; a physical effect names the one that stands for it.
+SLOW, TRANSFER, LOOP = "relaxation", "charge_transfer", "hysteresis"
+SCALED, SLOPE = "scaling by temperature", "slope with temperature"
+
+
 @dataclass(frozen=True)
 class Term:
     """One input: a signal with a gain over the state of charge.
@@ -32,12 +37,12 @@ class Term:
     Attributes
     ----------
     signal : as `models.network.signals` names it
-    effects : physical effects without which it is not there; none: it always is
+    parts : without any of which it is not there; none: it always is
     bounded : its gain must not be negative
     """
 
     signal: str
-    effects: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
     bounded: bool = True
 
 
@@ -54,23 +59,23 @@ class Basis:
     axis: str
     terms: tuple[Term, ...]
 
-    def without(self, effects: Iterable[str]) -> Basis:
-        """Leave out all terms of some effects; hysteresis, for one, or whatever depends on temperature.
+    def without(self, parts: Iterable[str]) -> Basis:
+        """Leave out all terms of some parts; the loop, for one, or whatever is scaled by temperature.
 
         Raises
         ------
         ModelError
             No term stands for one of them, or nothing would be left.
         """
-        wanted = set(effects)
-        known = {name for term in self.terms for name in term.effects}
+        wanted = set(parts)
+        known = {name for term in self.terms for name in term.parts}
         unknown = sorted(wanted - known)
         if unknown:
             raise ModelError(
-                f"effect {', '.join(unknown)} cannot be left out of a bounded network of these runs; "
+                f"{', '.join(unknown)} cannot be left out of a bounded network of these runs; "
                 f"it has {', '.join(sorted(known))}"
             )
-        left = tuple(term for term in self.terms if not wanted.intersection(term.effects))
+        left = tuple(term for term in self.terms if not wanted.intersection(term.parts))
         if not left:
             raise ModelError(f"nothing is left of the network without {', '.join(sorted(wanted))}")
         return replace(self, terms=left)
@@ -100,15 +105,15 @@ def make_basis(
     relaxation_s = [tau_s for tau_s in _RELAXATION_S if _FASTEST_SAMPLES * dt_s <= tau_s <= slowest_s]
     terms = []
     for kelvin in factors:
-        scaled = ("temperature_dependence",) if kelvin and temperature == "moves" else ()
+        scaled = (SCALED,) if kelvin and temperature == "moves" else ()
         terms += _linear(kelvin, scaled, relaxation_s)
         if squared:
             signals = [f"squared_current:{tau_s:g}/{kelvin:g}" for tau_s in _SQUARED_S]
-            terms += [Term(signal, (*scaled, "relaxation")) for signal in signals]
+            terms += [Term(signal, (*scaled, SLOW)) for signal in signals]
     terms += _charge_transfer(dt_s, capacity_Ah, 0.0 if temperature == "missing" else _EXCHANGE_K)
-    terms += [Term(f"hysteresis_state:{rate:g}", ("hysteresis",)) for rate in _LOOP_RATES]
+    terms += [Term(f"hysteresis_state:{rate:g}", (LOOP,)) for rate in _LOOP_RATES]
     if temperature == "moves":
-        terms.append(Term("temperature", ("entropic_voltage", "temperature_dependence"), bounded=False))
+        terms.append(Term("temperature", (SLOPE, SCALED), bounded=False))
     return Basis(axis, tuple(terms))
 
 
@@ -116,7 +121,7 @@ def _linear(kelvin: float, scaled: tuple[str, ...], relaxation_s: Iterable[float
     """The current and its low-passes times one factor of the temperature."""
     terms = [Term(f"scaled_current:{kelvin:g}" if kelvin else "current", scaled)]
     for tau_s in relaxation_s:
-        slow = ("relaxation",) if tau_s >= _SLOW_S else ()
+        slow = (SLOW,) if tau_s >= _SLOW_S else ()
         terms.append(Term(f"low_pass:{tau_s:g}/{kelvin:g}", (*scaled, *slow)))
     return terms
 
@@ -129,10 +134,4 @@ def _charge_transfer(dt_s: float, capacity_Ah: float, activation_K: float) -> li
         for rate in _EXCHANGE_RATES
         for tau_s in slowed_s
     ]
-    return [Term(signal, ("charge_transfer",)) for signal in signals]
-
-
-def bounded_effects() -> tuple[str, ...]:
-    """Effects that a bounded network can have, and can do without."""
-    terms = make_basis(1.0, 1.0, "moves", squared=True).terms
-    return tuple(sorted({name for term in terms for name in term.effects}))
+    return [Term(signal, (TRANSFER,)) for signal in signals]

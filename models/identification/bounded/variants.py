@@ -17,7 +17,7 @@ from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import make_knots
 from models.identification.bounded.problem import make_layout, make_sums, soc_over
 from models.identification.bounded.strengths import HeldOut
-from models.identification.bounded.terms import Basis, make_basis
+from models.identification.bounded.terms import SLOW, Basis, make_basis
 from models.network.regression import SignalBank
 from models.network.signals.filters import low_pass
 
@@ -78,7 +78,7 @@ class Trials:
     Attributes
     ----------
     bank : signals of the runs
-    without : effects that are left out
+    without : parts that are left out
     progress : called with each form's document
     """
 
@@ -152,7 +152,7 @@ def best_variant(trials: Trials) -> Variant:
 def _richer(trials: Trials) -> list[Variant]:
     moves = temperature_in(trials.bank) == "moves"
     surfaces: list[tuple[float, float, float] | None] = [None]
-    if "relaxation" not in trials.without and mean_current_varies(trials.bank):
+    if SLOW not in trials.without and mean_current_varies(trials.bank):
         wide = _span(run.temperature_degC for run in trials.bank.runs) >= _WIDE_K
         surfaces += _SURFACES if wide else _ONE_TEMPERATURE
     return [Variant(surface, squared=True, fine_slope=moves) for surface in surfaces]

@@ -61,7 +61,7 @@ def test_the_network_says_the_same(found: BoundedFit) -> None:
 
 def test_an_effect_left_out_is_missed() -> None:
     bare = fit_variant(Trials(hidden(), ("hysteresis",)), Variant())
-    assert not any("hysteresis" in term.effects for term in bare.layout.basis.terms)
+    assert not any("hysteresis" in term.parts for term in bare.layout.basis.terms)
     assert bare.held_out_rmse_V > 2.0 * NOISE_V
 
 

@@ -3,19 +3,21 @@
 import pytest
 
 from models.data.errors import ModelError
-from models.identification.bounded.terms import Basis, bounded_effects, make_basis
+from models.identification.bounded.terms import LOOP, SCALED, SLOPE, SLOW, TRANSFER, Basis, make_basis
+
+PARTS = (LOOP, SCALED, SLOPE, SLOW, TRANSFER)
 
 
-def effects(basis: Basis) -> set[str]:
-    return {name for term in basis.terms for name in term.effects}
+def parts(basis: Basis) -> set[str]:
+    return {name for term in basis.terms for name in term.parts}
 
 
 def test_terms_follow_what_the_runs_say_of_temperature() -> None:
     moving, one, missing = (make_basis(1.0, 2.5, temperature) for temperature in ("moves", "one", "missing"))
     assert "scaled_current:7500" in {term.signal for term in moving.terms}
     assert [term.signal for term in moving.terms if not term.bounded] == ["temperature"]
-    assert effects(moving) - effects(one) == {"temperature_dependence", "entropic_voltage"}
-    assert effects(one) == effects(missing)
+    assert parts(moving) - parts(one) == {SCALED, SLOPE}
+    assert parts(one) == parts(missing)
     # Without a temperature nothing may be scaled by it.
     assert not any("3500" in term.signal or "4000" in term.signal for term in missing.terms)
 
@@ -29,22 +31,12 @@ def test_low_passes_that_the_sampling_cannot_tell_are_left_out() -> None:
 
 def test_an_effect_goes_with_all_of_its_terms() -> None:
     basis = make_basis(1.0, 2.5, "moves", squared=True)
-    for name in bounded_effects():
+    for name in PARTS:
         left = basis.without((name,))
-        assert name not in effects(left) and 0 < len(left.terms) < len(basis.terms)
-    assert [term.signal for term in basis.without(bounded_effects()).terms][0] == "current"
+        assert name not in parts(left) and 0 < len(left.terms) < len(basis.terms)
+    assert [term.signal for term in basis.without(PARTS).terms][0] == "current"
 
 
 def test_what_is_not_there_cannot_be_left_out() -> None:
-    with pytest.raises(ModelError, match="effect entropic_voltage cannot be left out.*it has charge_transfer"):
-        make_basis(1.0, 2.5, "one").without(("entropic_voltage",))
-
-
-def test_effects_of_bounded_networks() -> None:
-    assert set(bounded_effects()) == {
-        "charge_transfer",
-        "entropic_voltage",
-        "hysteresis",
-        "relaxation",
-        "temperature_dependence",
-    }
+    with pytest.raises(ModelError, match="slope with temperature cannot be left out.*it has charge_transfer"):
+        make_basis(1.0, 2.5, "one").without((SLOPE,))

@@ -52,7 +52,7 @@ def test_a_plain_cell_gets_the_plain_form() -> None:
 def test_effects_are_left_out_of_every_form() -> None:
     tried = trials(("hysteresis", "relaxation"))
     for variant in (Variant(), Variant(squared=True)):
-        found = {name for term in tried.basis(variant).terms for name in term.effects}
+        found = {name for term in tried.basis(variant).terms for name in term.parts}
         assert "charge_transfer" in found and not found & {"hysteresis", "relaxation"}
     # A surface that runs ahead of the mean is slow diffusion, too.
     best_variant(tried)
@@ -60,8 +60,8 @@ def test_effects_are_left_out_of_every_form() -> None:
 
 
 def test_an_effect_that_the_runs_cannot_show_is_not_there_to_be_left_out() -> None:
-    with pytest.raises(ModelError, match="temperature_dependence cannot be left out"):
-        Trials(bank(swing_K=0.0), ("temperature_dependence",)).basis(Variant())
+    with pytest.raises(ModelError, match="scaling by temperature cannot be left out"):
+        Trials(bank(swing_K=0.0), ("scaling by temperature",)).basis(Variant())
 
 
 def test_what_runs_say_of_the_temperature() -> None:
