@@ -34,7 +34,7 @@ Row = dict[str, Any]
 Judge = Callable[[Split], Row]
 
 TABLE = Path(__file__).with_name("real_cells.toml")
-STRUCTURES = ("auto", "full", "minimal", "bounded")
+STRUCTURES = ("auto", "full", "minimal", "bounded", "searched")
 
 
 def main() -> int:

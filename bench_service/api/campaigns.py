@@ -27,7 +27,7 @@ class CampaignBody(Body):
     current_A: Window | None = None
     soc: Annotated[tuple[Soc, Soc], Field(strict=False)] | None = None
     initial_soc: Soc | None = None
-    structure: Literal["auto", "full", "minimal", "bounded"] | None = None
+    structure: Literal["auto", "full", "minimal", "bounded", "searched"] | None = None
     rounds: Annotated[int, Field(ge=1, le=MOST_ROUNDS)] | None = None
     diagnose: Literal["structure", "change"] | None = None
     changed_bench: Id | None = None

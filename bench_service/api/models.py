@@ -23,7 +23,7 @@ class FitBody(Body):
     train: Annotated[list[Id], Field(min_length=1, max_length=100)]
     validation: Annotated[list[Id], Field(alias="validate", max_length=100)] = []
     capacity_Ah: Positive
-    structure: Literal["auto", "full", "minimal", "bounded"] = "auto"
+    structure: Literal["auto", "full", "minimal", "bounded", "searched"] = "auto"
     without: Annotated[list[Name], Field(max_length=100)] = []
     initial_soc_std: Soc = 0.0
     coulombic_efficiency: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = 1.0

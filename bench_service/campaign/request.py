@@ -38,7 +38,7 @@ class CampaignRequest:
     soc : (low, high) window that the profiles stay in
     initial_soc : where the cell stands at the start
     initial_soc_from : where that is known from, for people
-    structure : "auto", "full", "minimal" or "bounded"
+    structure : "auto", "full", "minimal", "bounded" or "searched"
     rounds : training runs; the first covers the whole window, each further one is the sequence that tells most about
         what the model of those before it does not know, and the model is fitted to all of them
     diagnose : "change": after the comparison two more runs are played, and it is found out what has changed in the cell

@@ -27,9 +27,9 @@ from models.pipeline.training import Training
 from models.readouts.ocv import ocv_table
 from models.readouts.resistance import resistance_table
 
-STRUCTURES = ("auto", "full", "minimal", "bounded")
+STRUCTURES = ("auto", "full", "minimal", "bounded", "searched")
 # Families that are searched, in the order in which they are tried beside the bounded network.
-_SEARCHED = ("auto", "full", "minimal")
+_SEARCHED = ("searched", "full", "minimal")
 # Where the bounded network is as near to the noise as this, nothing better can be found.
 _AT_NOISE = 1.02
 _ROUNDING_V = 1e-9
@@ -83,7 +83,7 @@ def choose(
         return _built(_given(data, structure, part_of(report, 0.0, 0.7)), data, part_of(report, 0.7, 0.3))
     if structure == "bounded" or without:
         return _built(_bounded(data, without, part_of(report, 0.0, 0.7)), data, part_of(report, 0.7, 0.3))
-    if structure in ("full", "minimal"):
+    if structure in _SEARCHED:
         search = _search(data, part_of(report, 0.0, 0.7))
         return _built(SearchedPlan(search, search.best(structure)), data, part_of(report, 0.7, 0.3))
     if structure != "auto":

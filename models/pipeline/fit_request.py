@@ -18,7 +18,7 @@ class FitRequest:
     ----------
     train : runs that the model is made from
     capacity_Ah : cell capacity
-    structure : "auto", "full", "minimal", "bounded", or a structure of one's own, which is kept
+    structure : "auto", "full", "minimal", "bounded", "searched", or a structure of one's own, which is kept
     validate : runs that only judge the result
     initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
     initial_soc_std : how far off the stated SoC of a training run may be; it is then estimated with the fit. 0: known

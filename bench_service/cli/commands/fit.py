@@ -34,7 +34,7 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--structure",
         default="auto",
-        metavar="auto|full|minimal|bounded|FILE.json",
+        metavar="auto|full|minimal|bounded|searched|FILE.json",
         help="bounded: physical by construction, without output feedback; auto (default): it or a better one",
     )
     parser.add_argument(

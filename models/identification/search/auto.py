@@ -105,7 +105,7 @@ class AutoCandidate:
             parts, k_sigma = self.temperature_parts, self.temperature_k_sigma
             axes.append(PartitionAxis("inverse_temperature", initial=parts, splittable=False, k_sigma=k_sigma))
         inputs = [InputChannel(soc, delay=1), *(InputChannel(name) for name in self._overvoltage(dt_s))]
-        return Structure(0, tuple(inputs), tuple(axes), dt_s, name="auto")
+        return Structure(0, tuple(inputs), tuple(axes), dt_s, name="searched")
 
     def _overvoltage(self, dt_s: float) -> Iterator[str]:
         constants = [tau for tau in self.time_constants_s if tau >= 1.5 * dt_s]

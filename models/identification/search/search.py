@@ -53,9 +53,9 @@ class Search:
         return _FASTEST_SAMPLES * self.judge.dt_s
 
     def best(self, family: str) -> Choice:
-        """Return the best candidate of "full", "minimal" or "auto"."""
+        """Return the best candidate of "full", "minimal" or "searched"."""
         with threadpool_limits(1, user_api="blas"):
-            if family == "auto":
+            if family == "searched":
                 return ChosenInputsSearch(self._chooser).best()
             return FixedInputsSearch(self._chooser, self.fastest_s).best(family)
 

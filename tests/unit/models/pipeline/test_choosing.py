@@ -68,13 +68,13 @@ def name_of(chosen: choosing.Chosen) -> str:
 def test_within_one_standard_error_the_bounded_network_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     scattered = automatic(monkeypatch, [5.0, 5.0, 5.0, 5.0, 5.0], [3.0, 7.0, 3.0, 7.0, 4.5])
     assert name_of(scattered) == "bounded"
-    assert [each["structure"] for each in scattered.compared] == ["bounded", "auto", "full", "minimal"]
+    assert [each["structure"] for each in scattered.compared] == ["bounded", "searched", "full", "minimal"]
     assert scattered.compared[0]["held_out_rmse_mV"] == pytest.approx(5.0)
 
 
 def test_beyond_it_the_better_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     better = automatic(monkeypatch, [5.0, 5.0, 5.0, 5.0, 5.0], [4.0, 4.2, 3.8, 4.1, 3.9])
-    assert name_of(better) == "auto"
+    assert name_of(better) == "searched"
     assert better.held_out.rmse_V == pytest.approx(4e-3, rel=0.01)
     assert len(better.compared) == 4
 
@@ -106,7 +106,9 @@ def test_effects_are_left_out_of_bounded_networks_only(data: Training) -> None:
 
 
 def test_names_are_what_they_say(data: Training) -> None:
-    with pytest.raises(ModelError, match="structure 'huge' is unknown; use one of auto, full, minimal, bounded"):
+    with pytest.raises(
+        ModelError, match="structure 'huge' is unknown; use one of auto, full, minimal, bounded, searched"
+    ):
         choose(data, "huge", (), silent)
     assert STRUCTURES[0] == "auto"
     assert isinstance(choose(data, "minimal", (), silent).built, SearchedNetwork)

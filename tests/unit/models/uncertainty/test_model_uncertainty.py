@@ -71,7 +71,11 @@ def test_bands_grow_outside_the_trained_domain(fitted: FitResult, known: Uncerta
     inside = prediction_band(fitted.network, run, 0.6, known)
     far = prediction_band(fitted.network, replace(run, temperature_degC=run.temperature_degC + 20.0), 0.6, known)
     more = prediction_band(fitted.network, replace(run, current_A=2.0 * run.current_A), 0.6, known)
-    assert (far.std_V > 5.0 * inside.std_V).all()
+    # Where the SoC is beyond the trained one the band is wide whatever the temperature.
+    trained = inside.std_V < 1.5 * NOISE_V
+    assert trained.sum() > 1000
+    assert (far.std_V[trained] > 5.0 * inside.std_V[trained]).all()
+    assert (far.std_V > inside.std_V).all()
     # Where only the current lies outside, and not the SoC already.
     loaded = (np.abs(2.0 * run.current_A) > 6.0) & (inside.std_V < 1.5 * NOISE_V)
     assert loaded.sum() > 100
