@@ -19,21 +19,18 @@ from models.identification.bounded.problem import make_layout, make_sums, soc_ov
 from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.terms import SLOW, Basis, make_basis
 from models.network.regression import SignalBank
-from models.network.signals.filters import low_pass
 
 # Knots of the curve, of gains and of the slope with temperature, over SoC 0..1.
 CURVE, GAINS, SLOPES, FINE_SLOPES = 48, 9, 6, 24
 # Samples in the sums while forms are compared.
 _SEARCH_SAMPLES = 45_000
-# Depth in h, time constant in s and activation in K of the surface: those to begin with.
+# Depth in h, time constant in s and activation in K of the surfaces that are offered.
 _SURFACES = ((0.02, 200.0, 5500.0), (0.02, 700.0, 5500.0), (0.05, 1000.0, 4500.0), (0.1, 2000.0, 2500.0))
 _ONE_TEMPERATURE = ((0.02, 200.0, 3500.0), (0.05, 400.0, 3500.0), (0.1, 1500.0, 3500.0))
 # The range of temperature from which on its influence can be told, and from which on a surface's activation can.
 _MOVING_K = 2.0
 _WIDE_K = 10.0
-# The mean current over this time has to vary by this share of the capacity per hour at one state of charge.
-_MEAN_OVER_S = 600.0
-_LEAST_SPREAD = 0.0
+# Passes over the strengths of a form that begins with those of one like it.
 _NEAR_PASSES = 2
 
 
@@ -152,7 +149,7 @@ def best_variant(trials: Trials) -> Variant:
 def _richer(trials: Trials) -> list[Variant]:
     moves = temperature_in(trials.bank) == "moves"
     surfaces: list[tuple[float, float, float] | None] = [None]
-    if SLOW not in trials.without and mean_current_varies(trials.bank):
+    if SLOW not in trials.without:
         wide = _span(run.temperature_degC for run in trials.bank.runs) >= _WIDE_K
         surfaces += _SURFACES if wide else _ONE_TEMPERATURE
     return [Variant(surface, squared=True, fine_slope=moves) for surface in surfaces]
@@ -178,19 +175,6 @@ def temperature_in(bank: SignalBank) -> str:
     if any(np.isnan(run.temperature_degC).any() for run in bank.runs):
         return "missing"
     return "moves" if _span(run.temperature_degC for run in bank.runs) >= _MOVING_K else "one"
-
-
-def mean_current_varies(bank: SignalBank) -> bool:
-    """Whether different mean currents flowed at the same state of charge."""
-    rate, soc = [], []
-    for run, values in zip(bank.runs, bank.values("soc"), strict=True):
-        rate.append(low_pass(run.current_A, _MEAN_OVER_S, run.dt_s) / bank.cell.capacity_Ah)
-        soc.append(values)
-    every, at = np.concatenate(rate), np.concatenate(soc)
-    place = np.clip((20.0 * (at - at.min()) / max(float(np.ptp(at)), 1e-9)).astype(np.int64), 0, 19)
-    count = np.maximum(np.bincount(place, minlength=20), 1)
-    mean = np.bincount(place, every, minlength=20) / count
-    return float(np.sqrt(np.mean((every - mean[place]) ** 2))) >= _LEAST_SPREAD
 
 
 def _span(parts: Iterable[FloatArray]) -> float:
