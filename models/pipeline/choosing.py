@@ -3,8 +3,9 @@
 Of searched networks only those count that are physical wherever they are read out: a negative resistance or a falling
 curve between trained points is a sign that other points are worse. A bounded network is physical wherever it is asked,
 and simple: it is taken unless another is better by more than the standard error of the difference between outer folds
-(Breiman et al., "Classification and Regression Trees", 1984, ch. 3.4.3). A network that a search has found among many
-was chosen on folds of the same runs, so its error is stated a little too low; the rule makes up for that, too.
+(Breiman et al., "Classification and Regression Trees", 1984, ch. 3.4.3), of 1.5 of them where there are one or two runs.
+A network that a search has found among many was chosen on folds of the same runs, so its error is stated a little too
+low; the rule makes up for that, too.
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ _SEARCHED = ("searched", "full", "minimal")
 # Where the bounded network is as near to the noise as this, nothing better can be found.
 _AT_NOISE = 1.02
 _ROUNDING_V = 1e-9
+# Blocks of one or two runs share what a run has in common, and are few: there the difference has to be as large as only
+# one in ten would be by chance (Student's t of five folds).
+_WHOLE_RUNS, _ERRORS_OF_BLOCKS = 3, 1.53
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,8 @@ def _automatic(data: Training, report: Progress, bounded: Chosen | None) -> Chos
     tried = [_row(each) for each in (found, *others)]
     others = [each for each in others if is_physical(each.built.network)]
     best = min(others, key=lambda each: each.held_out.rmse_V, default=found)
-    if clearly_better(best.held_out.mse, found.held_out.mse, found.held_out.count):
+    errors = 1.0 if len(data.grid) >= _WHOLE_RUNS else _ERRORS_OF_BLOCKS
+    if clearly_better(best.held_out.mse, found.held_out.mse, found.held_out.count, errors):
         found = best
     return replace(found, compared=tried)
 

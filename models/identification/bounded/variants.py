@@ -155,8 +155,8 @@ def _richer(trials: Trials) -> list[Variant]:
     return [Variant(surface, squared=True, fine_slope=moves) for surface in surfaces]
 
 
-def clearly_better(trial: FloatArray, present: FloatArray, counts: FloatArray) -> bool:
-    """Whether a mean squared error is lower by more than the standard error of its difference over the folds.
+def clearly_better(trial: FloatArray, present: FloatArray, counts: FloatArray, errors: float = 1.0) -> bool:
+    """Whether an error is lower by more than so many standard errors of its difference over the folds.
 
     Breiman et al., "Classification and Regression Trees", 1984, ch. 3.4.3, for the rule.
     """
@@ -167,7 +167,7 @@ def clearly_better(trial: FloatArray, present: FloatArray, counts: FloatArray) -
     if used.sum() < 2:
         return mean > 0.0
     spread = float(np.sqrt(share[used] @ (difference - mean) ** 2 / (used.sum() - 1)))
-    return mean > spread
+    return mean > errors * spread
 
 
 def temperature_in(bank: SignalBank) -> str:

@@ -56,9 +56,10 @@ def automatic(
 
 @dataclass(frozen=True)
 class Noise:
-    """Stands for training data of which only the noise is asked."""
+    """Stands for training data of which only the noise and the number of runs are asked."""
 
     noise_floor_mV: float | None
+    grid: tuple[int, ...] = (0, 1, 2)
 
 
 def name_of(chosen: choosing.Chosen) -> str:
@@ -77,6 +78,13 @@ def test_beyond_it_the_better_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> N
     assert name_of(better) == "searched"
     assert better.held_out.rmse_V == pytest.approx(4e-3, rel=0.01)
     assert len(better.compared) == 4
+
+
+def test_of_blocks_more_is_asked_than_of_whole_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    bounded, others = [5.0, 5.0, 5.0, 5.0, 5.0], [4.0, 5.4, 3.6, 5.4, 4.6]
+    assert name_of(automatic(monkeypatch, bounded, others)) == "searched"
+    two_runs = Noise(0.5, (0, 1))
+    assert name_of(choose(two_runs, "auto", (), silent)) == "bounded"  # pyright: ignore[reportArgumentType]
 
 
 def test_what_is_not_physical_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
