@@ -3,8 +3,8 @@
 Of searched networks only those count that are physical wherever they are read out: a negative resistance or a falling
 curve between trained points is a sign that other points are worse. A bounded network is physical wherever it is asked,
 and simple: it is taken unless another is better by more than the standard error of the difference between outer folds
-(Breiman et al., "Classification and Regression Trees", 1984, ch. 3.4.3), of 1.5 of them where there are one or two runs.
-A network that a search has found among many was chosen on folds of the same runs, so its error is stated a little too
+(Breiman et al., "Classification and Regression Trees", 1984, ch. 3.4.3), of 1.5 of them for one or two runs. A
+network that a search has found among many was chosen on folds of the same runs, so its error is stated a little too
 low; the rule makes up for that, too.
 """
 
