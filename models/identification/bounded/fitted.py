@@ -47,11 +47,6 @@ class BoundedFit:
         return self.held.sums.layout
 
     @property
-    def held_out_mse(self) -> FloatArray:
-        """(folds,) mean squared error in V^2 on each fold by a fit to the others."""
-        return self.held.mse(self.log_strengths)
-
-    @property
     def held_out_rmse_V(self) -> float:
         """Error on held-out samples."""
         return float(np.sqrt(self.held.mean_mse(self.log_strengths)))

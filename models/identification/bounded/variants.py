@@ -137,12 +137,10 @@ def best_variant(trials: Trials) -> Variant:
     best = min((plain, *_richer(trials)), key=lambda variant: trials.mean(trials.error(variant, logs)))
     if not clearly_better(trials.error(best), trials.error(plain), trials.counts):
         return plain
-    for simpler in (replace(best, fine_slope=False), replace(best, squared=False)):
-        trial = replace(
-            best, squared=best.squared and simpler.squared, fine_slope=best.fine_slope and simpler.fine_slope
-        )
-        if not clearly_better(trials.error(best), trials.error(trial, trials.known[best][1]), trials.counts):
-            best = trial
+    for spared in ("fine_slope", "squared"):
+        simpler = replace(best, **{spared: False})
+        if not clearly_better(trials.error(best), trials.error(simpler, trials.known[best][1]), trials.counts):
+            best = simpler
     return best
 
 
