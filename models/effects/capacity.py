@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
+from models.effects.expected import Expected
 from models.effects.reading import Assumption
 from models.effects.view import View
 
@@ -40,4 +41,5 @@ EFFECT = Effect(
     ),
     absorbed=True,
     assumption=Assumption(capacity_Ah=lambda values: values["capacity_Ah"]),
+    expected=Expected(width=lambda _view: 0.05),
 )

@@ -8,9 +8,12 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter
+from models.effects.expected import Expected, Form, one_form
 from models.effects.reading import Values
 from models.effects.view import View
 from models.network.structure import PartitionAxis, Structure
+
+_USUAL_SHARE = 0.3
 
 
 def _regressors(view: View) -> FloatArray:
@@ -29,6 +32,10 @@ def _extend(structure: Structure, _values: Values, _capacity_Ah: float) -> Struc
     return replace(structure, axes=(*structure.axes, direction))
 
 
+def _expected(view: View) -> tuple[Form, ...]:
+    return one_form(_USUAL_SHARE * _columns(view, 0.0), "ratio", "1", _USUAL_SHARE)
+
+
 EFFECT = Effect(
     name="charge_discharge_asymmetry",
     title="Different resistance on charge and discharge",
@@ -41,4 +48,5 @@ EFFECT = Effect(
     overpotential=True,
     lean=Lean(_columns, lambda _view: (0.0,)),
     extend=_extend,
+    expected=Expected(_expected, share=0.25),
 )

@@ -8,6 +8,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter, has_signal
+from models.effects.expected import Expected, Form, Told
 from models.effects.reading import Values
 from models.effects.view import View
 from models.effects.ways_in import Ground, WayIn, with_inputs
@@ -21,6 +22,8 @@ _LARGEST_V = 0.12
 _EXCHANGE_C_RATES = (0.02, 0.2, 0.6, 2.0)
 _SLOWED_S = 20.0
 _SHAPES = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 4.0)
+# A usual change at the current of the capacity, and exchange currents over the capacity that it may have.
+_USUAL_V, _EXPECTED_RATES = 0.02, (0.03, 0.1, 0.3, 1.0)
 
 
 def _regressors(view: View) -> FloatArray:
@@ -64,6 +67,18 @@ def _at_two_speeds(structure: Structure, exchange_A: float, activation_K: float)
     return with_inputs(structure, (name, f"{name}/{_SLOWED_S:g}"))
 
 
+def _expected(view: View) -> tuple[Form, ...]:
+    """Curves that reach 20 mV at the current of the capacity, with what acts as a resistance left free beside them."""
+    forms = []
+    for rate in _EXPECTED_RATES:
+        curve = np.arcsinh(view.run.current_A[view.index] / (2.0 * rate * view.capacity_Ah))
+        amplitude_V = _USUAL_V / float(np.arcsinh(0.5 / rate))
+        told = (Told("amplitude_V", "V", (amplitude_V,)),)
+        fixed = (("exchange_current_A", "A", rate * view.capacity_Ah),)
+        forms.append(Form(amplitude_V * curve[:, None], told, fixed))
+    return tuple(forms)
+
+
 EFFECT = Effect(
     name="charge_transfer",
     title="Charge transfer (resistance falls with current)",
@@ -82,4 +97,5 @@ EFFECT = Effect(
     extend=_extend,
     bounded_part="charge_transfer",
     ways_in=(WayIn(_over_rates), WayIn(_over_activations)),
+    expected=Expected(_expected),
 )

@@ -6,6 +6,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
+from models.effects.expected import Expected, Form, one_form
 from models.effects.reading import InputCorrection
 from models.effects.view import View
 
@@ -39,6 +40,13 @@ def _regressors(view: View) -> FloatArray:
     return _late(view, 1)[:, None] / view.run.dt_s
 
 
+def _expected(view: View) -> tuple[Form, ...]:
+    """A sample later, and a sample earlier: straight in between, and not the same slope on both sides."""
+    dt_s = view.run.dt_s
+    later, earlier = _late(view, 1)[:, None], -_late(view, -1)[:, None]
+    return one_form(later, "delay_s", "s", dt_s) + one_form(earlier, "delay_s", "s", dt_s)
+
+
 EFFECT = Effect(
     name="dead_time",
     title="Delay between voltage and current",
@@ -55,4 +63,5 @@ EFFECT = Effect(
     ),
     absorbed=True,
     correction=InputCorrection(delay_s=lambda values: values["delay_s"]),
+    expected=Expected(_expected, granted=lambda _view: 0.2),
 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from models.data.timeseries import FloatArray
+from models.effects.expected import Expected
 from models.effects.reading import Assumption, InputCorrection, Values
 from models.effects.thermal_view import ThermalView
 from models.effects.view import ReferenceTerm, View
@@ -137,6 +138,7 @@ class Effect:
     ways_in : steps to a richer structure, tried beside `extend`
     correction : how it is put right in a run's columns; None: it is not in the sensors
     assumption : how it is put right in what a fit is told; None: it is not in that
+    expected : how large a change of it is to be expected
     """
 
     name: str
@@ -166,6 +168,7 @@ class Effect:
     ways_in: tuple[WayIn, ...] = ()
     correction: InputCorrection | None = None
     assumption: Assumption | None = None
+    expected: Expected = Expected()
 
     @property
     def channel(self) -> Literal["voltage", "temperature"]:

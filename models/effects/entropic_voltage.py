@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter, has_signal
+from models.effects.expected import Expected, Form, one_form
 from models.effects.reading import Values
 from models.effects.view import View
 from models.network.structure import InputChannel, Structure
 
 _REFERENCE_DEGC = 25.0
 _BUMPS = 6
+_USUAL_V_PER_K = 2e-4
 
 
 def _regressors(view: View) -> FloatArray:
@@ -28,6 +32,14 @@ def _extend(structure: Structure, _values: Values, _capacity_Ah: float) -> Struc
     return replace(structure, inputs=(*structure.inputs, InputChannel("temperature")))
 
 
+def _expected(view: View) -> tuple[Form, ...]:
+    """A slope, and as much again of change along the state of charge."""
+    low, high = view.model.soc_range
+    along = 2.0 * (view.soc[view.index] - low) / (high - low) - 1.0
+    warm_V = _USUAL_V_PER_K * _columns(view, 0.0)[:, 0]
+    return one_form(np.column_stack([warm_V, along * warm_V]), "dU_dT_V_per_K", "V/K", _USUAL_V_PER_K)
+
+
 EFFECT = Effect(
     name="entropic_voltage",
     title="Open-circuit voltage over temperature (entropy)",
@@ -41,4 +53,5 @@ EFFECT = Effect(
     reference_terms=("entropy",),
     extend=_extend,
     bounded_part="slope with temperature",
+    expected=Expected(_expected),
 )

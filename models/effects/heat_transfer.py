@@ -8,6 +8,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Warmth
+from models.effects.expected import Expected
 from models.effects.thermal_view import ThermalView
 
 _LARGEST = float(np.log(50.0))
@@ -43,4 +44,5 @@ EFFECT = Effect(
     source="eq. 2.24 of the method; lumped heat balance",
     parameters=(Parameter("heat_transfer_W_per_K", "W/K", "heat transfer to the ambient"),),
     warmth=Warmth(_temperature, (0.0,), (0.02,), _physical, _moved),
+    expected=Expected(warmth=(0.4,), granted=lambda _view: 0.1),
 )

@@ -8,6 +8,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter, has_signal
+from models.effects.expected import Expected, Form, Told
 from models.effects.reading import Values
 from models.effects.view import View
 from models.network.structure import InputChannel, Structure
@@ -15,6 +16,8 @@ from models.network.structure import InputChannel, Structure
 _RATES = (5.0, 15.0, 50.0, 150.0)
 _SHAPES = (4.0, 6.0, 9.0, 14.0, 20.0, 30.0, 45.0, 70.0, 110.0, 170.0, 400.0)
 _BUMPS = 5
+# A usual loop, and rates that it may have.
+_USUAL_V, _EXPECTED_RATES = 0.008, (10.0, 30.0, 100.0)
 
 
 def _regressors(view: View) -> FloatArray:
@@ -32,6 +35,18 @@ def _extend(structure: Structure, values: Values, _capacity_Ah: float) -> Struct
         return structure
     rate = values.get("rate", 40.0)
     return replace(structure, inputs=(*structure.inputs, InputChannel(f"hysteresis_state:{rate:.4g}")))
+
+
+def _expected(view: View) -> tuple[Form, ...]:
+    """A loop of 8 mV, and as much again of change along the state of charge."""
+    low, high = view.model.soc_range
+    along = 2.0 * (view.soc[view.index] - low) / (high - low) - 1.0
+    forms = []
+    for rate in _EXPECTED_RATES:
+        loop_V = _USUAL_V * view.hysteresis(rate)
+        told = (Told("amplitude_V", "V", (_USUAL_V, 0.0)),)
+        forms.append(Form(np.column_stack([loop_V, along * loop_V]), told, (("rate", "1", rate),)))
+    return tuple(forms)
 
 
 EFFECT = Effect(
@@ -52,4 +67,5 @@ EFFECT = Effect(
     reference_terms=("hysteresis",),
     extend=_extend,
     bounded_part="hysteresis",
+    expected=Expected(_expected),
 )

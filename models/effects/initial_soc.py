@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
+from models.effects.expected import Expected
 from models.effects.reading import Assumption
 from models.effects.view import View
 
@@ -32,4 +33,5 @@ EFFECT = Effect(
     ),
     absorbed=True,
     assumption=Assumption(soc_moved=lambda values, first: values["soc"] - first),
+    expected=Expected(width=lambda _view: 0.03),
 )

@@ -8,10 +8,12 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter
+from models.effects.expected import Expected, Form, Told
 from models.effects.reading import Values
 from models.effects.view import View
 from models.effects.ways_in import Ground, WayIn, with_inputs
 from models.network.signals import is_soc
+from models.network.signals.filters import diffusion
 from models.network.structure import InputChannel, Structure
 
 _TIME_CONSTANTS_S = (100.0, 300.0, 1000.0, 3000.0)
@@ -22,6 +24,11 @@ _BUMPS = 5
 _SPREAD_S = (4.0, 40.0, 400.0)
 _SURFACES = ("0.02/400", "0.02/1500", "0.05/400", "0.05/1500", "0.05/4000")
 _SURFACE_K = 2500.0
+# A usual change, relative to the cell's resistance, of a surface that runs ahead in h, and speeds that it may have.
+_USUAL_SHARE, _USUAL_AHEAD_H = 0.3, 0.02
+_EXPECTED_S = (30.0, 100.0, 300.0, 1000.0, 3000.0)
+# Of the settled difference the modes that are simulated hold so much; the rest acts at once.
+DIFFUSED = 0.84
 
 
 def _regressors(view: View) -> FloatArray:
@@ -65,6 +72,20 @@ def _at_surface(structure: Structure, ground: Ground) -> list[Structure]:
     return found
 
 
+def _expected(view: View) -> tuple[Form, ...]:
+    """Diffusion at each of several speeds: as a resistance, and as a surface that runs ahead of the mean."""
+    usual_Ohm, forms = _USUAL_SHARE * view.model.typical_Ohm, []
+    current_A, index = view.run.current_A, view.index
+    for tau_s in _EXPECTED_S:
+        ahead_A = DIFFUSED * diffusion(current_A, tau_s, np.ones(1), view.run.dt_s) + (1.0 - DIFFUSED) * current_A
+        ahead_V = view.slope_V * (_USUAL_AHEAD_H / view.capacity_Ah * ahead_A)[index]
+        columns = np.column_stack([usual_Ohm * view.low_pass(current_A, tau_s), ahead_V])
+        as_Ohm = float(np.mean(view.slope_V)) * _USUAL_AHEAD_H / view.capacity_Ah
+        told = (Told("resistance_Ohm", "Ohm", (usual_Ohm, as_Ohm)),)
+        forms.append(Form(columns, told, (("time_constant_s", "s", tau_s),)))
+    return tuple(forms)
+
+
 EFFECT = Effect(
     name="relaxation",
     title="Slow relaxation (diffusion)",
@@ -83,4 +104,5 @@ EFFECT = Effect(
     extend=_extend,
     bounded_part="relaxation",
     ways_in=(WayIn(_spread), WayIn(_at_surface, only_if_worth=True)),
+    expected=Expected(_expected),
 )

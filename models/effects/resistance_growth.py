@@ -6,7 +6,11 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter
+from models.effects.expected import Expected, Form, one_form
 from models.effects.view import View
+
+# A usual growth over so many full charges.
+_USUAL_GROWTH, _USUAL_THROUGHPUT = 0.3, 5.0
 
 
 def _grown_A(view: View) -> FloatArray:
@@ -22,6 +26,11 @@ def _columns(view: View, _shape: float) -> FloatArray:
     return view.overvoltage(_grown_A(view))[:, None]
 
 
+def _expected(view: View) -> tuple[Form, ...]:
+    usual = _USUAL_GROWTH / (_USUAL_THROUGHPUT * view.capacity_Ah)
+    return one_form(usual * _columns(view, 0.0), "growth_per_Ah", "1/Ah", usual)
+
+
 EFFECT = Effect(
     name="resistance_growth",
     title="Growing resistance (ageing within the record)",
@@ -33,4 +42,5 @@ EFFECT = Effect(
     regressors=_regressors,
     overpotential=True,
     lean=Lean(_columns, lambda _view: (0.0,)),
+    expected=Expected(_expected),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
+from models.effects.expected import Expected
 from models.effects.reading import InputCorrection, Reading, Values
 from models.effects.view import View
 
@@ -55,4 +56,5 @@ EFFECT = Effect(
     inner_heat_W=_inner_heat_W,
     twin="current_offset",
     correction=InputCorrection(_without),
+    expected=Expected(width=lambda view: 0.01 * view.capacity_Ah),
 )

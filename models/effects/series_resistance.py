@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter
+from models.effects.expected import Expected, Form, one_form
 from models.effects.view import View
+
+# A usual change, relative to the cell's own resistance.
+_USUAL_SHARE = 0.3
 
 
 def _regressors(view: View) -> FloatArray:
     return view.run.current_A[view.index, None]
+
+
+def _expected(view: View) -> tuple[Form, ...]:
+    usual_Ohm = _USUAL_SHARE * view.model.typical_Ohm
+    return one_form(usual_Ohm * _regressors(view), "resistance_Ohm", "Ohm", usual_Ohm)
 
 
 EFFECT = Effect(
@@ -21,4 +30,5 @@ EFFECT = Effect(
     shows_over=("current_A",),
     regressors=_regressors,
     absorbed=True,
+    expected=Expected(_expected),
 )

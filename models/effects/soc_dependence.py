@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Local, Parameter
+from models.effects.expected import Expected, Form, Told
 from models.effects.reading import Values
+from models.effects.spline import SplineBasis
 from models.effects.view import View
 from models.network.signals import is_soc
 from models.network.structure import PartitionAxis, Structure
 
 _BUMPS = 6
 _FINER = 0.7
+# A usual change, relative to the cell's resistance, and where along the trained range it is told.
+_USUAL_SHARE, _TOLD_AT = 0.3, (0.1, 0.3, 0.5, 0.7, 0.9)
 
 
 def _regressors(view: View) -> FloatArray:
@@ -32,6 +38,24 @@ def _extend(structure: Structure, _values: Values, _capacity_Ah: float) -> Struc
     return replace(structure, axes=axes)
 
 
+def _expected(view: View) -> tuple[Form, ...]:
+    usual_Ohm = _USUAL_SHARE * view.model.typical_Ohm
+    columns = usual_Ohm * view.bumps(_BUMPS) * view.run.current_A[view.index, None]
+    return (Form(columns, _over_soc(view)),)
+
+
+def _over_soc(view: View) -> tuple[Told, ...]:
+    low, high = view.model.soc_range
+    usual_Ohm = _USUAL_SHARE * view.model.typical_Ohm
+    bumps = SplineBasis(low, high, _BUMPS)
+    points = low + np.array(_TOLD_AT) * (high - low)
+    rows = usual_Ohm * bumps.matrix(points)
+    return tuple(
+        Told(f"resistance_Ohm at SoC {soc:.2f}", "Ohm", tuple(row.tolist()))
+        for soc, row in zip(points, rows, strict=True)
+    )
+
+
 EFFECT = Effect(
     name="soc_dependence",
     title="Resistance over state of charge",
@@ -45,4 +69,5 @@ EFFECT = Effect(
     contains=("series_resistance",),
     extend=_extend,
     bounded_part="",
+    expected=Expected(_expected, share=0.25),
 )

@@ -8,6 +8,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Shift
+from models.effects.expected import Expected
 from models.effects.reading import Values
 from models.effects.view import View
 from models.network.signals import parse_signal
@@ -15,6 +16,8 @@ from models.network.structure import InputChannel, PartitionAxis, Structure
 
 _ACTIVATION_K = (2000.0, 6000.0)
 _SCALED = {"current": "scaled_current", "scaled_current": "scaled_current"}
+# Where the trained temperatures span less than this, so much of a usual change is open in any log.
+_NARROW_K, _GRANTED = 10.0, 0.3
 
 
 def _warmer_A(view: View, activation_K: float) -> FloatArray:
@@ -32,6 +35,10 @@ def _regressors(view: View) -> FloatArray:
 
 def _voltage(view: View, activation_K: float) -> FloatArray:
     return view.overvoltage(_warmer_A(view, activation_K))
+
+
+def _granted(view: View) -> float:
+    return _GRANTED if view.model.trained_span_K < _NARROW_K else 0.0
 
 
 def _extend(structure: Structure, values: Values, _capacity_Ah: float) -> Structure:
@@ -73,4 +80,5 @@ EFFECT = Effect(
     activation_K=lambda values: values["activation_K"],
     extend=_extend,
     bounded_part="scaling by temperature",
+    expected=Expected(width=lambda _view: 1000.0, starts=(0.0,), granted=_granted),
 )

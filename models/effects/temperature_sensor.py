@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter, Warmth
+from models.effects.expected import Expected
 from models.effects.reading import InputCorrection, Reading, Values
 from models.effects.thermal_view import ThermalView
 
@@ -35,4 +36,5 @@ EFFECT = Effect(
     warmth=Warmth(_temperature, (1.0, 0.0), (0.02, 0.1), lambda _view, values: values),
     absorbed=True,
     correction=InputCorrection(_without, needs_ambient=True, possible=lambda values: values["gain"] != 0.0),
+    expected=Expected(warmth=(0.5, 3.0)),
 )

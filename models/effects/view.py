@@ -51,6 +51,16 @@ class OwnModel(Protocol):
         """Activation temperature by which the model scales the current."""
         ...
 
+    @property
+    def typical_Ohm(self) -> float:
+        """Overvoltage over current, as it usually is."""
+        ...
+
+    @property
+    def trained_span_K(self) -> float:
+        """Range of temperature that the model was made from."""
+        ...
+
     def inputs(
         self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray
     ) -> ModelInputs:
@@ -59,6 +69,10 @@ class OwnModel(Protocol):
 
     def voltage_V(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
         """(m,) simulated voltage for a state of charge at the same samples."""
+        ...
+
+    def open_circuit_V(self, soc: FloatArray) -> FloatArray:
+        """(n,) open-circuit voltage at 25 degC."""
         ...
 
     def overvoltage_V(self, run: GridRun, soc: FloatArray, index: np.ndarray, drive_A: FloatArray) -> FloatArray:

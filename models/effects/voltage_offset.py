@@ -6,8 +6,11 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Parameter
+from models.effects.expected import Expected, Form, one_form
 from models.effects.reading import InputCorrection, Reading, Values
 from models.effects.view import View
+
+_USUAL_V = 0.01
 
 
 def _regressors(view: View) -> FloatArray:
@@ -16,6 +19,10 @@ def _regressors(view: View) -> FloatArray:
 
 def _without(read: Reading, values: Values) -> Reading:
     return read._replace(voltage_V=read.voltage_V - values["offset_V"])
+
+
+def _expected(view: View) -> tuple[Form, ...]:
+    return one_form(_USUAL_V * _regressors(view), "offset_V", "V", _USUAL_V)
 
 
 EFFECT = Effect(
@@ -27,4 +34,5 @@ EFFECT = Effect(
     regressors=_regressors,
     absorbed=True,
     correction=InputCorrection(_without),
+    expected=Expected(_expected),
 )

@@ -67,6 +67,17 @@ class Reference:
         """Activation temperature by which the current is scaled."""
         return self.layout.shape.activation_K
 
+    @property
+    def typical_Ohm(self) -> float:
+        """Overvoltage over current, as it usually is."""
+        return float(np.mean(self.coefficients[self.layout.blocks[1].part]))
+
+    @property
+    def trained_span_K(self) -> float:
+        """Range of temperature that the model was made from."""
+        low, high = self.domain.get("temperature_degC", (0.0, 0.0))
+        return high - low
+
     def inputs(
         self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray
     ) -> ModelInputs:

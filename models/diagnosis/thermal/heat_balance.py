@@ -59,6 +59,11 @@ def fit_heat_balance(reference: Reference, runs: list[GridRun], soc: list[float]
     if not all(has_temperature(run) for run in runs):
         return None
     views = [thermal_view(reference, run, s, np.zeros(len(run))) for run, s in zip(runs, soc, strict=True)]
+    return fit_views(views)
+
+
+def fit_views(views: list[ThermalView]) -> HeatBalance | None:
+    """Fit the heat balance to runs with their heat; None where the cell hardly warmed up."""
     rise = np.concatenate([view.temperature_degC - view.ambient_degC for view in views])
     return _fitted(views) if float(np.percentile(np.abs(rise), 99.0)) >= _LEAST_RISE_K else None
 

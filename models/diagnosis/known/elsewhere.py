@@ -1,0 +1,246 @@
+"""How far a known cell is off at other operating points and times: a random process, learned where it did not see.
+
+A model's error in one place says something of that in places like it: at nearby states of charge and temperatures,
+under currents of a like history. What it left of the training runs is known there, and taken off; what remains grows
+with the distance from them (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001). Errors hang together in time, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky
+from scipy.optimize import minimize
+
+from models.data.timeseries import FloatArray
+from models.diagnosis.known.thresholds import KNOWN, Known
+from models.effects.view import View
+from models.network.signals import arrhenius
+from models.network.signals.filters import low_pass
+
+_SMALL_SOC = 5e-3
+
+
+@dataclass(frozen=True)
+class Points:
+    """Operating points.
+
+    Attributes
+    ----------
+    run, time_s : (m,) number of the run and time in it
+    soc, temperature_degC : (m,)
+    rates : (m, b) currents over the capacity, low-passed and scaled by temperature, 1/h
+    slope_V : (m,) of the open-circuit curve, per SoC of 1
+    away : (m,) how far beyond the training runs, in units in which the error is expected to double
+    """
+
+    run: FloatArray
+    time_s: FloatArray
+    soc: FloatArray
+    temperature_degC: FloatArray
+    rates: FloatArray
+    slope_V: FloatArray
+    away: FloatArray
+
+    @classmethod
+    def joined(cls, parts: list[Points]) -> Points:
+        """Points of several runs."""
+        return cls(*(np.concatenate([getattr(p, each.name) for p in parts]) for each in fields(cls)))
+
+
+def points_of(view: View, number: int, domain: dict[str, tuple[float, float]], at: Known = KNOWN) -> Points:
+    """Operating points of a run's samples.
+
+    Parameters
+    ----------
+    view : run and samples
+    number : of the run
+    domain : ranges of the training runs
+    """
+    run, index = view.run, view.index
+    degC = np.where(np.isnan(run.temperature_degC), 25.0, run.temperature_degC)
+    scaled = run.current_A * arrhenius(degC, at.rate_activation_K) / view.capacity_Ah
+    rates = [scaled, *(low_pass(scaled, tau_s, run.dt_s) for tau_s in at.rate_s)]
+    soc = view.soc[index]
+    model = view.model
+    slope = (model.open_circuit_V(soc + _SMALL_SOC) - model.open_circuit_V(soc - _SMALL_SOC)) / (2.0 * _SMALL_SOC)
+    low, high = domain.get("temperature_degC", (-np.inf, np.inf))
+    away = np.maximum(np.maximum(low - degC, degC - high), 0.0) / at.away_K
+    low, high = domain["current_A"]
+    away = away + np.maximum(np.maximum(low - run.current_A, run.current_A - high), 0.0) / max(high - low, 1e-9)
+    low, high = domain["soc"]
+    beyond = np.maximum(np.maximum(low - soc, soc - high), 0.0) / at.away_soc
+    return Points(
+        np.full(len(index), float(number)),
+        run.time_s[index],
+        soc,
+        degC[index],
+        np.column_stack([each[index] for each in rates]),
+        slope,
+        away[index] + beyond,
+    )
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """The process with its variances, and what is known of it at points of the training runs.
+
+    Attributes
+    ----------
+    variances : of the causes, in the order of `PLACES`, `TIMES` and `WHITE`
+    granted : of each effect's size from run to run, by its name, in units of the usual size
+    rate_scale : (b,) root mean square of the rates in the training runs
+    known : points of the training runs
+    left_V, unseen_V : (m,) error there, as fitted, and by fits that did not see them
+    """
+
+    variances: FloatArray
+    granted: dict[str, float]
+    rate_scale: FloatArray
+    known: Points
+    left_V: FloatArray
+    unseen_V: FloatArray
+
+    def conditional(self, points: Points) -> tuple[FloatArray, FloatArray]:
+        """Mean (n,) in V and (n, n) covariance in V^2 of the process over operating points, given what is known."""
+        across = self._places(points, self.known)
+        solved = cho_solve(self._factor, across.T)
+        return across @ self._weights, self._places(points, points) - across @ solved
+
+    def in_time(self, points: Points) -> FloatArray:
+        """(n, n) covariance in V^2 of what hangs together in time only, and of what does not."""
+        level = self._level(points)
+        parts = _times(points, self.rate_scale), _whites(points, self.rate_scale)
+        return np.tensordot(self.variances[len(PLACES) :], np.concatenate(parts), axes=1) * np.outer(level, level)
+
+    def _places(self, a: Points, b: Points) -> FloatArray:
+        whole = np.tensordot(self.variances[: len(PLACES)], _places(a, b, self.rate_scale), axes=1)
+        return whole * np.outer(self._level(a), self._level(b))
+
+    def _level(self, points: Points) -> FloatArray:
+        return level(points, self.known, self.unseen_V)
+
+    @cached_property
+    def _factor(self):  # noqa: ANN202
+        own = self._places(self.known, self.known) + self.in_time(self.known)
+        return cho_factor(own + KNOWN.least_V**2 * np.eye(len(own)))
+
+    @cached_property
+    def _weights(self) -> FloatArray:
+        return cho_solve(self._factor, self.left_V)
+
+
+def level(points: Points, known: Points, unseen_V: FloatArray) -> FloatArray:
+    """(n,) how large errors are near operating points, in V: a model is worst where the curve is steep, or in the cold.
+
+    Parameters
+    ----------
+    points : where it is asked for
+    known, unseen_V : points of the training runs, and their errors by fits that did not see them
+    """
+    squared = unseen_V**2
+    mean = float(np.mean(squared))
+    weight = np.exp(-0.5 * (_apart(points.soc, known.soc) / KNOWN.level_soc) ** 2)
+    weight *= np.exp(-0.5 * (_apart(points.temperature_degC, known.temperature_degC) / KNOWN.temperature_K) ** 2)
+    return np.sqrt((weight @ squared + KNOWN.level_points * mean) / (weight.sum(axis=1) + KNOWN.level_points))
+
+
+# Causes of error: alike at like operating points; alike in time or in a whole run; alike nowhere.
+PLACES = ("place", "load there", "load history there", "lead of the surface")
+TIMES = (
+    "minute",
+    "quarter of an hour",
+    "load, minute",
+    "load, quarter",
+    "slip",
+    "start of a run",
+    "scale",
+    "load of a run",
+)
+WHITE = ("white", "white under load")
+
+
+_NOBODY = Points(*(np.zeros(0) for _ in range(4)), np.zeros((0, 1)), np.zeros(0), np.zeros(0))
+# Of a cell whose errors elsewhere are not known yet.
+UNLEARNED = Elsewhere(
+    np.zeros(len(PLACES) + len(TIMES) + len(WHITE)), {}, np.ones(1), _NOBODY, np.zeros(0), np.zeros(0)
+)
+
+
+def learn(
+    points: Points, left_V: FloatArray, unseen_V: FloatArray, open_V2: FloatArray, effects: dict[str, FloatArray]
+) -> Elsewhere:
+    """Variances that make the errors most likely where fits did not see them.
+
+    Parameters
+    ----------
+    points : of the training runs
+    left_V, unseen_V : (m,) errors as fitted, and by fits that did not see them
+    open_V2 : (m, m) covariance of the latter by what those fits leave open of the coefficients
+    effects : by name, (m, m) covariance of effects of usual size that differ from run to run
+    """
+    scale = np.maximum(np.sqrt(np.mean(points.rates**2, axis=0)), 1e-3)
+    own = np.concatenate([_places(points, points, scale), _times(points, scale), _whites(points, scale)])
+    local = level(points, points, unseen_V)
+    parts = np.concatenate([own * np.outer(local, local), *(each[None] for each in effects.values())])
+    centre = np.log(np.array([KNOWN.share] * len(own) + [KNOWN.granted**2] * len(effects)))
+    floor = KNOWN.least_V**2 * np.eye(len(unseen_V)) + open_V2
+
+    def cost(logs: FloatArray) -> tuple[float, FloatArray]:
+        variances = np.exp(logs)
+        whole = np.tensordot(variances, parts, axes=1) + floor
+        root = cholesky(whole, lower=True)
+        inverse = cho_solve((root, True), np.eye(len(whole)))
+        white = inverse @ unseen_V
+        away = (logs - centre) / KNOWN.share_spread
+        value = float(np.sum(np.log(np.diag(root))) + 0.5 * unseen_V @ white + 0.5 * away @ away)
+        slopes = 0.5 * (np.tensordot(parts, inverse, axes=([1, 2], [0, 1])) - (parts @ white) @ white) * variances
+        return value, slopes + away / KNOWN.share_spread
+
+    found = minimize(cost, centre, jac=True, method="L-BFGS-B", options={"maxiter": KNOWN.steps})
+    variances = np.exp(found.x)
+    granted = dict(zip(effects, variances[len(own) :].tolist(), strict=True))
+    return Elsewhere(variances[: len(own)], granted, scale, points, left_V, unseen_V)
+
+
+def _places(a: Points, b: Points, rate_scale: FloatArray) -> FloatArray:
+    """(4, n, m) covariances over operating points, of variance 1 at a usual one."""
+    near = np.exp(-0.5 * (_apart(a.soc, b.soc) / KNOWN.soc) ** 2)
+    near *= np.exp(-0.5 * (_apart(a.temperature_degC, b.temperature_degC) / KNOWN.temperature_K) ** 2)
+    near *= np.outer(1.0 + a.away, 1.0 + b.away)
+    own, other = a.rates / rate_scale, b.rates / rate_scale
+    product = own @ other.T
+    squares = (own**2).sum(axis=1)[:, None] + (other**2).sum(axis=1)[None, :] - 2.0 * product
+    alike = np.exp(-0.5 * np.maximum(squares, 0.0) / KNOWN.rates**2)
+    load = near * product / own.shape[1]
+    return np.array([near, load, near * alike, load * np.outer(a.slope_V, b.slope_V)])
+
+
+def _times(points: Points, rate_scale: FloatArray) -> FloatArray:
+    """(5, n, n) covariances within each run, fading in time."""
+    gap = np.abs(_apart(points.time_s, points.time_s))
+    same = np.where(_apart(points.run, points.run) == 0.0, np.outer(1.0 + points.away, 1.0 + points.away), 0.0)
+    minute, quarter, slip = (same * np.exp(-gap / tau_s) for tau_s in (*KNOWN.fading_s, KNOWN.slip_s))
+    quick, slow = points.rates[:, 1] / rate_scale[1], points.rates[:, 2] / rate_scale[2]
+    slopes = np.outer(points.slope_V, points.slope_V)
+    return np.array(
+        [
+            minute,
+            quarter,
+            minute * np.outer(quick, quick),
+            quarter * np.outer(slow, slow),
+            slip * slopes,
+        ]
+    )
+
+
+def _whites(points: Points, rate_scale: FloatArray) -> FloatArray:
+    """(2, n, n) of what does not hang together: always, and under load."""
+    now = points.rates[:, 0] / rate_scale[0]
+    return np.array([np.eye(len(now)), np.diag(now**2)])
+
+
+def _apart(a: FloatArray, b: FloatArray) -> FloatArray:
+    return a[:, None] - b[None, :]

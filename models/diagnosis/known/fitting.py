@@ -1,0 +1,174 @@
+"""From training runs to a known cell, and what it leaves of them: as fitted, and where it did not see them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.diagnosis.known.cell import KnownCell
+from models.effects.view import View
+from models.identification.bounded.fitted import curve_by_values
+from models.identification.bounded.knots import make_knots
+from models.identification.bounded.monotone import rising
+from models.identification.bounded.problem import Layout, groups_of, make_layout, make_sums, run_index, soc_over
+from models.identification.bounded.strengths import HeldOut, penalty
+from models.identification.bounded.variants import CURVE, GAINS, SLOPES, Trials, Variant, best_variant
+from models.network.folds import outer_folds
+from models.network.regression import CellContext, SignalBank
+
+# Curve and gains have knots over all of this, whatever was trained: what was not is open and not exact.
+_WHOLE_SOC = (0.02, 1.0)
+# Samples in the sums: more tell nothing new.
+_SAMPLES = 25_000
+# Independent samples that the runs are worth at least and at most: neighbouring errors hang together.
+_INDEPENDENT = (600.0, 2500.0)
+# Of the size of a gain's prior at its bound, where the information alone would call it exact.
+_RIDGE = 1e-9
+# Points of the training runs that are kept.
+POINTS = 600
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a known cell leaves of points of the training runs.
+
+    Attributes
+    ----------
+    run, index : (m,) which run and sample
+    fitted_V, unseen_V : (m,) error as fitted, and by a fit to the other folds
+    open_V2 : (m, m) covariance of the latter by what that fit leaves open of the coefficients
+    """
+
+    run: np.ndarray
+    index: np.ndarray
+    fitted_V: FloatArray
+    unseen_V: FloatArray
+    open_V2: FloatArray
+
+
+def fit_known(
+    runs: list[GridRun], soc: list[float], capacity_Ah: float, variant: Variant | None = None
+) -> tuple[KnownCell, Left]:
+    """Fit the bounded network of a diagnosis.
+
+    Parameters
+    ----------
+    runs, soc : training runs on one grid, with their SoC at the start
+    capacity_Ah : of the cell
+    variant : form of the network; None: chosen by held-out error
+    """
+    bank = SignalBank(runs, soc, CellContext(capacity_Ah))
+    trials = Trials(bank)
+    variant = best_variant(trials) if variant is None else variant
+    held = _held(trials, variant)
+    logs = held.best() if variant not in trials.known else held.best(trials.known[variant][1], 2)
+    degC = np.concatenate([run.temperature_degC for run in runs])
+    span = (25.0, 25.0) if np.isnan(degC).any() else (float(degC.min()), float(degC.max()))
+    layout = held.sums.layout
+    whole = curve_by_values(layout, rising(held, logs, span))
+    domain = _domain(bank)
+    # Its covariance and typical resistance need the cell to look at the runs.
+    bare = KnownCell(layout, whole, np.zeros((0, 0)), capacity_Ah, runs[0].dt_s, domain, 0.0, _usual(bank, layout))
+    run, index, rows = _points(bare, runs, soc)
+    voltage = np.array([runs[r].voltage_V[i] for r, i in zip(run, index, strict=True)])
+    fold = _fold_of(bank)[np.cumsum([0, *(len(each) for each in runs[:-1])])[run] + index]
+    unseen, open_V2 = np.empty(len(run)), np.zeros((len(run), len(run)))
+    noise = _noise(held, logs, bank)
+    for number in np.unique(fold):
+        own = np.flatnonzero(fold == number)
+        without = curve_by_values(layout, held.without(logs, int(number)).x)
+        unseen[own] = voltage[own] - rows[own] @ without
+        open_V2[np.ix_(own, own)] = rows[own] @ _covariance(held, logs, noise, int(number)) @ rows[own].T
+    fitted = voltage - rows @ whole
+    cell = replace(bare, covariance=_covariance(held, logs, noise, None), typical_Ohm=_typical_Ohm(bare, runs, soc))
+    return cell, Left(run, index, fitted, unseen, open_V2)
+
+
+def _held(trials: Trials, variant: Variant) -> HeldOut:
+    soc = np.concatenate(soc_over(trials.bank, variant.axis))
+    low, high = min(float(soc.min()), _WHOLE_SOC[0]), max(float(soc.max()), _WHOLE_SOC[1])
+    layout = make_layout(trials.bank, trials.basis(variant), make_knots(low, high, CURVE, GAINS, SLOPES))
+    keep = max(1, sum(len(run) for run in trials.bank.runs) // _SAMPLES)
+    return HeldOut(make_sums(trials.bank, layout, keep, _fold_of(trials.bank)).by_increments())
+
+
+def _fold_of(bank: SignalBank) -> np.ndarray:
+    """(N,) number of the fold of each sample: whole runs wherever there are three, for what differs between them."""
+    return outer_folds(run_index(bank), groups_of(bank))
+
+
+def _noise(held: HeldOut, logs: tuple[float, ...], bank: SignalBank) -> float:
+    """Squared held-out error in V^2 times how many samples stand for one independent one."""
+    count = float(held.sums.count.sum())
+    independent = float(np.clip(count / 10.0, *_INDEPENDENT))
+    return held.mean_mse(logs) * count / independent
+
+
+def _covariance(held: HeldOut, logs: tuple[float, ...], noise_V2: float, without: int | None) -> FloatArray:
+    """(P, P) in V^2, the curve by its values; bounds are left aside, so that nothing is exact."""
+    sums = held.sums
+    kept = np.arange(len(sums.count)) != (-1 if without is None else without)
+    count = float(sums.count[kept].sum())
+    whole = sums.xx[kept].sum(axis=0) + count * penalty(sums, logs)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    scaled = whole * np.outer(scale, scale) + _RIDGE * np.eye(len(whole))
+    inverse = cho_solve(cho_factor(scaled), np.eye(len(whole))) * np.outer(scale, scale)
+    n = sums.layout.n_curve
+    inverse[:n] = np.cumsum(inverse[:n], axis=0)
+    inverse[:, :n] = np.cumsum(inverse[:, :n], axis=1)
+    return noise_V2 * 0.5 * (inverse + inverse.T)
+
+
+def _points(cell: KnownCell, runs: list[GridRun], soc: list[float]) -> tuple[np.ndarray, np.ndarray, FloatArray]:
+    """Run and sample of points spread over the runs, with (m, P) regressors."""
+    total = sum(int(run.measured.sum()) for run in runs)
+    number, index, rows = [], [], []
+    for r, (run, start) in enumerate(zip(runs, soc, strict=True)):
+        known = np.flatnonzero(run.measured)
+        n = max(1, round(POINTS * len(known) / total))
+        chosen = known[spread(len(known), n, r)]
+        view = View(cell, run, start, chosen)
+        number.append(np.full(len(chosen), r))
+        index.append(chosen)
+        rows.append(cell.regressors(view.inputs, view.soc[chosen]))
+    return np.concatenate(number), np.concatenate(index), np.vstack(rows)
+
+
+def spread(n: int, count: int, seed: int) -> np.ndarray:
+    """Numbers of `count` of n samples, one drawn from each of as many equal stretches."""
+    count = min(n, count)
+    edges = np.linspace(0, n, count + 1)
+    drawn = np.random.default_rng(seed).uniform(size=count)
+    return np.minimum((edges[:-1] + drawn * np.diff(edges)).astype(np.int64), n - 1)
+
+
+def _typical_Ohm(cell: KnownCell, runs: list[GridRun], soc: list[float]) -> float:
+    over, current = 0.0, 0.0
+    for run, start in zip(runs, soc, strict=True):
+        index = np.arange(0, len(run), max(1, len(run) // 2000))
+        view = View(cell, run, start, index)
+        part = cell.through(view.inputs.signals, view.soc[index], cell.resistive)
+        over += float(np.sum(part**2))
+        current += float(np.sum(run.current_A[index] ** 2))
+    return float(np.sqrt(over / max(current, 1e-12)))
+
+
+def _usual(bank: SignalBank, layout: Layout) -> FloatArray:
+    """(B,) root mean square of each term's signal over its largest value."""
+    terms = zip(layout.basis.terms, layout.scale.tolist(), strict=True)
+    squares = [np.mean(np.concatenate(bank.values(term.signal)) ** 2) / scale**2 for term, scale in terms]
+    return np.sqrt(np.array(squares))
+
+
+def _domain(bank: SignalBank) -> dict[str, tuple[float, float]]:
+    soc = np.concatenate(bank.values("soc"))
+    current = np.concatenate([run.current_A for run in bank.runs])
+    out = {"soc": (float(soc.min()), float(soc.max())), "current_A": (float(current.min()), float(current.max()))}
+    degC = np.concatenate([run.temperature_degC for run in bank.runs])
+    if not np.isnan(degC).any():
+        out["temperature_degC"] = (float(degC.min()), float(degC.max()))
+    return out

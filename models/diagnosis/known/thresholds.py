@@ -1,0 +1,46 @@
+"""Constants of the process by which a known cell is off elsewhere, each with its unit and reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Known:
+    """Length scales and prior of the process.
+
+    Attributes
+    ----------
+    soc, temperature_K : distance in SoC and in K over which errors are alike: knots of the gains lie about 0.1 apart,
+        resistances change by about half over 12 K
+    rates : distance between load histories over which errors are alike, in spreads of the training runs' own
+    rate_s, rate_activation_K : low-passes in s that tell a load's history, and the scaling of its current
+    fading_s, slip_s : times in s over which errors in time fade: double layer, diffusion, and drift of counted charge
+    away_K, away_soc : distance beyond the trained temperatures in K, and beyond the trained SoC, that doubles the error
+    share, share_spread : part of the squared error that each cause is expected to have, and the logarithm's spread
+    granted : size of each effect that is expected to differ from run to run, in units of its usual size
+    level_soc, level_points : over how much SoC the size of errors is taken together, and how many points the mean of
+        all counts for
+    least_V : resolution and noise of a converter, V
+    steps : of the search for variances, which is flat at its end
+    """
+
+    soc: float = 0.07
+    temperature_K: float = 12.0
+    rates: float = 2.0
+    rate_s: tuple[float, ...] = (20.0, 120.0, 700.0, 3000.0)
+    rate_activation_K: float = 3500.0
+    fading_s: tuple[float, float] = (60.0, 700.0)
+    slip_s: float = 2000.0
+    away_K: float = 10.0
+    away_soc: float = 0.05
+    share: float = 0.07
+    share_spread: float = 1.5
+    granted: float = 0.1
+    level_soc: float = 0.04
+    level_points: float = 10.0
+    least_V: float = 2e-4
+    steps: int = 25
+
+
+KNOWN = Known()

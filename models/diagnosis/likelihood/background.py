@@ -1,0 +1,126 @@
+"""What judged runs would be like with nothing new: noise, open parameters, unknown starts, and error elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.special import logsumexp
+
+from models.data.timeseries import FloatArray
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+
+_JITTER = 1e-10
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """An effect's evidence.
+
+    Attributes
+    ----------
+    log_likelihood : over that of nothing
+    mean, covariance : (k,), (k, k) of its sizes, in units of the usual ones
+    """
+
+    log_likelihood: float
+    mean: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True)
+class Background:
+    """Error of judged runs, and its covariance where nothing is new.
+
+    Attributes
+    ----------
+    error : (N,) measured less simulated, the voltage in V and then the temperature in K
+    fixed : (N, N) covariance of what is known as it is
+    elsewhere : (N, N) covariance of the model's own error, which may be larger or smaller than was learned
+    """
+
+    error: FloatArray
+    fixed: FloatArray
+    elsewhere: FloatArray
+
+    def root(self, scale: float) -> FloatArray:
+        """(N, N) lower triangle of the covariance, the error elsewhere being `scale` times as large as learned."""
+        if scale not in self._roots:
+            whole = self.fixed + scale**2 * self.elsewhere
+            whole[np.diag_indices_from(whole)] *= 1.0 + _JITTER
+            self._roots[scale] = cholesky(whole, lower=True)
+        return self._roots[scale]
+
+    def white(self, columns: FloatArray, scale: float) -> FloatArray:
+        """(N, k) columns by the root of the covariance."""
+        return solve_triangular(self.root(scale), columns, lower=True)
+
+    @cached_property
+    def _roots(self) -> dict[float, FloatArray]:
+        return {}
+
+    @cached_property
+    def white_errors(self) -> list[FloatArray]:
+        """(N,) error by the root, for each scale."""
+        return [self.white(self.error, scale) for scale in THRESHOLDS.scales]
+
+    def log_of_nothing(self, scales: tuple[float, ...], weights: tuple[float, ...]) -> float:
+        """Logarithm of the likelihood where nothing is new, up to a constant."""
+        logs = [self._log(scale) + np.log(w) for scale, w in zip(scales, weights, strict=True)]
+        return float(logsumexp(logs))
+
+    def _log(self, scale: float) -> float:
+        white = self.white(self.error, scale)
+        return float(-0.5 * white @ white - np.sum(np.log(np.diag(self.root(scale)))))
+
+    @cached_property
+    def nothing(self) -> float:
+        """Logarithm of the likelihood where nothing is new."""
+        return self.log_of_nothing(THRESHOLDS.scales, THRESHOLDS.scale_weights)
+
+    @cached_property
+    def unknown(self) -> float:
+        """Gain of the logarithm where something is there that no effect stands for."""
+        scales = THRESHOLDS.unknown_scales
+        return self.log_of_nothing(scales, (1.0 / len(scales),) * len(scales)) - self.nothing
+
+    def weigh(self, columns: FloatArray, moved: FloatArray | None = None) -> Weighed:
+        """Evidence for columns of usual sizes.
+
+        Parameters
+        ----------
+        columns : (N, k)
+        moved : (N,) what is taken off the error first, where the columns are derivatives about a value
+        """
+        logs, means, covariances = [], [], []
+        k = columns.shape[1]
+        for scale, weight, white_error in zip(
+            THRESHOLDS.scales, THRESHOLDS.scale_weights, self.white_errors, strict=True
+        ):
+            stacked = columns if moved is None else np.column_stack([columns, moved])
+            white = self.white(stacked, scale)
+            error = white_error if moved is None else white_error - white[:, k]
+            inner, right = white[:, :k].T @ white[:, :k], white[:, :k].T @ error
+            base = float(-0.5 * error @ error - np.sum(np.log(np.diag(self.root(scale))))) + np.log(weight)
+            for size in THRESHOLDS.sizes:
+                whole = inner + np.eye(k) / size**2
+                covariance = np.linalg.inv(whole)
+                mean = covariance @ right
+                grown = 0.5 * float(np.linalg.slogdet(size**2 * whole)[1])
+                logs.append(base + 0.5 * float(right @ mean) - grown - np.log(len(THRESHOLDS.sizes)))
+                means.append(mean)
+                covariances.append(covariance)
+        total = float(logsumexp(logs))
+        share = np.exp(np.array(logs) - total)
+        mean = np.tensordot(share, np.array(means), axes=1)
+        away = np.array(means) - mean
+        covariance = np.tensordot(share, np.array(covariances), axes=1) + (share[:, None] * away).T @ away
+        return Weighed(total - self.nothing, mean, covariance)
+
+    def step(self, columns: FloatArray, moved: FloatArray) -> FloatArray:
+        """(k,) likeliest sizes for a usual scale and large effects, to go to next."""
+        white = self.white(np.column_stack([columns, self.error - moved]), 1.0)
+        inner = white[:, :-1].T @ white[:, :-1]
+        return np.linalg.solve(inner + np.eye(len(inner)) / max(THRESHOLDS.sizes) ** 2, white[:, :-1].T @ white[:, -1])

@@ -1,0 +1,64 @@
+"""From training runs to everything that a diagnosis of a change needs to know of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.diagnosis.known.cell import KnownCell
+from models.diagnosis.known.elsewhere import UNLEARNED, Points, learn, points_of
+from models.diagnosis.known.fitting import Left, fit_known
+from models.diagnosis.known.memory import KnownRuns, simulated_heat
+from models.diagnosis.likelihood.shapes import ALL_RESISTANCES, all_resistances, columns_of, shapes_of
+from models.diagnosis.likelihood.sight import RunSight, Sight
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.diagnosis.thermal.heat_balance import HeatBalance, fit_views, has_temperature
+from models.effects import Effect
+from models.effects.view import View
+from models.identification.bounded.variants import Variant
+
+
+def know(
+    runs: list[GridRun], soc: list[float], capacity_Ah: float, effects: list[Effect], variant: Variant | None = None
+) -> KnownRuns:
+    """Take from the training runs what a diagnosis needs.
+
+    Parameters
+    ----------
+    runs, soc : on one grid, with their SoC at the start
+    capacity_Ah : of the cell
+    effects : that may be asked for
+    variant : form of the bounded network; None: chosen by held-out error
+    """
+    cell, left = fit_known(runs, soc, capacity_Ah, variant)
+    views = [View(cell, run, s, left.index[left.run == r]) for r, (run, s) in enumerate(zip(runs, soc, strict=True))]
+    points = Points.joined([points_of(view, number, cell.domain) for number, view in enumerate(views)])
+    alike = _from_run_to_run(cell, views, left, effects)
+    elsewhere = learn(points, left.fitted_V, left.unseen_V, left.open_V2, alike)
+    return KnownRuns(cell, elsewhere, _balance(cell, views))
+
+
+def _from_run_to_run(cell: KnownCell, views: list[View], left: Left, effects: list[Effect]) -> dict[str, FloatArray]:
+    """By effect, (m, m) V^2 that one of usual size makes, another one in each run: no two runs of a cell are alike."""
+    nobody = np.zeros(0, dtype=np.int64)
+    runs = tuple(RunSight(view, view, np.arange(len(view.index)), None, nobody) for view in views)
+    sight = Sight(KnownRuns(cell, UNLEARNED, None), runs, 1.0)
+    same = left.run[:, None] == left.run[None, :]
+    every = {one.name: [columns_of(shape) for shape in shapes_of(sight, one)] for one in effects}
+    every[ALL_RESISTANCES] = [all_resistances(sight)]
+    return {
+        name: np.where(same, np.sum([each @ each.T for each in own], axis=0) / len(own), 0.0)
+        for name, own in every.items()
+        if own
+    }
+
+
+def _balance(cell: KnownCell, views: list[View]) -> HeatBalance | None:
+    if not all(has_temperature(view.run) for view in views):
+        return None
+    stride = max(1, -(-sum(len(view.run) for view in views) // THRESHOLDS.simulated))
+    every = [replace(view, index=np.arange(0, len(view.run), stride)) for view in views]
+    return fit_views([simulated_heat(cell, view, stride) for view in every])

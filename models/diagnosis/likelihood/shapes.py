@@ -1,0 +1,231 @@
+"""What each effect does to both channels of judged runs: columns for a usual size, or a simulation for any size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.diagnosis.likelihood.sight import RunSight, Sight
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.effects import Effect, effect
+from models.effects.effect import Shift, Warmth
+from models.effects.expected import Told
+from models.effects.reading import Reading
+
+# Size of the steps of derivatives, in units of the usual size.
+_STEP = 0.05
+# Sizes beyond which none is looked for.
+_FURTHEST = 8.0
+ALL_RESISTANCES = "all resistances"
+# A temperature that moves less shows nothing of what temperature does.
+_LEAST_SPAN_K = 1.5
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A shape that grows in proportion.
+
+    Attributes
+    ----------
+    columns : (N, k) for a change of usual size, V and then K
+    told : figures that a person reads
+    fixed : name, unit and value of what the shape is given by
+    """
+
+    columns: FloatArray
+    told: tuple[Told, ...]
+    fixed: tuple[tuple[str, str, float], ...]
+
+
+@dataclass(frozen=True)
+class Moving:
+    """A shape that is simulated again for each size.
+
+    Attributes
+    ----------
+    simulate : (k,) sizes -> (N,) change of both channels
+    size : k
+    starts : sizes from which a search begins
+    limits : (2, k) sizes that a search stays within
+    physical : (k,) sizes -> values of the effect's parameters, as many as are known
+    """
+
+    simulate: Callable[[FloatArray], FloatArray]
+    size: int
+    starts: tuple[tuple[float, ...], ...]
+    limits: FloatArray
+    physical: Callable[[FloatArray], tuple[float, ...]]
+
+    def columns(self, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(N,) change at sizes, and (N, k) derivatives there."""
+        at = self.simulate(sizes)
+        moved = [self.simulate(sizes + _STEP * unit) - at for unit in np.eye(self.size)]
+        return at, np.column_stack(moved) / _STEP
+
+
+def shapes_of(sight: Sight, one: Effect) -> tuple[Linear | Moving, ...]:
+    """Shapes of an effect, equally likely; none where the runs cannot show it."""
+    expected = one.expected
+    if one.needs_temperature and not _moves(sight):
+        return ()
+    if expected.forms is not None:
+        return _linear(sight, one)
+    if expected.width is not None and one.shift is not None:
+        return (_shifted(sight, one, one.shift, expected.width(sight.runs[0].points)),)
+    if expected.warmth and one.warmth is not None and any(run.warm is not None for run in sight.runs):
+        return (_warm(sight, one, one.warmth, expected.warmth),)
+    return ()
+
+
+def columns_of(shape: Linear | Moving) -> FloatArray:
+    """(N, k) columns of a shape for usual sizes, about no change."""
+    return shape.columns if isinstance(shape, Linear) else shape.columns(np.zeros(shape.size))[1]
+
+
+def all_resistances(sight: Sight) -> FloatArray:
+    """(N, 1) V that all resistances make where they are larger by a usual share: no effect, but no two runs are alike."""
+    volts = [THRESHOLDS.resistance * run.points.overvoltage(run.points.run.current_A)[:, None] for run in sight.runs]
+    return sight.stacked(volts)
+
+
+def granted(sight: Sight, shapes: dict[str, tuple[Linear | Moving, ...]]) -> FloatArray:
+    """(N, k) what of each effect, and of all resistances, is there in any log and no news, another one in each run.
+
+    Parameters
+    ----------
+    sight : of the judged runs
+    shapes : of the effects, by their names
+    """
+    seen = sight.known.elsewhere.granted
+    parts = [np.sqrt(seen.get(ALL_RESISTANCES, 0.0)) * all_resistances(sight)]
+    for name, own in shapes.items():
+        share = effect(name).expected.granted
+        least = share(sight.runs[0].points) if share is not None else 0.0
+        size = max(least, float(np.sqrt(seen.get(name, 0.0)))) / np.sqrt(len(own))
+        parts += [size * columns_of(shape) for shape in own]
+    every = np.hstack(parts)
+    return np.hstack([np.where(rows[:, None], every, 0.0) for rows in sight.own_rows])
+
+
+def _moves(sight: Sight) -> bool:
+    degC = np.concatenate([run.every.run.temperature_degC for run in sight.runs])
+    return not np.isnan(degC).any() and float(np.ptp(degC)) >= _LEAST_SPAN_K
+
+
+def _linear(sight: Sight, one: Effect) -> tuple[Linear, ...]:
+    heats = one.overpotential and any(run.warm is not None for run in sight.runs)
+    assert one.expected.forms is not None
+    found = [one.expected.forms(run.every if heats else run.points) for run in sight.runs]
+    out = []
+    for forms in zip(*found, strict=True):
+        volts, kelvins = [], []
+        for run, form in zip(sight.runs, forms, strict=True):
+            volts.append(form.columns[run.place] if heats else form.columns)
+            if heats:
+                current_A = run.every.run.current_A[run.every.index]
+                kelvins.append(sight.warmed(run, current_A[:, None] * form.columns))
+            elif one.heats_as is not None and run.warm is not None:
+                kelvins.append(_as_heat(run, one.heats_as, forms[0].told[0].weights))
+            else:
+                kelvins.append(np.zeros((len(run.warm_place), form.columns.shape[1])))
+        out.append(Linear(sight.stacked(volts, kelvins), forms[0].told, forms[0].fixed))
+    return tuple(out)
+
+
+def _as_heat(run: RunSight, name: str, weights: tuple[float, ...]) -> FloatArray:
+    """(w, k) K that the same cause makes as heat, whose first parameter has these values for usual sizes."""
+    warmth = effect(name).warmth
+    out = np.zeros((len(run.warm_place), len(weights)))
+    if warmth is not None and run.warm is not None:
+        was = run.warm.simulated()
+        for j, value in enumerate(weights):
+            if value:
+                out[:, j] = (warmth.temperature(run.warm, (warmth.start[0] + value,)) - was)[run.warm_place]
+    return out
+
+
+def _shifted(sight: Sight, one: Effect, shift: Shift, width: float) -> Moving:
+    """An effect with one parameter; what it does to the temperature grows in proportion."""
+    kelvins = [_heat_of_shift(sight, run, one, shift, width) for run in sight.runs]
+    low, high = shift.limits(sight.runs[0].points)
+
+    limits = np.clip(np.array([[low], [high]]) / width, -_FURTHEST, _FURTHEST)
+
+    def simulate(sizes: FloatArray) -> FloatArray:
+        value = float(width * sizes[0])
+        volts = [shift.voltage(run.points, value) for run in sight.runs]
+        return sight.stacked(volts, [value / width * each for each in kelvins])
+
+    def physical(sizes: FloatArray) -> tuple[float, ...]:
+        return (shift.physical(sight.runs[0].points, float(width * sizes[0])),)
+
+    return Moving(simulate, 1, tuple((start,) for start in one.expected.starts), limits, physical)
+
+
+def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width: float) -> FloatArray:
+    """(w,) K that an effect of usual size makes of a run's temperature."""
+    if run.warm is None:
+        return np.zeros(0)
+    view, cell = run.every, sight.known.cell
+    current_A = view.run.current_A[view.index]
+    if one.inner_heat_W is not None:
+        heat_W = width * one.inner_heat_W(cell.open_circuit_V(view.soc[view.index]))
+    elif one.overpotential:
+        heat_W = current_A * shift.voltage(view, width)
+    elif shift.soc is not None:
+        signals, surface = view.inputs.signals, view.inputs.surface
+        was, moved = (
+            cell.through(signals, each[view.index] + surface, cell.resistive)
+            for each in (view.soc, shift.soc(view, width))
+        )
+        heat_W = current_A * (moved - was)
+    else:
+        return np.zeros(len(run.warm_place))
+    return sight.warmed(run, heat_W[:, None])[:, 0]
+
+
+def _warm(sight: Sight, one: Effect, warmth: Warmth, usual: tuple[float, ...]) -> Moving:
+    """An effect on the temperature, or on its reading, which the voltage's resistances follow."""
+    start, width = np.array(warmth.start), np.array(usual)
+
+    def values_of(sizes: FloatArray) -> tuple[float, ...]:
+        return tuple((start + width * sizes).tolist())
+
+    was = [None if run.warm is None else run.warm.simulated() for run in sight.runs]
+
+    def simulate(sizes: FloatArray) -> FloatArray:
+        values, volts, kelvins = values_of(sizes), [], []
+        for run, before in zip(sight.runs, was, strict=True):
+            volts.append(_misread_V(run, one, values))
+            if run.warm is None or before is None:
+                kelvins.append(np.zeros(0))
+            else:
+                kelvins.append((warmth.temperature(run.warm, values) - before)[run.warm_place])
+        return sight.stacked(volts, kelvins)
+
+    def physical(sizes: FloatArray) -> tuple[float, ...]:
+        warm = next(run.warm for run in sight.runs if run.warm is not None)
+        return warmth.physical(warm, values_of(sizes))
+
+    zero = tuple(0.0 for _ in usual)
+    starts = [zero] + [
+        tuple(sign * (i == j) for j in range(len(usual))) for i in range(len(usual)) for sign in (-1.0, 1.0)
+    ]
+    limits = np.outer([-_FURTHEST, _FURTHEST], np.ones(len(usual)))
+    return Moving(simulate, len(usual), tuple(starts), limits, physical)
+
+
+def _misread_V(run: RunSight, one: Effect, values: tuple[float, ...]) -> FloatArray:
+    """(m,) change of voltage where the cell's true temperature is another than was read."""
+    view, correction = run.points, one.correction
+    if correction is None or correction.sample is None:
+        return np.zeros(len(view.index))
+    whole = view.run
+    read = Reading(whole.current_A, whole.voltage_V, whole.temperature_degC, whole.ambient_degC)
+    names = {each.name: value for each, value in zip(one.parameters, values, strict=True)}
+    if not correction.possible(names):
+        return np.zeros(len(view.index))
+    return view.moved(temperature_degC=correction.sample(read, names).temperature_degC)

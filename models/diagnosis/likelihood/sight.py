@@ -1,0 +1,185 @@
+"""Judged runs as the evidence sees them: points of voltage and temperature, with all that is not known of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.data.errors import ModelError
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.diagnosis.known.elsewhere import Points, points_of
+from models.diagnosis.known.fitting import spread
+from models.diagnosis.known.memory import KnownRuns, simulated_heat
+from models.diagnosis.known.thresholds import KNOWN
+from models.diagnosis.likelihood.background import Background
+from models.diagnosis.likelihood.start import start_columns
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.diagnosis.thermal.heat_balance import has_temperature
+from models.effects.thermal_view import ThermalView
+from models.effects.view import View
+from models.network.signals.filters import low_pass
+
+# Judged runs are told from training runs by numbers far from theirs.
+_JUDGED = 1000
+
+
+@dataclass(frozen=True)
+class RunSight:
+    """One judged run.
+
+    Attributes
+    ----------
+    every : the run with all samples for which effects are simulated
+    points : the run with those whose voltage is looked at
+    place : (m,) where these are among the former
+    warm : its heat; None where the temperature cannot be judged
+    warm_place : (w,) samples whose temperature is looked at
+    """
+
+    every: View
+    points: View
+    place: np.ndarray
+    warm: ThermalView | None
+    warm_place: np.ndarray
+
+
+@dataclass(frozen=True)
+class Sight:
+    """All judged runs.
+
+    Attributes
+    ----------
+    known : of the training runs
+    runs : one for each
+    share_inside : share of the samples within the trained state of charge
+    """
+
+    known: KnownRuns
+    runs: tuple[RunSight, ...]
+    share_inside: float
+
+    @property
+    def n_voltage(self) -> int:
+        """Number of voltage points."""
+        return sum(len(run.place) for run in self.runs)
+
+    @property
+    def own_rows(self) -> list[np.ndarray]:
+        """(N,) whether a point belongs to a run, for each run."""
+        numbers = [np.full(len(run.place), i) for i, run in enumerate(self.runs)]
+        numbers += [np.full(len(run.warm_place), i) for i, run in enumerate(self.runs)]
+        every = np.concatenate(numbers)
+        return [every == i for i in range(len(self.runs))]
+
+    def stacked(self, volts: list[FloatArray], kelvins: list[FloatArray] | None = None) -> FloatArray:
+        """(N, k) voltage of all runs' points and then temperature; none: the temperature does not change."""
+        if kelvins is None:
+            kelvins = [np.zeros((len(run.warm_place), *volts[0].shape[1:])) for run in self.runs]
+        return np.concatenate([*volts, *kelvins])
+
+    def warmed(self, run: RunSight, heat_W: FloatArray) -> FloatArray:
+        """(w, k) K that (n, k) more heat makes of a run's temperature."""
+        if run.warm is None:
+            return np.zeros((0, heat_W.shape[1]))
+        warm, k = run.warm, heat_W.shape[1]
+        rise = [low_pass(heat_W[:, j], warm.time_constant_s, warm.dt_s) for j in range(k)]
+        return warm.resistance_K_per_W * np.column_stack(rise)[run.warm_place]
+
+
+def look(known: KnownRuns, runs: list[GridRun], soc: list[float]) -> Sight:
+    """Choose the samples of judged runs that are looked at.
+
+    Raises
+    ------
+    ModelError
+        None of them lies within the trained state of charge.
+    """
+    cell, at = known.cell, THRESHOLDS
+    stride = max(1, -(-sum(len(run) for run in runs) // at.simulated))
+    views = [View(cell, run, start, np.arange(0, len(run), stride)) for run, start in zip(runs, soc, strict=True)]
+    low, high = cell.soc_range
+    inside = [
+        view.run.measured[view.index]
+        & (view.soc[view.index] >= low - at.soc_margin)
+        & (view.soc[view.index] <= high + at.soc_margin)
+        for view in views
+    ]
+    total = sum(int(each.sum()) for each in inside)
+    if not total:
+        start = ", ".join(f"{view.soc.min():.2f} to {view.soc.max():.2f}" for view in views)
+        raise ModelError(
+            f"no sample lies within the trained state of charge, {low:.2f} to {high:.2f}; the runs go through {start}: "
+            "give the right SoC at the start, or train on runs that cover it"
+        )
+    judged = []
+    for number, (view, part) in enumerate(zip(views, inside, strict=True)):
+        places = np.flatnonzero(part)
+        place = places[spread(len(places), round(at.voltage_points * len(places) / total), number)]
+        points = replace(view, index=view.index[place])
+        warm, warm_place = None, np.zeros(0, dtype=np.int64)
+        if known.balance is not None and has_temperature(view.run):
+            warm = simulated_heat(cell, view, stride, known.balance)
+            count = max(1, round(at.temperature_points * len(view.index) / sum(len(each.index) for each in views)))
+            warm_place = spread(len(view.index), count, number)
+        judged.append(RunSight(view, points, place, warm, warm_place))
+    measured = sum(int(view.run.measured[view.index].sum()) for view in views)
+    return Sight(known, tuple(judged), total / measured)
+
+
+def background(sight: Sight, soc_std: list[float], granted: FloatArray) -> Background:
+    """What the judged runs would be like with nothing new.
+
+    Parameters
+    ----------
+    sight : of the runs
+    soc_std : standard deviation of each run's stated state of charge
+    granted : (N, k) columns of effects that are there in any log and no news
+    """
+    known, n = sight.known, sight.n_voltage
+    points = Points.joined([points_of(run.points, _JUDGED + i, known.cell.domain) for i, run in enumerate(sight.runs)])
+    mean_V, elsewhere_V2 = known.elsewhere.conditional(points)
+    elsewhere_V2 = elsewhere_V2 + known.elsewhere.in_time(points)
+    rows = np.vstack([known.cell.regressors(run.points.inputs, run.points.soc[run.points.index]) for run in sight.runs])
+    fixed_V2 = rows @ known.cell.covariance @ rows.T
+    first = 0
+    for run, std in zip(sight.runs, soc_std, strict=True):
+        own = slice(first, first + len(run.place))
+        columns = start_columns(known.cell, run.points, std)
+        fixed_V2[own, own] += columns @ columns.T
+        first = own.stop
+    fixed_V2[np.diag_indices(n)] += KNOWN.least_V**2
+    error_V = np.concatenate([run.points.residual_V for run in sight.runs]) - mean_V
+    error_K, fixed_K2, elsewhere_K2 = _temperature(sight)
+    size = n + len(error_K)
+    fixed, elsewhere = np.zeros((size, size)), np.zeros((size, size))
+    fixed[:n, :n], fixed[n:, n:] = fixed_V2, fixed_K2
+    elsewhere[:n, :n], elsewhere[n:, n:] = elsewhere_V2, elsewhere_K2
+    return Background(np.concatenate([error_V, error_K]), fixed + granted @ granted.T, elsewhere)
+
+
+def _temperature(sight: Sight) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(w,) error of the temperature in K, and the covariances of what is known of it and of the model's own error."""
+    at, errors, fixed, own = THRESHOLDS, [], [], []
+    for run in sight.runs:
+        if run.warm is None or sight.known.balance is None:
+            continue
+        time_s = run.every.run.time_s[run.every.index[run.warm_place]]
+        errors.append((run.warm.temperature_degC - run.warm.simulated())[run.warm_place])
+        began = at.start_K * np.exp(-time_s / run.warm.time_constant_s)
+        fixed.append(np.outer(began, began) + at.white_K**2 * np.eye(len(time_s)))
+        fading = np.exp(-np.abs(time_s[:, None] - time_s[None, :]) / run.warm.time_constant_s)
+        own.append(at.heat_error**2 * sight.known.balance.mse_K2 * fading)
+    if not errors:
+        return np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
+    return np.concatenate(errors), _block(fixed), _block(own)
+
+
+def _block(parts: list[FloatArray]) -> FloatArray:
+    size = sum(len(part) for part in parts)
+    out, first = np.zeros((size, size)), 0
+    for part in parts:
+        out[first : first + len(part), first : first + len(part)] = part
+        first += len(part)
+    return out

@@ -1,0 +1,65 @@
+"""Constants of the evidence, each with its unit and reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Prior weights and sizes.
+
+    Attributes
+    ----------
+    voltage_points, temperature_points : samples of all judged runs that are looked at
+    simulated : samples of all runs for which effects are simulated
+    soc_margin : how far beyond the trained SoC a sample may lie
+    scales, scale_weights : factors by which the model's error elsewhere may be larger than was learned, and how likely
+        each is
+    unknown_scales : the same where something is there that no effect stands for
+    sizes : of an effect, in units of its usual size
+    tempering : power of the likelihood: neither equations nor errors are quite those that were assumed
+    nothing, unknown, pairs : prior probabilities; the rest is shared by the effects
+    claim : probability of "nothing" below which something is said to be there
+    rival : factor of the probability within which two effects cannot be told apart
+    power : share of cases in which an effect of the stated size is seen
+    start_share : a signal at the start, over its root mean square in the training runs
+    start_V : loop that may have been at either end at the start, V
+    start_s : time constants of what no branch of the model stands for, s
+    start_of_typical : of the typical overvoltage, what each of these may be at the start
+    start_soc : standard deviation of a stated SoC
+    start_K : of the temperature at the start, K
+    start_loop : rate at which the place in a loop is forgotten, over the capacity
+    heat_error : of the model's temperature, in units of its training error: another run is off by its own error too
+    resistance : usual share by which all resistances of a run may differ together
+    white_K : resolution of a thermometer, K
+    """
+
+    voltage_points: int = 600
+    temperature_points: int = 200
+    simulated: int = 20_000
+    soc_margin: float = 0.03
+    scales: tuple[float, ...] = (0.6, 1.0, 1.7, 2.9)
+    scale_weights: tuple[float, ...] = (0.2, 0.4, 0.28, 0.12)
+    unknown_scales: tuple[float, ...] = (3.0, 6.0, 12.0)
+    sizes: tuple[float, ...] = (0.3, 1.0, 3.0)
+    tempering: float = 0.4
+    nothing: float = 0.5
+    unknown: float = 0.05
+    pairs: float = 0.05
+    claim: float = 0.05
+    rival: float = 10.0
+    power: float = 0.9
+    start_share: float = 1.5
+    start_V: float = 5e-3
+    start_s: tuple[float, ...] = (60.0, 300.0, 1000.0, 3000.0)
+    start_of_typical: float = 0.05
+    start_soc: float = 0.005
+    start_K: float = 3.0
+    start_loop: float = 40.0
+    heat_error: float = 1.4
+    resistance: float = 0.3
+    white_K: float = 0.05
+
+
+THRESHOLDS = Thresholds()

@@ -1,0 +1,124 @@
+"""From what each effect makes of the judged runs to probabilities: nothing, one effect, two at once, or unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.special import logsumexp
+
+from models.data.timeseries import FloatArray
+from models.diagnosis.likelihood.background import Background, Weighed
+from models.diagnosis.likelihood.pairs import pair_gains
+from models.diagnosis.likelihood.shapes import Linear, Moving
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.effects import Effect
+
+_STEPS = 3
+_SETTLED = 0.05
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One effect in its likeliest shape.
+
+    Attributes
+    ----------
+    effect : tried
+    shape : the likeliest
+    columns : (N, k) for usual sizes, or derivatives about what was moved
+    moved : (N,) what is taken off the error first; None: nothing
+    weighed : its evidence, that of all shapes together
+    """
+
+    effect: Effect
+    shape: Linear | Moving
+    columns: FloatArray
+    moved: FloatArray | None
+    weighed: Weighed
+
+    @property
+    def contribution(self) -> FloatArray:
+        """(N,) its part of both channels."""
+        part = self.columns @ self.weighed.mean
+        return part if self.moved is None else part + self.moved
+
+
+def try_shapes(back: Background, one: Effect, shapes: tuple[Linear | Moving, ...]) -> Tried:
+    """Weigh an effect over all its shapes."""
+    every = [_linear(back, one, shape) if isinstance(shape, Linear) else _moving(back, one, shape) for shape in shapes]
+    best = max(every, key=lambda each: each.weighed.log_likelihood)
+    together = float(logsumexp([each.weighed.log_likelihood for each in every])) - float(np.log(len(every)))
+    return Tried(
+        one, best.shape, best.columns, best.moved, Weighed(together, best.weighed.mean, best.weighed.covariance)
+    )
+
+
+def _linear(back: Background, one: Effect, shape: Linear) -> Tried:
+    return Tried(one, shape, shape.columns, None, back.weigh(shape.columns))
+
+
+def _moving(back: Background, one: Effect, shape: Moving) -> Tried:
+    """Simulate again about what the runs ask for, from each start; the likeliest end is taken."""
+    ends: list[Tried] = []
+    for start in shape.starts:
+        sizes = np.array(start)
+        at, columns = shape.columns(sizes)
+        for _ in range(_STEPS):
+            asked = np.clip(back.step(columns, at - columns @ sizes), *shape.limits)
+            settled = bool(np.abs(asked - sizes).max() < _SETTLED)
+            sizes = asked
+            at, columns = shape.columns(sizes)
+            if settled:
+                break
+        moved = at - columns @ sizes
+        ends.append(Tried(one, shape, columns, moved, back.weigh(columns, moved)))
+    return max(ends, key=lambda each: each.weighed.log_likelihood)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Probabilities.
+
+    Attributes
+    ----------
+    nothing, unknown : of nothing new, and of something that no effect stands for
+    single : of each effect alone, the likeliest first
+    pairs : of two effects at once, the likeliest first
+    """
+
+    nothing: float
+    unknown: float
+    single: tuple[tuple[float, Tried], ...]
+    pairs: tuple[tuple[float, Tried, Tried], ...]
+
+    @property
+    def something(self) -> bool:
+        """Whether something is said to be there."""
+        return self.nothing < THRESHOLDS.claim
+
+
+def judge(back: Background, tried: list[Tried]) -> Verdict:
+    """Weigh everything against everything."""
+    at = THRESHOLDS
+    share = np.array([each.effect.expected.share for each in tried])
+    alone = np.log((1.0 - at.nothing - at.unknown - at.pairs) * share / share.sum())
+    couples = list(combinations(range(len(tried)), 2))
+    products = np.array([share[i] * share[j] for i, j in couples])
+    joint = np.log(at.pairs * products / products.sum())
+    gains = pair_gains(back, [each.columns for each in tried], [each.moved for each in tried], couples)
+    logs = np.concatenate(
+        [
+            [np.log(at.nothing), np.log(at.unknown) + at.tempering * back.unknown],
+            alone + at.tempering * np.array([each.weighed.log_likelihood for each in tried]),
+            joint + at.tempering * np.array(gains),
+        ]
+    )
+    posterior = np.exp(logs - float(logsumexp(logs)))
+    single = sorted(zip(posterior[2 : 2 + len(tried)].tolist(), tried, strict=True), key=lambda pair: -pair[0])
+    pairs = sorted(
+        ((float(p), tried[i], tried[j]) for p, (i, j) in zip(posterior[2 + len(tried) :], couples, strict=True)),
+        key=lambda each: -each[0],
+    )
+    return Verdict(float(posterior[0]), float(posterior[1]), tuple(single), tuple(pairs))

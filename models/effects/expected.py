@@ -1,0 +1,79 @@
+"""How large a change of an effect is to be expected: columns of unit prior, and what a person is told of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.effects.view import View
+
+
+@dataclass(frozen=True)
+class Told:
+    """One figure that a person reads: a base plus a weighted sum of the sizes of the columns.
+
+    Attributes
+    ----------
+    name, unit : of the parameter
+    weights : (k,)
+    base : value of no change
+    """
+
+    name: str
+    unit: str
+    weights: tuple[float, ...]
+    base: float = 0.0
+
+
+@dataclass(frozen=True)
+class Form:
+    """One shape that an effect may have.
+
+    Attributes
+    ----------
+    columns : (m, k) V, each for a change of its usual size
+    told : figures, the effect's first parameter first
+    fixed : values of the shape, by name and unit
+    """
+
+    columns: FloatArray
+    told: tuple[Told, ...]
+    fixed: tuple[tuple[str, str, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a change of an effect is expected to be like.
+
+    Attributes
+    ----------
+    forms : view -> shapes, equally likely; None: it is simulated again by its `shift`, or does not show in the voltage
+    width : view -> usual size of the shift's value
+    starts : sizes in units of the width from which the search for a shift begins
+    warmth : usual changes of the values of `warmth`, as many as it has
+    share : prior weight beside that of an effect with one shape; less where many shapes could pass for chance
+    granted : view -> part of the usual size that is there in any log and no news
+    """
+
+    forms: Callable[[View], tuple[Form, ...]] | None = None
+    width: Callable[[View], float] | None = None
+    starts: tuple[float, ...] = (-1.0, 0.0, 1.0)
+    warmth: tuple[float, ...] = ()
+    share: float = 1.0
+    granted: Callable[[View], float] | None = None
+
+
+def one_form(columns: FloatArray, name: str, unit: str, weight: float) -> tuple[Form, ...]:
+    """A single shape, whose first column has a size of `weight` in the unit of the effect's first parameter."""
+    weights = (weight, *(0.0 for _ in range(columns.shape[1] - 1)))
+    return (Form(columns, (Told(name, unit, weights),)),)
+
+
+def alike(knots: FloatArray, length: float) -> FloatArray:
+    """(n, n) root of the covariance of a smooth curve of variance 1 at knots."""
+    apart = (knots[:, None] - knots[None, :]) / length
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * apart**2))
+    return vectors * np.sqrt(np.maximum(values, 0.0))
