@@ -11,13 +11,13 @@ from models.effects.effect import Effect, Parameter, Shift
 from models.effects.expected import Expected
 from models.effects.reading import Values
 from models.effects.view import View
-from models.network.signals import parse_signal
+from models.network.signals import KELVIN, REFERENCE_K, parse_signal
 from models.network.structure import InputChannel, PartitionAxis, Structure
 
 _ACTIVATION_K = (2000.0, 6000.0)
 _SCALED = {"current": "scaled_current", "scaled_current": "scaled_current"}
-# Where the trained temperatures span less than this, so much of a usual change is open in any log.
-_NARROW_K, _GRANTED = 10.0, 0.3
+# A usual change; and what share of the overvoltages may always drift along with the temperature, unseen in training.
+_USUAL_K, _DRIFT, _MOST = 1000.0, 0.04, 3.0
 
 
 def _warmer_A(view: View, activation_K: float) -> FloatArray:
@@ -38,7 +38,10 @@ def _voltage(view: View, activation_K: float) -> FloatArray:
 
 
 def _granted(view: View) -> float:
-    return _GRANTED if view.model.trained_span_K < _NARROW_K else 0.0
+    """Where the temperature hardly moves, a resistance that drifts for whatever reason looks like this."""
+    away = view.inverse_temperature - 1.0 / (view.model.trained_degC + KELVIN) + 1.0 / REFERENCE_K
+    moves = _USUAL_K * float(np.sqrt(np.mean(away**2)))
+    return min(_MOST, _DRIFT / max(moves, 1e-9))
 
 
 def _extend(structure: Structure, values: Values, _capacity_Ah: float) -> Structure:
@@ -80,5 +83,5 @@ EFFECT = Effect(
     activation_K=lambda values: values["activation_K"],
     extend=_extend,
     bounded_part="scaling by temperature",
-    expected=Expected(width=lambda _view: 1000.0, starts=(0.0,), granted=_granted),
+    expected=Expected(width=lambda _view: _USUAL_K, starts=(0.0,), granted=_granted),
 )

@@ -57,8 +57,8 @@ class OwnModel(Protocol):
         ...
 
     @property
-    def trained_span_K(self) -> float:
-        """Range of temperature that the model was made from."""
+    def trained_degC(self) -> float:
+        """Middle of the temperatures that the model was made from."""
         ...
 
     def inputs(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from models.diagnosis.evidence.parameters import Value
 from models.effects import Effect, effect
 
@@ -51,6 +53,22 @@ def explain_warmth(found: Effect, share: float, before_K: float, after_K: float,
         f"{found.title} has changed: {_listed(values)}. It explains {100 * share:.0f} % of the squared error of the "
         f"temperature, which falls from {before_K:.2f} to {after_K:.2f} K. How to recognise it: {found.recognise}."
     )
+
+
+def explain_power(hidden: Sequence[tuple[Effect, float]]) -> str:
+    """One sentence on effects that could be there unseen.
+
+    Parameters
+    ----------
+    hidden : effects, with the smallest size of the first parameter that would have been seen
+    """
+    parts = [f"{one.title.lower()} {_size(one, size)}" for one, size in hidden]
+    return f"with 90 % probability these runs would have shown, of what could hide best: {'; '.join(parts)}"
+
+
+def _size(one: Effect, size: float) -> str:
+    unit = one.parameters[0].unit
+    return f"from {size:.2g}{'' if unit == '1' else ' ' + unit} on" if np.isfinite(size) else "at no size"
 
 
 def _titles(names: Sequence[str]) -> str:

@@ -78,6 +78,8 @@ class Diagnosis:
     next_experiment : request for a profile that would settle what is open
     seconds : time it took
     remarks : what a person should know
+    power : effect, the smallest size that would have been seen with 90 % (None: none), and its unit
+    hides_best : the effects that could hide best where nothing was found
     """
 
     verdict: Verdict
@@ -89,6 +91,8 @@ class Diagnosis:
     next_experiment: dict[str, Any] | None
     seconds: float
     remarks: tuple[str, ...] = ()
+    power: tuple[tuple[str, float | None, str], ...] = ()
+    hides_best: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the `diagnose` object of the public contract."""
@@ -100,6 +104,8 @@ class Diagnosis:
             "unexplained_mV": self.unexplained_mV,
             "depends_on": [{"variable": name, "strength": strength} for name, strength in self.depends_on],
             "next_experiment": self.next_experiment,
+            "power": [{"effect": name, "size": size, "unit": unit} for name, size, unit in self.power],
+            "hides_best": list(self.hides_best),
             "seconds": self.seconds,
             "remarks": list(self.remarks),
         }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from models.data.timeseries import FloatArray
+from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.reference.reference import Reference
 from models.effects import effect
 
@@ -16,7 +17,7 @@ _VOLTAGE_MARGIN_V = 0.02
 
 
 def discriminating_request(
-    reference: Reference, rivals: tuple[str, str], voltage_V: FloatArray, initial_soc: float
+    reference: Reference | KnownCell, rivals: tuple[str, str], voltage_V: FloatArray, initial_soc: float
 ) -> dict[str, Any]:
     """Ask for the profile that tells two effects apart, inside the limits that the runs so far kept.
 
@@ -39,7 +40,7 @@ def discriminating_request(
     return {
         "capacity_Ah": reference.capacity_Ah,
         "duration_s": _SLOW_DURATION_S if slow else _DURATION_S,
-        "dt_s": reference.layout.dt_s,
+        "dt_s": reference.dt_s,
         "criterion": "discriminate",
         "signal": "optimal",
         "limits": limits,

@@ -50,10 +50,10 @@ class KnownCell:
         return self.domain["soc"]
 
     @property
-    def trained_span_K(self) -> float:
-        """Range of temperature of the training runs."""
-        low, high = self.domain.get("temperature_degC", (0.0, 0.0))
-        return high - low
+    def trained_degC(self) -> float:
+        """Middle of the temperatures of the training runs."""
+        low, high = self.domain.get("temperature_degC", (25.0, 25.0))
+        return 0.5 * (low + high)
 
     @property
     def activation_K(self) -> float:

@@ -162,11 +162,11 @@ TIMES = (
 WHITE = ("white", "white under load")
 
 
-_NOBODY = Points(*(np.zeros(0) for _ in range(4)), np.zeros((0, 1)), np.zeros(0), np.zeros(0))
+_NONE = np.zeros(0)
+_NOBODY = Points(_NONE, _NONE, _NONE, _NONE, np.zeros((0, 1)), _NONE, _NONE)
 # Of a cell whose errors elsewhere are not known yet.
-UNLEARNED = Elsewhere(
-    np.zeros(len(PLACES) + len(TIMES) + len(WHITE)), {}, np.ones(1), _NOBODY, np.zeros(0), np.zeros(0)
-)
+_CAUSES = len(PLACES) + len(TIMES) + len(WHITE)
+UNLEARNED = Elsewhere(np.zeros(_CAUSES), {}, np.ones(1), _NOBODY, _NONE, _NONE)
 
 
 def learn(

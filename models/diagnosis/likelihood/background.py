@@ -7,12 +7,18 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.special import logsumexp
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 
 _JITTER = 1e-10
+
+
+def log_sum(logs: list[float] | FloatArray) -> float:
+    """Logarithm of a sum, from logarithms."""
+    values = np.asarray(logs, dtype=np.float64)
+    most = float(values.max())
+    return most + float(np.log(np.sum(np.exp(values - most))))
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,7 @@ class Background:
     def log_of_nothing(self, scales: tuple[float, ...], weights: tuple[float, ...]) -> float:
         """Logarithm of the likelihood where nothing is new, up to a constant."""
         logs = [self._log(scale) + np.log(w) for scale, w in zip(scales, weights, strict=True)]
-        return float(logsumexp(logs))
+        return log_sum(logs)
 
     def _log(self, scale: float) -> float:
         white = self.white(self.error, scale)
@@ -112,7 +118,7 @@ class Background:
                 logs.append(base + 0.5 * float(right @ mean) - grown - np.log(len(THRESHOLDS.sizes)))
                 means.append(mean)
                 covariances.append(covariance)
-        total = float(logsumexp(logs))
+        total = log_sum(logs)
         share = np.exp(np.array(logs) - total)
         mean = np.tensordot(share, np.array(means), axes=1)
         away = np.array(means) - mean

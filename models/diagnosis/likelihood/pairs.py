@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import logsumexp
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.likelihood.background import Background
+from models.diagnosis.likelihood.background import Background, log_sum
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 
 
@@ -45,4 +44,4 @@ def pair_gains(
                 grown = np.maximum(values, 0.0) * size**2 + 1.0
                 gain = 0.5 * float(np.sum(turned * size**2 / grown)) - 0.5 * float(np.sum(np.log(grown)))
                 logs[c, s, g] = base - 0.5 * squared + gain - np.log(len(THRESHOLDS.sizes))
-    return (logsumexp(logs, axis=(1, 2)) - back.nothing).tolist()
+    return [log_sum(each.ravel()) - back.nothing for each in logs]

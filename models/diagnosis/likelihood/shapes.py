@@ -14,6 +14,7 @@ from models.effects import Effect, effect
 from models.effects.effect import Shift, Warmth
 from models.effects.expected import Told
 from models.effects.reading import Reading
+from models.effects.view import View
 
 # Size of the steps of derivatives, in units of the usual size.
 _STEP = 0.05
@@ -33,11 +34,13 @@ class Linear:
     columns : (N, k) for a change of usual size, V and then K
     told : figures that a person reads
     fixed : name, unit and value of what the shape is given by
+    number : of the shape among those of its effect
     """
 
     columns: FloatArray
     told: tuple[Told, ...]
     fixed: tuple[tuple[str, str, float], ...]
+    number: int
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,7 @@ class Moving:
     starts : sizes from which a search begins
     limits : (2, k) sizes that a search stays within
     physical : (k,) sizes -> values of the effect's parameters, as many as are known
+    voltage : (k,) sizes, view -> (m,) change of a run's voltage
     """
 
     simulate: Callable[[FloatArray], FloatArray]
@@ -58,6 +62,7 @@ class Moving:
     starts: tuple[tuple[float, ...], ...]
     limits: FloatArray
     physical: Callable[[FloatArray], tuple[float, ...]]
+    voltage: Callable[[FloatArray, View], FloatArray]
 
     def columns(self, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N,) change at sizes, and (N, k) derivatives there."""
@@ -85,8 +90,16 @@ def columns_of(shape: Linear | Moving) -> FloatArray:
     return shape.columns if isinstance(shape, Linear) else shape.columns(np.zeros(shape.size))[1]
 
 
+def whole_V(one: Effect, shape: Linear | Moving, sizes: FloatArray, view: View) -> FloatArray:
+    """(m,) voltage that an effect of some sizes stands for at any samples of a run."""
+    if isinstance(shape, Moving):
+        return shape.voltage(sizes, view)
+    assert one.expected.forms is not None
+    return one.expected.forms(view)[shape.number].columns @ sizes
+
+
 def all_resistances(sight: Sight) -> FloatArray:
-    """(N, 1) V that all resistances make where they are larger by a usual share: no effect, but no two runs are alike."""
+    """(N, 1) V that all resistances make where they are larger by a usual share: from run to run they differ."""
     volts = [THRESHOLDS.resistance * run.points.overvoltage(run.points.run.current_A)[:, None] for run in sight.runs]
     return sight.stacked(volts)
 
@@ -120,7 +133,7 @@ def _linear(sight: Sight, one: Effect) -> tuple[Linear, ...]:
     assert one.expected.forms is not None
     found = [one.expected.forms(run.every if heats else run.points) for run in sight.runs]
     out = []
-    for forms in zip(*found, strict=True):
+    for number, forms in enumerate(zip(*found, strict=True)):
         volts, kelvins = [], []
         for run, form in zip(sight.runs, forms, strict=True):
             volts.append(form.columns[run.place] if heats else form.columns)
@@ -131,7 +144,7 @@ def _linear(sight: Sight, one: Effect) -> tuple[Linear, ...]:
                 kelvins.append(_as_heat(run, one.heats_as, forms[0].told[0].weights))
             else:
                 kelvins.append(np.zeros((len(run.warm_place), form.columns.shape[1])))
-        out.append(Linear(sight.stacked(volts, kelvins), forms[0].told, forms[0].fixed))
+        out.append(Linear(sight.stacked(volts, kelvins), forms[0].told, forms[0].fixed, number))
     return tuple(out)
 
 
@@ -154,15 +167,17 @@ def _shifted(sight: Sight, one: Effect, shift: Shift, width: float) -> Moving:
 
     limits = np.clip(np.array([[low], [high]]) / width, -_FURTHEST, _FURTHEST)
 
+    def voltage(sizes: FloatArray, view: View) -> FloatArray:
+        return shift.voltage(view, float(width * sizes[0]))
+
     def simulate(sizes: FloatArray) -> FloatArray:
-        value = float(width * sizes[0])
-        volts = [shift.voltage(run.points, value) for run in sight.runs]
-        return sight.stacked(volts, [value / width * each for each in kelvins])
+        volts = [voltage(sizes, run.points) for run in sight.runs]
+        return sight.stacked(volts, [sizes[0] * each for each in kelvins])
 
     def physical(sizes: FloatArray) -> tuple[float, ...]:
         return (shift.physical(sight.runs[0].points, float(width * sizes[0])),)
 
-    return Moving(simulate, 1, tuple((start,) for start in one.expected.starts), limits, physical)
+    return Moving(simulate, 1, tuple((start,) for start in one.expected.starts), limits, physical, voltage)
 
 
 def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width: float) -> FloatArray:
@@ -194,12 +209,15 @@ def _warm(sight: Sight, one: Effect, warmth: Warmth, usual: tuple[float, ...]) -
     def values_of(sizes: FloatArray) -> tuple[float, ...]:
         return tuple((start + width * sizes).tolist())
 
+    def voltage(sizes: FloatArray, view: View) -> FloatArray:
+        return _misread_V(view, one, values_of(sizes))
+
     was = [None if run.warm is None else run.warm.simulated() for run in sight.runs]
 
     def simulate(sizes: FloatArray) -> FloatArray:
         values, volts, kelvins = values_of(sizes), [], []
         for run, before in zip(sight.runs, was, strict=True):
-            volts.append(_misread_V(run, one, values))
+            volts.append(_misread_V(run.points, one, values))
             if run.warm is None or before is None:
                 kelvins.append(np.zeros(0))
             else:
@@ -215,12 +233,12 @@ def _warm(sight: Sight, one: Effect, warmth: Warmth, usual: tuple[float, ...]) -
         tuple(sign * (i == j) for j in range(len(usual))) for i in range(len(usual)) for sign in (-1.0, 1.0)
     ]
     limits = np.outer([-_FURTHEST, _FURTHEST], np.ones(len(usual)))
-    return Moving(simulate, len(usual), tuple(starts), limits, physical)
+    return Moving(simulate, len(usual), tuple(starts), limits, physical, voltage)
 
 
-def _misread_V(run: RunSight, one: Effect, values: tuple[float, ...]) -> FloatArray:
+def _misread_V(view: View, one: Effect, values: tuple[float, ...]) -> FloatArray:
     """(m,) change of voltage where the cell's true temperature is another than was read."""
-    view, correction = run.points, one.correction
+    correction = one.correction
     if correction is None or correction.sample is None:
         return np.zeros(len(view.index))
     whole = view.run

@@ -43,7 +43,7 @@ class Thresholds:
     scale_weights: tuple[float, ...] = (0.2, 0.4, 0.28, 0.12)
     unknown_scales: tuple[float, ...] = (3.0, 6.0, 12.0)
     sizes: tuple[float, ...] = (0.3, 1.0, 3.0)
-    tempering: float = 0.4
+    tempering: float = 0.35
     nothing: float = 0.5
     unknown: float = 0.05
     pairs: float = 0.05

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.special import logsumexp
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.likelihood.background import Background, Weighed
+from models.diagnosis.likelihood.background import Background, Weighed, log_sum
 from models.diagnosis.likelihood.pairs import pair_gains
 from models.diagnosis.likelihood.shapes import Linear, Moving
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
@@ -49,7 +48,7 @@ def try_shapes(back: Background, one: Effect, shapes: tuple[Linear | Moving, ...
     """Weigh an effect over all its shapes."""
     every = [_linear(back, one, shape) if isinstance(shape, Linear) else _moving(back, one, shape) for shape in shapes]
     best = max(every, key=lambda each: each.weighed.log_likelihood)
-    together = float(logsumexp([each.weighed.log_likelihood for each in every])) - float(np.log(len(every)))
+    together = log_sum([each.weighed.log_likelihood for each in every]) - float(np.log(len(every)))
     return Tried(
         one, best.shape, best.columns, best.moved, Weighed(together, best.weighed.mean, best.weighed.covariance)
     )
@@ -99,11 +98,20 @@ class Verdict:
         return self.nothing < THRESHOLDS.claim
 
 
+def prior_alone(tried: list[Tried]) -> FloatArray:
+    """(effects,) prior probability of each effect alone."""
+    share, at = _shares(tried), THRESHOLDS
+    return (1.0 - at.nothing - at.unknown - at.pairs) * share / share.sum()
+
+
+def _shares(tried: list[Tried]) -> FloatArray:
+    return np.array([each.effect.expected.share for each in tried])
+
+
 def judge(back: Background, tried: list[Tried]) -> Verdict:
     """Weigh everything against everything."""
     at = THRESHOLDS
-    share = np.array([each.effect.expected.share for each in tried])
-    alone = np.log((1.0 - at.nothing - at.unknown - at.pairs) * share / share.sum())
+    share, alone = _shares(tried), np.log(prior_alone(tried))
     couples = list(combinations(range(len(tried)), 2))
     products = np.array([share[i] * share[j] for i, j in couples])
     joint = np.log(at.pairs * products / products.sum())
@@ -115,7 +123,7 @@ def judge(back: Background, tried: list[Tried]) -> Verdict:
             joint + at.tempering * np.array(gains),
         ]
     )
-    posterior = np.exp(logs - float(logsumexp(logs)))
+    posterior = np.exp(logs - log_sum(logs))
     single = sorted(zip(posterior[2 : 2 + len(tried)].tolist(), tried, strict=True), key=lambda pair: -pair[0])
     pairs = sorted(
         ((float(p), tried[i], tried[j]) for p, (i, j) in zip(posterior[2 + len(tried) :], couples, strict=True)),

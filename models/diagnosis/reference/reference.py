@@ -58,6 +58,11 @@ class Reference:
         return self.layout.capacity_Ah
 
     @property
+    def dt_s(self) -> float:
+        """Step of the grid."""
+        return self.layout.dt_s
+
+    @property
     def soc_range(self) -> tuple[float, float]:
         """Range of SoC that the model was made from."""
         return self.layout.soc_range
@@ -73,10 +78,10 @@ class Reference:
         return float(np.mean(self.coefficients[self.layout.blocks[1].part]))
 
     @property
-    def trained_span_K(self) -> float:
-        """Range of temperature that the model was made from."""
-        low, high = self.domain.get("temperature_degC", (0.0, 0.0))
-        return high - low
+    def trained_degC(self) -> float:
+        """Middle of the temperatures that the model was made from."""
+        low, high = self.domain.get("temperature_degC", (25.0, 25.0))
+        return 0.5 * (low + high)
 
     def inputs(
         self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray

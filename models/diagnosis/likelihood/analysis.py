@@ -1,0 +1,144 @@
+"""One call: judged runs against everything that is known of the training runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.likelihood.background import Background, Weighed
+from models.diagnosis.likelihood.power import first_direction, smallest_shown
+from models.diagnosis.likelihood.shapes import granted, shapes_of
+from models.diagnosis.likelihood.sight import Sight, background, look
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.diagnosis.likelihood.verdict import Tried, Verdict, judge, prior_alone, try_shapes
+from models.effects import Effect
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What judged runs say.
+
+    Attributes
+    ----------
+    sight, back : the runs, and what they would be like with nothing new
+    tried : every effect that they can show
+    verdict : probabilities
+    """
+
+    sight: Sight
+    back: Background
+    tried: tuple[Tried, ...]
+    verdict: Verdict
+
+    @cached_property
+    def named(self) -> tuple[Tried, ...]:
+        """The likeliest explanation: one effect or two, the larger first; none where there is nothing or unknown."""
+        if not self.verdict.something:
+            return ()
+        single, pair = self.verdict.single[0], self.verdict.pairs[0]
+        if self.verdict.unknown > max(single[0], pair[0]):
+            return ()
+        if single[0] >= pair[0]:
+            return (single[1],)
+        return tuple(sorted(pair[1:], key=lambda each: -self.rms_V(each)))
+
+    @cached_property
+    def sizes(self) -> dict[str, Weighed]:
+        """Sizes of the named effects, found together, and of every other effect alone."""
+        out = {each.effect.name: each.weighed for each in self.tried}
+        if len(self.named) > 1:
+            moved = [each.moved for each in self.named if each.moved is not None]
+            columns = np.column_stack([each.columns for each in self.named])
+            both = self.back.weigh(columns, np.sum(moved, axis=0) if moved else None)
+            first = 0
+            for each in self.named:
+                part = slice(first, first + each.columns.shape[1])
+                out[each.effect.name] = Weighed(both.log_likelihood, both.mean[part], both.covariance[part, part])
+                first = part.stop
+        return out
+
+    @property
+    def rivals(self) -> tuple[Tried, ...]:
+        """Effects that explain the runs nearly as well as the first that is named, where one alone is."""
+        if len(self.named) != 1:
+            return ()
+        best = self.verdict.single[0][0]
+        others = [each for p, each in self.verdict.single[1:] if p * THRESHOLDS.rival >= best]
+        name = self.named[0].effect
+        twin = [each for _, each in self.verdict.single[1:] if each.effect.name == name.twin and each not in others]
+        outer = {each.effect.name for each in others if name.name in each.effect.contains}
+        return tuple(twin + [each for each in others if each.effect.name not in outer])
+
+    @property
+    def confidence(self) -> float:
+        """Probability of what is named first: that it is there, alone or with another."""
+        if not self.named:
+            return self.verdict.unknown
+        first = self.named[0]
+        alone = sum(p for p, each in self.verdict.single if each is first)
+        return min(alone + sum(p for p, *both in self.verdict.pairs if first in both), 1.0)
+
+    def rms_V(self, tried: Tried) -> float:
+        """How much voltage an effect stands for at the runs' points."""
+        part = tried.contribution[: self.sight.n_voltage]
+        return float(np.sqrt(np.mean(part**2)))
+
+    @cached_property
+    def explained(self) -> FloatArray:
+        """(N,) what the named effects stand for."""
+        out = np.zeros(len(self.back.error))
+        for each in self.named:
+            part = each.columns @ self.sizes[each.effect.name].mean
+            out += part if each.moved is None else part + each.moved
+        return out
+
+    @cached_property
+    def power(self) -> list[tuple[Tried, float, str]]:
+        """Each effect with the smallest size that would have been seen, and its unit."""
+        priors = prior_alone(list(self.tried))
+        return [
+            (each, smallest_shown(self.back, each, prior, self.explained), first_direction(each)[2])
+            for each, prior in zip(self.tried, priors.tolist(), strict=True)
+        ]
+
+    @property
+    def hides_best(self) -> tuple[str, ...]:
+        """The three effects that could hide best: those that make most voltage at the smallest size that is seen."""
+
+        def hidden_V(each: Tried, size: float) -> float:
+            column = each.columns[: self.sight.n_voltage] @ first_direction(each)[0]
+            return float(np.sqrt(np.mean(column**2))) * size
+
+        order = sorted(self.power, key=lambda each: -hidden_V(each[0], each[1]))
+        return tuple(each.effect.name for each, _, _ in order[:3])
+
+
+def analyse(
+    known: KnownRuns, runs: list[GridRun], soc: list[float], soc_std: list[float] | None, effects: list[Effect]
+) -> Analysis:
+    """Hold runs against what is known of the cell as it was.
+
+    Parameters
+    ----------
+    known : of the training runs
+    runs, soc : to be diagnosed, with their SoC at the start
+    soc_std : its standard deviations; None: those of a careful statement
+    effects : to be tried
+
+    Raises
+    ------
+    ModelError
+        No sample of the runs can be judged.
+    """
+    sight = look(known, runs, soc)
+    shapes = {one.name: shapes_of(sight, one) for one in effects}
+    shapes = {name: own for name, own in shapes.items() if own}
+    std = soc_std or [THRESHOLDS.start_soc] * len(runs)
+    back = background(sight, std, granted(sight, shapes))
+    tried = [try_shapes(back, one, shapes[one.name]) for one in effects if one.name in shapes]
+    return Analysis(sight, back, tuple(tried), judge(back, tried))

@@ -1,0 +1,71 @@
+"""The smallest size of each effect that these runs would have shown."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import norm
+
+from models.data.timeseries import FloatArray
+from models.diagnosis.likelihood.background import Background, log_sum
+from models.diagnosis.likelihood.shapes import Moving
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.diagnosis.likelihood.verdict import Tried
+
+# Sizes, in units of the usual one, that are looked through.
+_SEARCH, _CLOSE = (1e-3, 1e3), 0.02
+
+
+def first_direction(tried: Tried) -> tuple[FloatArray, str, str]:
+    """(k,) sizes of the columns that are one unit of the effect's first figure together, its name and its unit."""
+    if isinstance(tried.shape, Moving):
+        first, k = tried.effect.parameters[0], tried.shape.size
+        at = tried.shape.physical(np.zeros(k))[0]
+        moved = [tried.shape.physical(1e-3 * unit)[0] - at for unit in np.eye(k)]
+        weights, name, unit = np.array(moved) / 1e-3, first.name, first.unit
+    else:
+        told = tried.shape.told[len(tried.shape.told) // 2]
+        weights, name, unit = np.array(told.weights), told.name, told.unit
+    return weights / max(float(weights @ weights), 1e-300), name, unit
+
+
+def smallest_shown(back: Background, tried: Tried, prior: float, explained: FloatArray) -> float:
+    """Size in the unit of the effect's first figure that would have been told from nothing; infinite where none is.
+
+    Parameters
+    ----------
+    back : error of the runs, and its covariance
+    tried : the effect
+    prior : its probability
+    explained : (N,) part of the error that another effect is named for
+    """
+    at = THRESHOLDS
+    column = tried.columns @ first_direction(tried)[0]
+    unlucky = float(norm.ppf(at.power))
+    usual = 1.0 / max(float(np.linalg.norm(first_direction(tried)[0])), 1e-300)
+    inner, nothing = [], []
+    for scale, weight in zip(at.scales, at.scale_weights, strict=True):
+        white = back.white(np.column_stack([column * usual, back.error - explained]), scale)
+        inner.append(float(white[:, 0] @ white[:, 0]))
+        base = -float(np.sum(np.log(np.diag(back.root(scale))))) + float(np.log(weight))
+        nothing.append(base - 0.5 * float(white[:, 1] @ white[:, 1]))
+    needed = float(np.log(at.nothing * (1.0 / at.claim - 1.0) / prior)) / at.tempering
+
+    def surplus(log_size: float) -> float:
+        size = float(np.exp(log_size))
+        without, with_it = [], []
+        for a, base in zip(inner, nothing, strict=True):
+            across = size * a - unlucky * np.sqrt(a)
+            left = base - 0.5 * size**2 * a + size * unlucky * np.sqrt(a)
+            without.append(left)
+            for wide in at.sizes:
+                grown = 1.0 + wide**2 * a
+                with_it.append(left + 0.5 * across**2 * wide**2 / grown - 0.5 * np.log(grown * len(at.sizes) ** 2))
+        return log_sum(with_it) - log_sum(without) - needed
+
+    low, high = np.log(_SEARCH)
+    if surplus(high) < 0.0:
+        return np.inf
+    while high - low > _CLOSE:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if surplus(middle) > 0.0 else (middle, high)
+    return usual * float(np.exp(high))
