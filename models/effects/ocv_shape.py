@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Local, Parameter
+from models.effects.effect import CURVE, Effect, Local, Parameter
 from models.effects.expected import Expected, Form, Told, alike
 from models.effects.spline import SplineBasis
 from models.effects.view import View
@@ -43,6 +43,7 @@ EFFECT = Effect(
     regressors=_regressors,
     local=Local(_BUMPS, scale=1e3),
     absorbed=True,
+    renews=(CURVE,),
     contains=("voltage_offset", "initial_soc", "capacity"),
     expected=Expected(_expected, share=0.25),
 )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Local, Parameter
+from models.effects.effect import AT_ONCE, Effect, Local, Parameter
 from models.effects.expected import Expected, Form, Told
 from models.effects.reading import Values
 from models.effects.spline import SplineBasis
@@ -69,5 +69,6 @@ EFFECT = Effect(
     contains=("series_resistance",),
     extend=_extend,
     bounded_part="",
+    renews=AT_ONCE,
     expected=Expected(_expected, share=0.25),
 )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Parameter, Shift
+from models.effects.effect import LINEAR, Effect, Parameter, Shift
 from models.effects.expected import Expected
 from models.effects.reading import Values
 from models.effects.view import View
@@ -83,5 +83,6 @@ EFFECT = Effect(
     activation_K=lambda values: values["activation_K"],
     extend=_extend,
     bounded_part="scaling by temperature",
+    renews=LINEAR,
     expected=Expected(width=lambda _view: _USUAL_K, starts=(0.0,), granted=_granted),
 )
