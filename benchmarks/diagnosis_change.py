@@ -44,7 +44,7 @@ from diagnosis_cells import (
 
 from models.data.resampling import to_grid
 from models.diagnosis import diagnose, memory_of
-from models.diagnosis.evidence.memory import Memory
+from models.diagnosis.known.memory import KnownRuns
 from models.network.local_model_network import LocalModelNetwork
 from models.network.structure import minimal_structure
 from simulators.cell import SOC_SCALE
@@ -63,7 +63,7 @@ class Base:
     profile: str
     chemistry: str
     moves: bool
-    memory: Memory
+    memory: KnownRuns
     network: LocalModelNetwork
 
 

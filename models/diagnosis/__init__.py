@@ -2,5 +2,6 @@
 
 from models.diagnosis.answer.findings import Diagnosis, Finding
 from models.diagnosis.diagnosis import diagnose, memory_of
+from models.diagnosis.known.record import to_json as memory_to_json
 
-__all__ = ["Diagnosis", "Finding", "diagnose", "memory_of"]
+__all__ = ["Diagnosis", "Finding", "diagnose", "memory_of", "memory_to_json"]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
+import numpy as np
+
 from models.data.errors import ModelError, StructureError
 from models.data.resampling import GridRun, to_grid
 from models.data.timeseries import TimeSeries
@@ -12,20 +14,25 @@ from models.diagnosis.answer.change_answer import change_answer
 from models.diagnosis.answer.findings import Diagnosis, Mode
 from models.diagnosis.answer.refits import try_refits
 from models.diagnosis.answer.structure_answer import structure_answer, unexplained
-from models.diagnosis.change.change import analyse_change
-from models.diagnosis.evidence.memory import Memory, memory_in, remember
+from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.known.record import known_in
+from models.diagnosis.likelihood.analysis import analyse
+from models.diagnosis.likelihood.learning import know
 from models.diagnosis.reference.layout import Shape
 from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.reference.reference import fit_reference
 from models.diagnosis.structure.structure import analyse_structure
+from models.diagnosis.thermal.heat_balance import HeatBalance
 from models.effects import Effect, effects
 from models.effects.input_correction import as_read
 from models.network.local_model_network import LocalModelNetwork
 from models.network.signals import parse_signal
 from models.network.structure import Structure
+from models.thermal.cell_temperature import thermal_of
 
-# How much better than one more run like the diagnosed ones a network is taken to know its parameters.
-_TRUST = 100.0
+# Error of a temperature that a heat balance is taken to have where no training run tells, and what is left of the error
+# elsewhere where a network is held against itself.
+_OWN_K, _TRUST = 0.1, 0.01
 
 
 def diagnose(
@@ -36,7 +43,8 @@ def diagnose(
     train: list[TimeSeries] | None = None,
     train_soc: list[float] | None = None,
     mode: Mode = "change",
-    memory: Memory | None = None,
+    memory: KnownRuns | None = None,
+    soc_std: list[float] | None = None,
 ) -> Diagnosis:
     """Diagnose runs.
 
@@ -46,6 +54,7 @@ def diagnose(
     runs, initial_soc : measurements to be explained, with their SoC at the start
     train, train_soc : the runs that the network was made from, which make a diagnosis of a change far sharper
     memory : of the training runs, where it is at hand already
+    soc_std : standard deviation of each run's SoC at the start; None: that of a careful statement
     mode : "change": the model was right, what is new? "structure": what does the model's structure lack?
 
     Raises
@@ -72,37 +81,47 @@ def diagnose(
         return structure_answer(found, reference, record, started, refits)
     if mode != "change":
         raise ModelError(f"mode {mode!r} is unknown; use change or structure")
-    known = memory if memory is not None else _memory(network, record, grid, train_soc or [])
-    analysis = analyse_change(known, record.runs, record.soc, catalogue)
+    known = memory if memory is not None else _known(network, record, grid, train_soc or [])
     has_train = bool(grid) or memory is not None or network.record.diagnosis is not None
+    analysis = analyse(known, record.runs, record.soc, soc_std, catalogue)
     return change_answer(analysis, record, started, has_train)
 
 
-def _memory(network: LocalModelNetwork, record: Record, train: list[GridRun], train_soc: list[float]) -> Memory:
+def _known(network: LocalModelNetwork, record: Record, train: list[GridRun], train_soc: list[float]) -> KnownRuns:
     """Of the training runs; else as the model's document has it; else of the network's own voltage."""
     if train:
         return memory_of(train, train_soc, network.cell.capacity_Ah)
-    return memory_in(network) or network_memory(network, record)
+    return known_in(network) or network_memory(network, record)
 
 
-def network_memory(network: LocalModelNetwork, record: Record) -> Memory:
+def network_memory(network: LocalModelNetwork, record: Record) -> KnownRuns:
     """What the network itself says of the diagnosed runs, where nothing is known of its training runs.
 
-    Its voltage is taken as right to its own training error, and its parameters as well known: nothing tells how well.
+    Its voltage is taken as right to its own training error, which hangs together over minutes.
     """
     simulated, soc = as_simulated(record)
-    memory = memory_of(simulated, soc, network.cell.capacity_Ah)
-    floor_mV = record.noise_floor_mV or 0.0
-    trained_mV = network.record.train_rmse_mV(0.0)
-    own_mse = max(memory.own_mse, (1e-3 * floor_mV) ** 2, (1e-3 * trained_mV) ** 2)
-    noise_mse = min((1e-3 * floor_mV) ** 2, own_mse)
-    scaled = {"information": _TRUST * memory.information, "right": _TRUST * memory.right}
-    return replace(memory, **scaled, own_mse=own_mse, noise_mse=noise_mse)
+    known = memory_of(simulated, soc, network.cell.capacity_Ah)
+    noise_V2 = (1e-3 * (record.noise_floor_mV or 0.0)) ** 2
+    own_V2 = max((1e-3 * network.record.train_rmse_mV(0.0)) ** 2 - noise_V2, 0.0)
+    # What the network itself says is the same in every run: only its own error is left.
+    alike = replace(known.elsewhere, variances=_TRUST * known.elsewhere.variances, granted={})
+    elsewhere = replace(alike, noise_V2=noise_V2, own_V2=own_V2)
+    return replace(known, elsewhere=elsewhere, balance=_own_balance(network) or known.balance)
 
 
-def memory_of(runs: list[GridRun], soc: list[float], capacity_Ah: float) -> Memory:
+def _own_balance(network: LocalModelNetwork) -> HeatBalance | None:
+    """The heat balance of the network's record: one of the diagnosed runs would take in what is asked for."""
+    found = thermal_of(network)
+    if found is None:
+        return None
+    transfer = found[0].heat_transfer_W_per_K
+    tau_s = found[0].heat_capacity_J_per_K / transfer
+    return HeatBalance(1.0 / transfer, tau_s, float(np.mean(found[0].dU_dT_V_per_K)), _OWN_K**2)
+
+
+def memory_of(runs: list[GridRun], soc: list[float], capacity_Ah: float) -> KnownRuns:
     """What a diagnosis needs to know of training runs; `to_json` of it goes into a model's record as `diagnosis`."""
-    return remember(fit_reference(runs, soc, capacity_Ah), runs, soc, list(effects().values()))
+    return know(runs, soc, capacity_Ah, list(effects().values()))
 
 
 def _has(network: LocalModelNetwork, effect: Effect) -> bool:

@@ -56,6 +56,7 @@ class Expected:
     warmth : usual changes of the values of `warmth`, as many as it has
     share : prior weight beside that of an effect with one shape; less where many shapes could pass for chance
     granted : view -> part of the usual size that is there in any log and no news
+    heat_shares : shares of its loss that may warm the cell, equally likely; none: all of it where it is a loss inside
     """
 
     forms: Callable[[View], tuple[Form, ...]] | None = None
@@ -64,6 +65,7 @@ class Expected:
     warmth: tuple[float, ...] = ()
     share: float = 1.0
     granted: Callable[[View], float] | None = None
+    heat_shares: tuple[float, ...] = ()
 
 
 def one_form(columns: FloatArray, name: str, unit: str, weight: float) -> tuple[Form, ...]:

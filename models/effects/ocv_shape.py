@@ -45,5 +45,5 @@ EFFECT = Effect(
     absorbed=True,
     renews=(CURVE,),
     contains=("voltage_offset", "initial_soc", "capacity"),
-    expected=Expected(_expected, share=0.25),
+    expected=Expected(_expected, share=0.1),
 )

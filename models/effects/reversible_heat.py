@@ -25,5 +25,5 @@ EFFECT = Effect(
     source="Bernardi, Pawlikowski and Newman, J. Electrochem. Soc. 132, 1985",
     parameters=(Parameter("dU_dT_V_per_K", "V/K", "entropic coefficient of the additional heat"),),
     warmth=Warmth(_temperature, (0.0,), (2e-5,), lambda _view, values: values, _moved),
-    expected=Expected(warmth=(2e-4,), share=0.25, granted=lambda _view: 0.2),
+    expected=Expected(warmth=(2e-4,), granted=lambda _view: 0.2),
 )

@@ -31,5 +31,5 @@ EFFECT = Effect(
     regressors=_regressors,
     absorbed=True,
     renews=AT_ONCE,
-    expected=Expected(_expected),
+    expected=Expected(_expected, heat_shares=(0.0, 1.0)),
 )

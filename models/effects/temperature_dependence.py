@@ -17,7 +17,7 @@ from models.network.structure import InputChannel, PartitionAxis, Structure
 _ACTIVATION_K = (2000.0, 6000.0)
 _SCALED = {"current": "scaled_current", "scaled_current": "scaled_current"}
 # A usual change; and what share of the overvoltages may always drift along with the temperature, unseen in training.
-_USUAL_K, _DRIFT, _MOST = 1000.0, 0.04, 3.0
+_USUAL_K, _DRIFT, _MOST = 1000.0, 0.06, 4.0
 
 
 def _warmer_A(view: View, activation_K: float) -> FloatArray:

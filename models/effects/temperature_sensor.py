@@ -35,6 +35,6 @@ EFFECT = Effect(
     shows_over=("temperature_degC",),
     warmth=Warmth(_temperature, (1.0, 0.0), (0.02, 0.1), lambda _view, values: values),
     absorbed=True,
-    correction=InputCorrection(_without, needs_ambient=True, possible=lambda values: values["gain"] != 0.0),
+    correction=InputCorrection(_without, needs_ambient=True, possible=lambda values: values["gain"] > 0.0),
     expected=Expected(warmth=(0.5, 3.0)),
 )

@@ -55,7 +55,7 @@ class ModelRecord:
     train, validation : free-run figures; `validation` is None where no run was held out
     noise_floor_mV : of the training runs' voltage
     sums : sums of products of the training runs; read by `models.identification.stored_sums.sums_of`
-    diagnosis : the training runs as a diagnosis remembers them; read by `models.diagnosis.evidence.memory.memory_in`
+    diagnosis : the training runs as a diagnosis remembers them; read by `models.diagnosis.known.record.known_in`
     version : place in the chain of models; read by `models.network.lineage.version_of`
     effects : that were added to the model, the oldest first
     observer : settings that were tuned with it; read by `models.observer.filter.settings.default_settings`

@@ -5,17 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from models.data.errors import ModelError
-from models.diagnosis.change.change import analyse_change
 from models.diagnosis.diagnosis import network_memory, own_activation_K
 from models.diagnosis.evidence.joint import Named
-from models.diagnosis.evidence.parameters import Value, parameters
+from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.evidence.reading import Readings
+from models.diagnosis.likelihood.analysis import analyse
+from models.diagnosis.likelihood.values import values_of
 from models.diagnosis.reference.layout import Shape
 from models.diagnosis.reference.record import Record
 from models.diagnosis.reference.reference import fit_reference
 from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect
 from models.network.local_model_network import LocalModelNetwork
+
+# The network is held against itself: the state of charge at the start is the same for both.
+_SOC_STD = 1e-5
 
 
 def missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[str, Value]:
@@ -36,20 +40,15 @@ def changed(chosen: Effect, own: Record, network: LocalModelNetwork) -> dict[str
         The runs cannot size it.
     """
     try:
-        analysis = analyse_change(network_memory(network, own), own.runs, own.soc, [chosen])
+        analysis = analyse(network_memory(network, own), own.runs, own.soc, [_SOC_STD] * len(own.runs), [chosen])
     except np.linalg.LinAlgError:
         raise ModelError(
             f"{chosen.name}: the training runs determine too little to size it; name longer ones"
         ) from None
-    if chosen.warmth is not None:
-        trial = analysis.thermal.trials[0] if analysis.thermal is not None else None
-        if trial is None:
-            raise ModelError(f"{chosen.name}: the runs have no ambient temperature, or the cell hardly warmed up")
-        named = zip(chosen.parameters, trial.values, trial.std, strict=True)
-        return {each.name: Value(value, std, each.unit) for each, value, std in named}
-    if analysis.comparison is None or analysis.ranking is None:
-        raise ModelError(f"{chosen.name}: the training runs have too few samples in the trained domain to size it")
-    return parameters(analysis.comparison, analysis.ranking.candidates[0])
+    if not analysis.tried:
+        missing = "have no ambient temperature, or the cell hardly warmed up" if chosen.warmth else "cannot show it"
+        raise ModelError(f"{chosen.name}: the runs {missing}")
+    return values_of(analysis, analysis.tried[0])
 
 
 def sized(chosen: Effect, own: Record, network: LocalModelNetwork) -> dict[str, Value]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
-from models.diagnosis.diagnosis import memory_of
+from models.diagnosis import memory_of, memory_to_json
 from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.reference.record import Record
 from models.effects import Effect
@@ -111,4 +111,4 @@ def _read_again(network: LocalModelNetwork, own: Record) -> LocalModelNetwork:
         memory = memory_of(own.runs, own.soc, network.cell.capacity_Ah)
     except (ModelError, np.linalg.LinAlgError):
         return replace(network, record=network.record.without("diagnosis"))
-    return replace(network, record=replace(network.record, diagnosis=memory.to_json()))
+    return replace(network, record=replace(network.record, diagnosis=memory_to_json(memory)))

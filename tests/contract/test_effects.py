@@ -27,7 +27,17 @@ from tests.unit.models.effects.linear_cell import CAPACITY_AH, linear_view, ther
 PUBLIC = Path(__file__).with_name("effect_names.txt").read_text(encoding="utf-8").split()
 EVERY = sorted(effects())
 # What the package is made of besides.
-FRAMEWORK = {"bounded_parts", "effect", "input_correction", "reading", "spline", "thermal_view", "view", "ways_in"}
+FRAMEWORK = {
+    "bounded_parts",
+    "effect",
+    "expected",
+    "input_correction",
+    "reading",
+    "spline",
+    "thermal_view",
+    "view",
+    "ways_in",
+}
 # These words mean something else as well: a field of a request, a kind of signal, a term of a model.
 OTHER_MEANINGS = {"capacity", "initial_soc", "hysteresis", "relaxation", "charge_transfer"}
 GROUND = Ground(CAPACITY_AH, 1.5, 3000.0, ((0.0,), (2500.0,), (0.0, 5000.0)))

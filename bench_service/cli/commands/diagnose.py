@@ -29,6 +29,9 @@ def _arguments(parser: ArgumentParser) -> None:
         help="structure: what does the model lack? change: the model was right, what is new?",
     )
     parser.add_argument("--initial-soc", type=fractions, metavar="S[,S...]", help="one value, or one for each RUN")
+    parser.add_argument(
+        "--train-initial-soc", type=fractions, metavar="S[,S...]", help="the same for the runs of --train"
+    )
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with the evidence")
     add_current_sign(parser)
 
@@ -46,7 +49,7 @@ def _run(options: Namespace, output: Output) -> int:
     runs = read_runs(options.runs, options.current_sign, output)
     train = read_runs(options.train, options.current_sign, output)
     soc = initial_soc(runs, options.initial_soc, network, output)
-    train_soc = initial_soc(train, None, network, output)
+    train_soc = initial_soc(train, options.train_initial_soc, network, output)
     with output.progress("Diagnosing"), threadpool_limits(1):
         diagnosis = diagnose(network, runs, soc, train=train or None, train_soc=train_soc or None, mode=options.mode)
     result = diagnosis.to_json()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,9 +12,9 @@ from models.diagnosis.answer.explanation import explain, explain_power
 from models.diagnosis.answer.findings import Diagnosis, Finding
 from models.diagnosis.answer.next_experiment import discriminating_request
 from models.diagnosis.answer.unknown import depends_on
-from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.likelihood.analysis import Analysis
-from models.diagnosis.likelihood.shapes import Linear, whole_V
+from models.diagnosis.likelihood.shapes import whole_V
+from models.diagnosis.likelihood.values import values_of
 from models.diagnosis.likelihood.verdict import Tried
 from models.diagnosis.reference.record import Record
 from models.effects.view import View
@@ -78,11 +79,7 @@ def _findings(analysis: Analysis, rivals: tuple[Tried, ...], record: Record) -> 
         after = record.less(_parts_V(analysis, each, record))
         others = (*names, *(other.effect.name for other in rivals if other is not each))
         findings.append(_finding(analysis, each, (record, after), chance[each.effect.name], others, []))
-    return [_ranked(finding, number + 1) for number, finding in enumerate(findings)], left
-
-
-def _ranked(finding: Finding, rank: int) -> Finding:
-    return Finding(**(finding.__dict__ | {"rank": rank}))
+    return [replace(finding, rank=number + 1) for number, finding in enumerate(findings)], left
 
 
 def _finding(
@@ -107,32 +104,12 @@ def _finding(
         "reference_before_mV": 1e3 * float(np.sqrt(np.mean(error_V**2))),
         "reference_after_mV": remaining_mV,
     }
+    if len(analysis.back.error) > n:
+        left_K = analysis.back.error[n:] - tried.contribution[n:]
+        figures["error_before_K"] = float(np.sqrt(np.mean(analysis.back.error[n:] ** 2)))
+        figures["error_after_K"] = float(np.sqrt(np.mean(left_K**2)))
     words = explain(tried.effect, share, remaining_mV, values, rivals, "change", given)
     return Finding(tried.effect.name, 1, before.rms_mV, after.rms_mV, confidence, values, rivals, words, figures)
-
-
-def values_of(analysis: Analysis, tried: Tried) -> dict[str, Value]:
-    """Parameters of an effect with their standard deviations, by name."""
-    found = analysis.sizes[tried.effect.name]
-    shape, mean, covariance = tried.shape, found.mean, found.covariance
-    if isinstance(shape, Linear):
-        out = {}
-        for told in shape.told:
-            weights = np.array(told.weights)
-            std = float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
-            out[told.name] = Value(told.base + float(weights @ mean), std, told.unit)
-        return out | {name: Value(value, None, unit) for name, unit, value in shape.fixed}
-    at = np.array(shape.physical(mean))
-    steps = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
-    slopes = np.array(
-        [np.array(shape.physical(mean + s * u)) - at for s, u in zip(steps, np.eye(len(mean)), strict=True)]
-    )
-    slopes = slopes / steps[:, None]
-    stds = np.sqrt(np.maximum(np.einsum("ip,ij,jp->p", slopes, covariance, slopes), 0.0))
-    return {
-        each.name: Value(float(value), float(std), each.unit)
-        for each, value, std in zip(tried.effect.parameters, at, stds, strict=False)
-    }
 
 
 def _parts_V(analysis: Analysis, tried: Tried, record: Record) -> list[FloatArray]:

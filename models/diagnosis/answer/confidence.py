@@ -20,16 +20,6 @@ def confidence(ranking: Ranking) -> float:
     return _probability(ranking.margin, len(ranking.rivals))
 
 
-def warmth_confidence(margin: float) -> float:
-    """Probability that the effect named from the temperature is right.
-
-    Parameters
-    ----------
-    margin : by how much the next effect's remaining error is larger, relative to that of the named one
-    """
-    return _probability(margin, 0)
-
-
 def _probability(margin: float, n_rivals: int) -> float:
     logit = _OFFSET + _SLOPE * np.log(max(margin, _LEAST_MARGIN))
     sure = 1.0 / (1.0 + np.exp(-logit))

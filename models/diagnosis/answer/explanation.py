@@ -47,14 +47,6 @@ def explain(
     return " ".join(parts)
 
 
-def explain_warmth(found: Effect, share: float, before_K: float, after_K: float, values: dict[str, Value]) -> str:
-    """One paragraph on a finding in the temperature."""
-    return (
-        f"{found.title} has changed: {_listed(values)}. It explains {100 * share:.0f} % of the squared error of the "
-        f"temperature, which falls from {before_K:.2f} to {after_K:.2f} K. How to recognise it: {found.recognise}."
-    )
-
-
 def explain_power(hidden: Sequence[tuple[Effect, float]]) -> str:
     """One sentence on effects that could be there unseen.
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.evidence.evidence import Evidence, Solution
-from models.diagnosis.evidence.memory import Memory
 from models.diagnosis.reference.samples import Samples
 from models.effects import Effect
 from models.effects.effect import Lean
@@ -65,26 +64,6 @@ class Comparison:
     own_mse: float
     noise_mse: float
     bias_allowance: float = 1.0
-
-
-def compare_samples(memory: Memory, runs: Samples, effects: list[Effect]) -> Comparison:
-    """Give the model what the training runs say of every effect, so that only what is new remains.
-
-    The change of an effect is the difference of its estimates from the two samples; what the model leaves unexplained
-    in both alike cancels.
-
-    Parameters
-    ----------
-    memory : of the training runs
-    runs : samples of the diagnosed runs
-    effects : some of those that the training runs show, in the same order
-    """
-    columns = {effect.name: runs.regressors(effect) for effect in effects}
-    both = np.hstack([runs.own_regressors(memory.reference), *columns.values()])
-    part = memory.part(effects)
-    error = runs.error_V - both @ memory.moved(part)
-    evidence = Evidence(error, both, memory.information[np.ix_(part, part)], runs.blocks)
-    return Comparison(runs, tuple(effects), columns, evidence, memory.own_mse, memory.noise_mse)
 
 
 def try_effect(comparison: Comparison, effect: Effect) -> Candidate:

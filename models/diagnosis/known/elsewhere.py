@@ -94,6 +94,7 @@ class Elsewhere:
     rate_scale : (b,) root mean square of the rates in the training runs
     known : points of the training runs
     left_V, unseen_V : (m,) error there, as fitted, and by fits that did not see them
+    noise_V2, own_V2 : variances on top, of noise and of errors of minutes, that these points do not show
     """
 
     variances: FloatArray
@@ -102,6 +103,8 @@ class Elsewhere:
     known: Points
     left_V: FloatArray
     unseen_V: FloatArray
+    noise_V2: float = 0.0
+    own_V2: float = 0.0
 
     def conditional(self, points: Points) -> tuple[FloatArray, FloatArray]:
         """Mean (n,) in V and (n, n) covariance in V^2 of the process over operating points, given what is known."""
@@ -112,8 +115,10 @@ class Elsewhere:
     def in_time(self, points: Points) -> FloatArray:
         """(n, n) covariance in V^2 of what hangs together in time only, and of what does not."""
         level = self._level(points)
-        parts = _times(points, self.rate_scale), _whites(points, self.rate_scale)
-        return np.tensordot(self.variances[len(PLACES) :], np.concatenate(parts), axes=1) * np.outer(level, level)
+        times = _times(points, self.rate_scale)
+        parts = np.concatenate([times, _whites(points, self.rate_scale)])
+        whole = np.tensordot(self.variances[len(PLACES) :], parts, axes=1) * np.outer(level, level)
+        return whole + self.own_V2 * times[1] + self.noise_V2 * np.eye(len(whole))
 
     def _places(self, a: Points, b: Points) -> FloatArray:
         whole = np.tensordot(self.variances[: len(PLACES)], _places(a, b, self.rate_scale), axes=1)
@@ -185,7 +190,9 @@ def learn(
     own = np.concatenate([_places(points, points, scale), _times(points, scale), _whites(points, scale)])
     local = level(points, points, unseen_V)
     parts = np.concatenate([own * np.outer(local, local), *(each[None] for each in effects.values())])
-    centre = np.log(np.array([KNOWN.share] * len(own) + [KNOWN.granted**2] * len(effects)))
+    # A model that is far off on runs that it did not see is so in ways that look like effects, too.
+    off = float(np.clip(np.sqrt(np.mean(unseen_V**2)) / KNOWN.usual_V, *KNOWN.usual_range))
+    centre = np.log(np.array([KNOWN.share] * len(own) + [(KNOWN.granted * off) ** 2] * len(effects)))
     floor = KNOWN.least_V**2 * np.eye(len(unseen_V)) + open_V2
 
     def cost(logs: FloatArray) -> tuple[float, FloatArray]:

@@ -19,6 +19,8 @@ class Known:
     away_K, away_soc : distance beyond the trained temperatures in K, and beyond the trained SoC, that doubles the error
     share, share_spread : part of the squared error that each cause is expected to have, and the logarithm's spread
     granted : size of each effect that is expected to differ from run to run, in units of its usual size
+    usual_V, usual_range : error on unseen runs in V for which that holds, and the factors by which more or less of it
+        changes it at most
     level_soc, level_points : over how much SoC the size of errors is taken together, and how many points the mean of
         all counts for
     least_V : resolution and noise of a converter, V
@@ -37,6 +39,8 @@ class Known:
     share: float = 0.07
     share_spread: float = 1.5
     granted: float = 0.1
+    usual_V: float = 5e-3
+    usual_range: tuple[float, float] = (0.5, 8.0)
     level_soc: float = 0.04
     level_points: float = 10.0
     least_V: float = 2e-4

@@ -40,12 +40,14 @@ class Analysis:
         """The likeliest explanation: one effect or two, the larger first; none where there is nothing or unknown."""
         if not self.verdict.something:
             return ()
-        single, pair = self.verdict.single[0], self.verdict.pairs[0]
-        if self.verdict.unknown > max(single[0], pair[0]):
+        single = self.verdict.single[0]
+        likeliest = max([single[0], *(pair[0] for pair in self.verdict.pairs[:1])])
+        if self.verdict.unknown > likeliest:
             return ()
-        if single[0] >= pair[0]:
+        if single[0] == likeliest:
             return (single[1],)
-        return tuple(sorted(pair[1:], key=lambda each: -self.rms_V(each)))
+        _, *both = self.verdict.pairs[0]
+        return tuple(sorted(both, key=lambda each: -self.rms_V(each)))
 
     @cached_property
     def sizes(self) -> dict[str, Weighed]:
@@ -81,7 +83,7 @@ class Analysis:
             return self.verdict.unknown
         first = self.named[0]
         alone = sum(p for p, each in self.verdict.single if each is first)
-        return min(alone + sum(p for p, *both in self.verdict.pairs if first in both), 1.0)
+        return min(alone + sum(p for p, *both in self.verdict.pairs if any(each is first for each in both)), 1.0)
 
     def rms_V(self, tried: Tried) -> float:
         """How much voltage an effect stands for at the runs' points."""

@@ -56,12 +56,12 @@ class Background:
         if scale not in self._roots:
             whole = self.fixed + scale**2 * self.elsewhere
             whole[np.diag_indices_from(whole)] *= 1.0 + _JITTER
-            self._roots[scale] = cholesky(whole, lower=True)
+            self._roots[scale] = cholesky(whole, lower=True, check_finite=False)
         return self._roots[scale]
 
     def white(self, columns: FloatArray, scale: float) -> FloatArray:
         """(N, k) columns by the root of the covariance."""
-        return solve_triangular(self.root(scale), columns, lower=True)
+        return solve_triangular(self.root(scale), columns, lower=True, check_finite=False)
 
     @cached_property
     def _roots(self) -> dict[float, FloatArray]:

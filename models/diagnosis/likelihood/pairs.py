@@ -24,6 +24,8 @@ def pair_gains(
     moved : (N,) of each, what is taken off the error first
     couples : numbers of the two effects
     """
+    if not couples:
+        return []
     first = np.cumsum([0, *(each.shape[1] for each in columns)])
     shift = [np.zeros(len(back.error)) if each is None else each for each in moved]
     stacked = np.column_stack([*columns, *shift])

@@ -20,6 +20,8 @@ from models.effects.view import View
 _STEP = 0.05
 # Sizes beyond which none is looked for.
 _FURTHEST = 8.0
+# Temperatures that a cell may have had, whatever a wrong reading says.
+_POSSIBLE_DEGC = (-60.0, 150.0)
 ALL_RESISTANCES = "all resistances"
 # A temperature that moves less shows nothing of what temperature does.
 _LEAST_SPAN_K = 1.5
@@ -35,12 +37,14 @@ class Linear:
     told : figures that a person reads
     fixed : name, unit and value of what the shape is given by
     number : of the shape among those of its effect
+    scale : (k,) of the effect's regressors, where it does not say how large it usually is
     """
 
     columns: FloatArray
     told: tuple[Told, ...]
     fixed: tuple[tuple[str, str, float], ...]
     number: int
+    scale: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ def shapes_of(sight: Sight, one: Effect) -> tuple[Linear | Moving, ...]:
         return (_shifted(sight, one, one.shift, expected.width(sight.runs[0].points)),)
     if expected.warmth and one.warmth is not None and any(run.warm is not None for run in sight.runs):
         return (_warm(sight, one, one.warmth, expected.warmth),)
-    return ()
+    return (_unsaid(sight, one),) if one.regressors is not None and not expected.warmth else ()
 
 
 def columns_of(shape: Linear | Moving) -> FloatArray:
@@ -94,6 +98,8 @@ def whole_V(one: Effect, shape: Linear | Moving, sizes: FloatArray, view: View) 
     """(m,) voltage that an effect of some sizes stands for at any samples of a run."""
     if isinstance(shape, Moving):
         return shape.voltage(sizes, view)
+    if shape.scale is not None and one.regressors is not None:
+        return one.regressors(view) @ (shape.scale * sizes)
     assert one.expected.forms is not None
     return one.expected.forms(view)[shape.number].columns @ sizes
 
@@ -129,23 +135,39 @@ def _moves(sight: Sight) -> bool:
 
 
 def _linear(sight: Sight, one: Effect) -> tuple[Linear, ...]:
-    heats = one.overpotential and any(run.warm is not None for run in sight.runs)
     assert one.expected.forms is not None
+    shares = one.expected.heat_shares or (float(one.overpotential),)
+    shares = shares if any(run.warm is not None for run in sight.runs) else (0.0,)
+    heats = any(shares)
     found = [one.expected.forms(run.every if heats else run.points) for run in sight.runs]
     out = []
     for number, forms in enumerate(zip(*found, strict=True)):
         volts, kelvins = [], []
         for run, form in zip(sight.runs, forms, strict=True):
             volts.append(form.columns[run.place] if heats else form.columns)
+            current_A = run.every.run.current_A[run.every.index]
             if heats:
-                current_A = run.every.run.current_A[run.every.index]
                 kelvins.append(sight.warmed(run, current_A[:, None] * form.columns))
             elif one.heats_as is not None and run.warm is not None:
-                kelvins.append(_as_heat(run, one.heats_as, forms[0].told[0].weights))
+                kelvins.append(_as_heat(run, one.heats_as, form.told[0].weights))
             else:
                 kelvins.append(np.zeros((len(run.warm_place), form.columns.shape[1])))
-        out.append(Linear(sight.stacked(volts, kelvins), forms[0].told, forms[0].fixed, number))
+        for share in shares:
+            warmed = [share * each if heats else each for each in kelvins]
+            out.append(Linear(sight.stacked(volts, warmed), forms[0].told, forms[0].fixed, number))
     return tuple(out)
+
+
+def _unsaid(sight: Sight, one: Effect) -> Linear:
+    """An effect that does not say how large it usually is: its regressors, each of a usual voltage over these runs."""
+    assert one.regressors is not None
+    volts = [one.regressors(run.points) for run in sight.runs]
+    scale = THRESHOLDS.usual_V / np.maximum(np.sqrt(np.mean(np.vstack(volts) ** 2, axis=0)), 1e-12)
+    first = one.parameters[0]
+    weights = (float(scale[0]), *(0.0 for _ in scale[1:]))
+    return Linear(
+        sight.stacked([scale * each for each in volts]), (Told(first.name, first.unit, weights),), (), 0, scale
+    )
 
 
 def _as_heat(run: RunSight, name: str, weights: tuple[float, ...]) -> FloatArray:
@@ -246,4 +268,5 @@ def _misread_V(view: View, one: Effect, values: tuple[float, ...]) -> FloatArray
     names = {each.name: value for each, value in zip(one.parameters, values, strict=True)}
     if not correction.possible(names):
         return np.zeros(len(view.index))
-    return view.moved(temperature_degC=correction.sample(read, names).temperature_degC)
+    true_degC = np.clip(correction.sample(read, names).temperature_degC, *_POSSIBLE_DEGC)
+    return view.moved(temperature_degC=true_degC)

@@ -20,6 +20,7 @@ class Thresholds:
     sizes : of an effect, in units of its usual size
     tempering : power of the likelihood: neither equations nor errors are quite those that were assumed
     nothing, unknown, pairs : prior probabilities; the rest is shared by the effects
+    twins : weight of a pair that one log can hardly tell apart, beside that of any other
     claim : probability of "nothing" below which something is said to be there
     rival : factor of the probability within which two effects cannot be told apart
     power : share of cases in which an effect of the stated size is seen
@@ -32,6 +33,7 @@ class Thresholds:
     start_loop : rate at which the place in a loop is forgotten, over the capacity
     heat_error : of the model's temperature, in units of its training error: another run is off by its own error too
     resistance : usual share by which all resistances of a run may differ together
+    usual_V : voltage of an effect that does not say how large it usually is, V
     white_K : resolution of a thermometer, K
     """
 
@@ -46,7 +48,8 @@ class Thresholds:
     tempering: float = 0.35
     nothing: float = 0.5
     unknown: float = 0.05
-    pairs: float = 0.05
+    pairs: float = 0.1
+    twins: float = 0.1
     claim: float = 0.05
     rival: float = 10.0
     power: float = 0.9
@@ -59,6 +62,7 @@ class Thresholds:
     start_loop: float = 40.0
     heat_error: float = 1.4
     resistance: float = 0.3
+    usual_V: float = 0.01
     white_K: float = 0.05
 
 

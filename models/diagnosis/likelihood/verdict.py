@@ -104,6 +104,10 @@ def prior_alone(tried: list[Tried]) -> FloatArray:
     return (1.0 - at.nothing - at.unknown - at.pairs) * share / share.sum()
 
 
+def _likely(a: Effect, b: Effect) -> float:
+    return THRESHOLDS.twins if b.name == a.twin else 1.0
+
+
 def _shares(tried: list[Tried]) -> FloatArray:
     return np.array([each.effect.expected.share for each in tried])
 
@@ -112,9 +116,9 @@ def judge(back: Background, tried: list[Tried]) -> Verdict:
     """Weigh everything against everything."""
     at = THRESHOLDS
     share, alone = _shares(tried), np.log(prior_alone(tried))
-    couples = list(combinations(range(len(tried)), 2))
-    products = np.array([share[i] * share[j] for i, j in couples])
-    joint = np.log(at.pairs * products / products.sum())
+    couples = [] if len(tried) < 2 else list(combinations(range(len(tried)), 2))
+    products = np.array([share[i] * share[j] * _likely(tried[i].effect, tried[j].effect) for i, j in couples])
+    joint = np.log(at.pairs * products / max(products.sum(), 1e-300))
     gains = pair_gains(back, [each.columns for each in tried], [each.moved for each in tried], couples)
     logs = np.concatenate(
         [

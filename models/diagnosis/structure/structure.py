@@ -16,7 +16,7 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.evidence.candidates import Candidate, Comparison, lean_columns, try_effect, try_lean
 from models.diagnosis.evidence.evidence import Evidence
 from models.diagnosis.evidence.joint import Named, named_effects
-from models.diagnosis.evidence.memory import noise_mse
+from models.diagnosis.evidence.noise import noise_mse
 from models.diagnosis.evidence.ranking import Ranking, rank
 from models.diagnosis.reference.reference import Reference
 from models.diagnosis.reference.samples import Samples, all_samples, visible

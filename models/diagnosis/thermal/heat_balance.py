@@ -8,10 +8,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from models.data.resampling import GridRun
-from models.data.timeseries import FloatArray
-from models.diagnosis.reference.reference import Reference
 from models.effects.thermal_view import ThermalView
-from models.effects.view import View
 from models.network.signals.filters import low_pass
 
 _TIME_CONSTANT_S = (20.0, 20_000.0)
@@ -54,14 +51,6 @@ def _fitted(views: list[ThermalView]) -> HeatBalance:
     return known[log_tau]
 
 
-def fit_heat_balance(reference: Reference, runs: list[GridRun], soc: list[float]) -> HeatBalance | None:
-    """Fit the heat balance to runs; None where ambient temperature is missing or the cell hardly warmed up."""
-    if not all(has_temperature(run) for run in runs):
-        return None
-    views = [thermal_view(reference, run, s, np.zeros(len(run))) for run, s in zip(runs, soc, strict=True)]
-    return fit_views(views)
-
-
 def fit_views(views: list[ThermalView]) -> HeatBalance | None:
     """Fit the heat balance to runs with their heat; None where the cell hardly warmed up."""
     rise = np.concatenate([view.temperature_degC - view.ambient_degC for view in views])
@@ -73,13 +62,3 @@ def has_temperature(run: GridRun) -> bool:
     if run.ambient_degC is None:
         return False
     return not (np.isnan(run.temperature_degC).any() or np.isnan(run.ambient_degC).any())
-
-
-def thermal_view(reference: Reference, run: GridRun, initial_soc: float, heatless_V: FloatArray) -> ThermalView:
-    """One run with its heat; (n,) `heatless_V` is a part of its voltage that warms nothing."""
-    soc = View(reference, run, initial_soc, np.zeros(0, dtype=np.int64)).soc
-    overvoltage = run.voltage_V - heatless_V - reference.open_circuit_V(soc)
-    known = np.isfinite(overvoltage)
-    heat_W = run.current_A * np.interp(run.time_s, run.time_s[known], overvoltage[known])
-    ambient = run.temperature_degC if run.ambient_degC is None else run.ambient_degC
-    return ThermalView(heat_W, run.current_A, ambient, run.temperature_degC, run.dt_s, 1.0, 600.0)

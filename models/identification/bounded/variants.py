@@ -156,7 +156,9 @@ def _richer(trials: Trials) -> list[Variant]:
     surfaces: list[tuple[float, float, float] | None] = [None]
     if SLOW not in trials.without:
         wide = _span(run.temperature_degC for run in trials.bank.runs) >= _WIDE_K
-        surfaces += _SURFACES if wide else _ONE_TEMPERATURE
+        offered = _SURFACES if wide else _ONE_TEMPERATURE
+        unscaled = temperature_in(trials.bank) == "missing"
+        surfaces += [(depth, tau_s, 0.0 if unscaled else kelvin) for depth, tau_s, kelvin in offered]
     return [Variant(surface, squared=True, fine_slope=moves) for surface in surfaces]
 
 

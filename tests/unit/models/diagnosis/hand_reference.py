@@ -8,16 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from models.data.resampling import GridRun
-from models.diagnosis.evidence.candidates import Comparison, compare_samples
-from models.diagnosis.evidence.memory import Memory
+from models.diagnosis.evidence.candidates import Comparison
+from models.diagnosis.evidence.evidence import Evidence
 from models.diagnosis.reference.layout import OCV_BUMPS, Layout, Shape
 from models.diagnosis.reference.reference import Reference
-from models.diagnosis.reference.samples import Samples, choose_samples
+from models.diagnosis.reference.samples import choose_samples
 from models.effects import effect
 from tests.unit.models.hand_network import CAPACITY_AH, DT_S, grid_run
 
 EMPTY_V, SLOPE_V, RESISTANCE_OHM = 3.4, 0.7, 0.02
 SOC = 0.5
+# Information on every coefficient.
+_SURE = 1e9
 DOMAIN = {"soc": (0.1, 0.9), "current_A": (-4.0, 4.0)}
 WARM_DOMAIN = {**DOMAIN, "temperature_degC": (15.0, 35.0)}
 
@@ -70,27 +72,15 @@ def true_run(
     return replace(run, voltage_V=voltage_V, measured=np.ones(len(run), dtype=bool))
 
 
-def sure_memory(
-    names: Sequence[str], samples: Samples, own_mse: float = 1e-8, noise_mse: float = 1e-8, sure: float = 1e9
-) -> Memory:
-    """A memory that is sure of the model's coefficients and says that no effect was at work.
-
-    Parameters
-    ----------
-    names : of the effects
-    samples : that give the number of each effect's regressors
-    sure : information on every coefficient
-    """
-    model = samples.views[0].model
-    assert isinstance(model, Reference)
-    sizes = tuple(samples.regressors(effect(name)).shape[1] for name in names)
-    total = len(model.coefficients) + sum(sizes)
-    return Memory(model, tuple(names), sizes, sure * np.eye(total), np.zeros(total), own_mse, noise_mse, None)
-
-
 def compared(
     run: GridRun, names: Sequence[str], model: Reference | None = None, own_mse: float = 1e-8, noise_mse: float = 1e-8
 ) -> Comparison:
     """A run against the hand-made model, of whose coefficients the training runs were sure."""
     samples = choose_samples(model or reference(), [run], [SOC], 100_000)
-    return compare_samples(sure_memory(names, samples, own_mse, noise_mse), samples, [effect(name) for name in names])
+    chosen = tuple(effect(name) for name in names)
+    columns = {one.name: samples.regressors(one) for one in chosen}
+    own = samples.views[0].model
+    assert isinstance(own, Reference)
+    both = np.hstack([samples.own_regressors(own), *columns.values()])
+    evidence = Evidence(samples.error_V, both, _SURE * np.eye(both.shape[1]), samples.blocks)
+    return Comparison(samples, chosen, columns, evidence, own_mse, noise_mse)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.diagnosis.answer.confidence import confidence, warmth_confidence
+from models.diagnosis.answer.confidence import confidence
 from models.diagnosis.evidence.candidates import try_effect
 from models.diagnosis.evidence.ranking import Ranking, rank
 from tests.unit.models.diagnosis.hand_reference import compared, steps_A, true_run
@@ -36,7 +36,3 @@ def test_with_rivals_it_is_little_more_than_even(ranking: Ranking) -> None:
     assert confidence(replace(ranking, margin=1e9, rivals=("capacity",))) == 0.6
     low = replace(ranking, margin=0.01)
     assert confidence(replace(low, rivals=("capacity",))) == confidence(low) < 0.6
-
-
-def test_the_temperature_follows_the_same_curve(ranking: Ranking) -> None:
-    assert warmth_confidence(0.3) == confidence(replace(ranking, margin=0.3))

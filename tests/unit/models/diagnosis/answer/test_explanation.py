@@ -1,6 +1,8 @@
 """Findings in words, with the figures that stand in them."""
 
-from models.diagnosis.answer.explanation import explain, explain_warmth
+import numpy as np
+
+from models.diagnosis.answer.explanation import explain, explain_power
 from models.diagnosis.evidence.parameters import Value
 from models.effects import effect
 
@@ -44,11 +46,11 @@ def test_a_unit_is_told_once_and_none_where_there_is_none() -> None:
     assert ": dU dT 0.0003 V/K." in explain(effect("entropic_voltage"), 0.5, 1.0, entropic, (), "change")
 
 
-def test_a_finding_in_the_temperature_is_told_in_kelvin() -> None:
-    cooling = effect("heat_transfer")
-    words = explain_warmth(cooling, 0.964, 2.25, 0.3, {"heat_transfer_W_per_K": Value(0.05, 0.001, "W/K")})
-    assert "explains 96 % of the squared error of the temperature, which falls from 2.25 to 0.30 K" in words
-    assert words.startswith(f"{cooling.title} has changed:") and cooling.recognise in words
+def test_what_could_hide_is_told_in_its_own_unit() -> None:
+    hidden = [(effect("series_resistance"), 0.00512), (effect("initial_soc"), 0.0131), (effect("dead_time"), np.inf)]
+    words = explain_power(hidden)
+    assert "contact or cable resistance from 0.0051 Ohm on; " in words
+    assert "from 0.013 on; " in words and words.endswith("at no size")
 
 
 def test_wide_bands_are_plain_numbers() -> None:

@@ -8,41 +8,24 @@ import pytest
 from models.diagnosis.evidence.candidates import (
     Comparison,
     beside,
-    compare_samples,
     noise_V2,
     simulate_again,
     try_effect,
     try_lean,
 )
 from models.diagnosis.evidence.evidence import Evidence
-from models.diagnosis.reference.samples import Samples, choose_samples
+from models.diagnosis.reference.samples import Samples
 from models.effects import effect
 from models.network.signals.direction import hysteresis_state
 from tests.unit.models.diagnosis.hand_reference import (
     RESISTANCE_OHM,
     SLOPE_V,
-    SOC,
     compared,
     reference,
     steps_A,
-    sure_memory,
     true_run,
 )
 from tests.unit.models.hand_network import CAPACITY_AH
-
-
-def test_what_the_training_runs_say_of_an_effect_is_not_new() -> None:
-    """The training runs saw 5 mOhm more: of 8 mOhm only 3 are new, and the rest is nobody's finding."""
-    drop = effect("series_resistance")
-    current = steps_A(400)
-    samples = choose_samples(reference(), [true_run(current, added_V=0.008 * current)], [SOC], 1000)
-    memory = sure_memory(["series_resistance"], samples)
-    right = memory.right.copy()
-    right[-1] = 0.005 * memory.information[-1, -1]
-    comparison = compare_samples(replace(memory, right=right), samples, [drop])
-    np.testing.assert_allclose(comparison.evidence.error_V, 0.003 * current, atol=1e-9)
-    # The effect is a part of what the model is sure of, and is told apart all the same.
-    assert try_effect(comparison, drop).solution.coefficients[0] == pytest.approx(0.003, rel=1e-3)
 
 
 def test_columns_stand_for_each_effect() -> None:

@@ -1,1 +1,0 @@
-"""What is new in the cell or the rig since the model was made."""

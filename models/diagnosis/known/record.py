@@ -1,0 +1,131 @@
+"""What is known of the training runs as a document of plain types, in a model's record."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+
+from models.data.errors import ModelError
+from models.data.timeseries import FloatArray
+from models.diagnosis.known.cell import KnownCell
+from models.diagnosis.known.elsewhere import Elsewhere, Points
+from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.thermal.heat_balance import HeatBalance
+from models.identification.bounded.knots import Knots
+from models.identification.bounded.problem import Layout
+from models.identification.bounded.terms import Basis, Term
+from models.network.local_model_network import LocalModelNetwork
+
+SCHEMA_VERSION = 2
+# Digits that are written: far more than the estimates are good for.
+_DIGITS = 8
+
+
+def to_json(known: KnownRuns) -> dict[str, Any]:
+    """Return a document; of the symmetric covariance one half is written."""
+    cell, elsewhere = known.cell, known.elsewhere
+    layout = cell.layout
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "kind": "diagnosis_memory",
+        "terms": [[term.signal, list(term.parts), term.bounded] for term in layout.basis.terms],
+        "axis": layout.basis.axis,
+        "knots": {each.name: getattr(layout.knots, each.name).tolist() for each in fields(Knots)},
+        "scale": layout.scale.tolist(),
+        "first": layout.first.tolist(),
+        "coefficients": cell.coefficients.tolist(),
+        "covariance": _short(cell.covariance[np.triu_indices(layout.size)]),
+        "capacity_Ah": cell.capacity_Ah,
+        "dt_s": cell.dt_s,
+        "domain": {name: list(span) for name, span in cell.domain.items()},
+        "typical_Ohm": cell.typical_Ohm,
+        "usual": cell.usual.tolist(),
+        "variances": elsewhere.variances.tolist(),
+        "granted": elsewhere.granted,
+        "rate_scale": elsewhere.rate_scale.tolist(),
+        "points": {each.name: _short(getattr(elsewhere.known, each.name)) for each in fields(Points)},
+        "left_V": _short(elsewhere.left_V),
+        "unseen_V": _short(elsewhere.unseen_V),
+        "noise_V2": elsewhere.noise_V2,
+        "own_V2": elsewhere.own_V2,
+        "balance": None if known.balance is None else asdict(known.balance),
+    }
+
+
+def from_json(document: dict[str, Any]) -> KnownRuns:
+    """Read what `to_json` wrote.
+
+    Raises
+    ------
+    ModelError
+        It is none, or damaged.
+    """
+    if document.get("kind") != "diagnosis_memory" or document.get("schema_version") != SCHEMA_VERSION:
+        raise ModelError(f"not a diagnosis memory of schema version {SCHEMA_VERSION}; fit the model again")
+    try:
+        cell, elsewhere = _cell(document), _elsewhere(document)
+        balance = None if document["balance"] is None else HeatBalance(**document["balance"])
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise ModelError(f"diagnosis memory is damaged: {error!r}; fit the model again") from None
+    counts = {len(getattr(elsewhere.known, each.name)) for each in fields(Points)} | {
+        len(elsewhere.left_V),
+        len(elsewhere.unseen_V),
+    }
+    if len(cell.coefficients) != cell.layout.size or len(counts) != 1:
+        raise ModelError("diagnosis memory is damaged: its sizes do not fit; fit the model again")
+    return KnownRuns(cell, elsewhere, balance)
+
+
+def known_in(network: LocalModelNetwork) -> KnownRuns | None:
+    """Read what a network's record knows of its training runs; None where it knows nothing."""
+    document = network.record.diagnosis
+    return None if document is None else from_json(document)
+
+
+def _cell(document: dict[str, Any]) -> KnownCell:
+    terms = tuple(Term(str(signal), tuple(parts), bool(bounded)) for signal, parts, bounded in document["terms"])
+    knots = document["knots"]
+    layout = Layout(
+        Basis(str(document["axis"]), terms),
+        Knots(_array(knots["soc"]), np.array(knots["gain"], np.int64), np.array(knots["slope"], np.int64)),
+        _array(document["scale"]),
+        np.array(document["first"], np.int64),
+    )
+    covariance = np.zeros((layout.size, layout.size))
+    covariance[np.triu_indices(layout.size)] = document["covariance"]
+    covariance += np.triu(covariance, 1).T
+    return KnownCell(
+        layout,
+        _array(document["coefficients"]),
+        covariance,
+        float(document["capacity_Ah"]),
+        float(document["dt_s"]),
+        {name: (float(span[0]), float(span[1])) for name, span in document["domain"].items()},
+        float(document["typical_Ohm"]),
+        _array(document["usual"]),
+    )
+
+
+def _elsewhere(document: dict[str, Any]) -> Elsewhere:
+    return Elsewhere(
+        _array(document["variances"]),
+        {str(name): float(value) for name, value in document["granted"].items()},
+        _array(document["rate_scale"]),
+        Points(**{each.name: _array(document["points"][each.name]) for each in fields(Points)}),
+        _array(document["left_V"]),
+        _array(document["unseen_V"]),
+        float(document["noise_V2"]),
+        float(document["own_V2"]),
+    )
+
+
+def _array(values: Any) -> FloatArray:
+    return np.array(values, dtype=np.float64)
+
+
+def _short(values: FloatArray) -> Any:
+    if values.ndim > 1:
+        return [_short(row) for row in values]
+    return [float(f"{each:.{_DIGITS}g}") for each in values.tolist()]

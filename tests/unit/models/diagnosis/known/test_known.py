@@ -1,0 +1,93 @@
+"""A cell as its training runs know it: voltage, covariance, error elsewhere, and the document of all that."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.data.errors import ModelError
+from models.diagnosis.known.elsewhere import level, points_of
+from models.diagnosis.known.fitting import spread
+from models.diagnosis.known.record import from_json, to_json
+from models.effects.view import View
+from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, steps_A, trained, true_run
+from tests.unit.models.hand_network import CAPACITY_AH
+
+
+def view(largest_A: float = 3.0) -> View:
+    run = true_run(steps_A(1200, 5, largest_A=largest_A))
+    return View(known_runs().cell, run, SOC, np.arange(0, 1200, 7))
+
+
+def test_the_voltage_is_that_of_the_cell() -> None:
+    seen = view()
+    np.testing.assert_allclose(seen.residual_V, 0.0, atol=6e-4)
+    assert known_runs().cell.typical_Ohm == pytest.approx(0.02, rel=0.1)
+
+
+def test_regressors_times_coefficients_are_the_voltage() -> None:
+    seen, cell = view(), known_runs().cell
+    rows = cell.regressors(seen.inputs, seen.soc[seen.index])
+    np.testing.assert_allclose(rows @ cell.coefficients, seen.voltage_V, atol=1e-9)
+
+
+def test_overvoltage_is_linear_in_the_current() -> None:
+    seen = view()
+    one, two = seen.overvoltage(seen.run.current_A), seen.overvoltage(2.0 * seen.run.current_A)
+    np.testing.assert_allclose(two, 2.0 * one, atol=1e-6)
+    assert np.corrcoef(one, seen.run.current_A[seen.index])[0, 1] > 0.99
+
+
+def test_what_was_not_trained_is_open() -> None:
+    cell = known_runs().cell
+    low, high = cell.soc_range
+    rows = np.array(
+        [np.interp(cell.layout.knots.soc, cell.layout.knots.soc, one) for one in np.eye(len(cell.layout.knots.soc))]
+    )
+    curve = cell.covariance[: len(rows), : len(rows)]
+    std = np.sqrt(np.diag(curve))
+    inside = (cell.layout.knots.soc > low) & (cell.layout.knots.soc < high)
+    assert std[~inside].max() > 5.0 * std[inside].max()
+
+
+def test_the_process_is_pinned_where_it_was_trained_and_grows_away_from_it() -> None:
+    known = known_runs()
+    near = points_of(View(known.cell, trained(1), SOC, np.arange(100, 200, 10)), 1000, known.cell.domain)
+    far = replace(near, soc=near.soc + 0.3, away=near.away + 2.0)
+    near_V2, far_V2 = (known.elsewhere.conditional(each)[1] for each in (near, far))
+    assert np.diag(far_V2).mean() > 3.0 * np.diag(near_V2).mean()
+    assert np.linalg.eigvalsh(near_V2 + 1e-9 * np.eye(len(near_V2))).min() > 0.0
+
+
+def test_errors_are_as_large_as_near_by() -> None:
+    known = known_runs()
+    points = known.elsewhere.known
+    error_V = np.where(points.soc > np.median(points.soc), 0.01, 0.001)
+    found = level(points, points, error_V)
+    assert (
+        found[points.soc > np.quantile(points.soc, 0.8)].mean()
+        > 3.0 * found[points.soc < np.quantile(points.soc, 0.2)].mean()
+    )
+
+
+def test_points_are_spread_over_all_samples() -> None:
+    chosen = spread(1000, 10, 3)
+    np.testing.assert_array_equal(chosen // 100, np.arange(10))
+    np.testing.assert_array_equal(spread(4, 10, 3), np.arange(4))
+
+
+def test_it_survives_as_json_and_a_damaged_one_is_refused() -> None:
+    known = known_runs()
+    document = json.loads(json.dumps(to_json(known), allow_nan=False))
+    again = from_json(document)
+    np.testing.assert_allclose(again.cell.covariance, known.cell.covariance, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(again.elsewhere.known.rates, known.elsewhere.known.rates, rtol=1e-6, atol=1e-12)
+    assert again.elsewhere.granted == known.elsewhere.granted
+    for broken in ({"kind": "other"}, {"coefficients": [1.0]}, {"knots": None}, {"left_V": [3.0]}):
+        with pytest.raises(ModelError, match="fit the model again"):
+            from_json(document | broken)
+
+
+def test_capacity_is_that_of_the_cell() -> None:
+    assert known_runs().cell.capacity_Ah == CAPACITY_AH
