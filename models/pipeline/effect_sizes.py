@@ -18,8 +18,8 @@ from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect
 from models.network.local_model_network import LocalModelNetwork
 
-# The network is held against itself: the state of charge at the start is the same for both.
-_SOC_STD = 1e-5
+# The network is held against itself: the start is the same for both.
+_SOC_STD = 0.0
 
 
 def missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[str, Value]:

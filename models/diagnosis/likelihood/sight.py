@@ -134,7 +134,7 @@ def background(sight: Sight, soc_std: list[float], granted: FloatArray) -> Backg
     Parameters
     ----------
     sight : of the runs
-    soc_std : standard deviation of each run's stated state of charge
+    soc_std : standard deviation of each run's stated state of charge; 0: the run begins at rest where it was stated
     granted : (N, k) columns of effects that are there in any log and no news
     """
     known, n = sight.known, sight.n_voltage
@@ -146,8 +146,9 @@ def background(sight: Sight, soc_std: list[float], granted: FloatArray) -> Backg
     first = 0
     for run, std in zip(sight.runs, soc_std, strict=True):
         own = slice(first, first + len(run.place))
-        columns = start_columns(known.cell, run.points, std)
-        fixed_V2[own, own] += columns @ columns.T
+        if std > 0.0:
+            columns = start_columns(known.cell, run.points, std)
+            fixed_V2[own, own] += columns @ columns.T
         first = own.stop
     fixed_V2[np.diag_indices(n)] += KNOWN.least_V**2
     error_V = np.concatenate([run.points.residual_V for run in sight.runs]) - mean_V
