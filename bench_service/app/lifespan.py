@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
@@ -24,14 +23,15 @@ from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.seal import Seal
 from bench_service.campaign.services import Services
+from bench_service.campaign.storage import Storage
 from bench_service.campaign.workshop import Workshop
 from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
 from bench_service.jobs.runner import JobRunner
 from bench_service.simulation import SimulatorProcess
 from bench_service.store.interrupted import mark_interrupted_runs
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import utc_text
 from bench_service.store.samples import SampleReader
+from bench_service.store.watch import MEGABYTE
 
 _LATEST_EVENTS = 1000
 _SEALS = "seals"  # in the data directory
@@ -61,11 +61,12 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
         journal = Journal(store, live)
         stack.push_async_callback(journal.close)
         recorder = await _recorder(stack, config.data_dir, journal)
+        storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
         jobs = JobRunner(config.workers, nice=config.worker_nice)
         await jobs.start()
         stack.push_async_callback(jobs.stop)
-        runs = Runs(store, samples, journal, code_version)
+        runs = Runs(store, samples, journal, storage, code_version)
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
         seals = config.data_dir / _SEALS
@@ -94,14 +95,30 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
             campaigns=campaigns,
             live=live,
             recorder_state=lambda: recorder.state,
+            storage=storage,
         )
 
 
 async def _recorder(stack: AsyncExitStack, data_dir: Path, journal: Journal) -> RecorderKeeper:
-    recorder = RecorderKeeper(data_dir, lambda text: journal.note(None, _recorder_event(text)))
+    recorder = RecorderKeeper(data_dir, lambda *told: journal.note(None, _recorder_event(*told)))
     await recorder.start()
     stack.push_async_callback(recorder.stop)
     return recorder
+
+
+async def _storage(
+    stack: AsyncExitStack,
+    config: ServiceConfig,
+    recorder: RecorderKeeper,
+    store: MetadataStore,
+    samples: SampleReader,
+    journal: Journal,
+) -> Storage:
+    floor = int(config.free_floor_MB * MEGABYTE)
+    storage = Storage(store, samples, journal, recorder.watch, lambda: recorder.state, floor)
+    await storage.start()
+    stack.push_async_callback(storage.close)
+    return storage
 
 
 async def _end_what_was_left_open(store: MetadataStore, samples: SampleReader, journal: Journal) -> None:
@@ -120,7 +137,7 @@ async def _bench(
     listener: Benches,
     seals: Path,
 ) -> Bench:
-    url, cell_since_utc, seal = config.url, None, None
+    url, runs_before_cell, seal = config.url, 0, None
     if config.simulate is not None:
         arguments, sealed_in = simulator_arguments(config.simulate, config.map), None
         if config.simulate.hidden_effect is not None:
@@ -129,7 +146,7 @@ async def _bench(
             arguments += ["--hidden-effect", config.simulate.hidden_effect, "--seal", str(sealed_in)]
         simulator = await SimulatorProcess.start(arguments)
         stack.push_async_callback(simulator.stop)
-        url, cell_since_utc = simulator.address, utc_text(datetime.now(UTC))
+        url, runs_before_cell = simulator.address, await asyncio.to_thread(store.runs.last_number)
         seal = Seal.read(sealed_in) if sealed_in is not None else None
     limits = Limits.from_json(config.limits.model_dump())
     settings = BenchSettings(
@@ -143,7 +160,7 @@ async def _bench(
         latched=await asyncio.to_thread(unacknowledged, store, name),
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener)
-    return Bench(config, settings.url, limits, supervisor, cell_since_utc, seal)
+    return Bench(config, settings.url, limits, supervisor, runs_before_cell, seal)
 
 
 async def _close_all(benches: Benches) -> None:
@@ -185,8 +202,8 @@ def unacknowledged(store: MetadataStore, bench: str) -> str | None:
     return None if acknowledged else f"run {last.id} ended as {last.state}: {last.reason}"
 
 
-def _recorder_event(text: str) -> EventMessage:
-    return EventMessage(severity="error", code="recorder", text=text, run_id=None)
+def _recorder_event(severity: str, text: str) -> EventMessage:
+    return EventMessage(severity=severity, code="recorder", text=text, run_id=None)
 
 
 def _interrupted_event(run_id: str, state: str) -> EventMessage:

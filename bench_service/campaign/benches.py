@@ -30,8 +30,8 @@ class Bench:
         Of the cycler.
     limits : Limits
     supervisor : BenchSupervisor
-    cell_since_utc : str or None
-        Since when its cell is the present one: a simulated cell begins anew with the service. None: not known.
+    runs_before_cell : int
+        Number of the last run before its cell was the present one: a simulated cell begins anew with the service.
     seal : Seal or None
         On an effect that is hidden in its simulated cell.
     """
@@ -42,14 +42,14 @@ class Bench:
         url: str,
         limits: Limits,
         supervisor: BenchSupervisor,
-        cell_since_utc: str | None = None,
+        runs_before_cell: int = 0,
         seal: Seal | None = None,
     ) -> None:
         self.config = config
         self.url = url
         self.limits = limits
         self.supervisor = supervisor
-        self.cell_since_utc = cell_since_utc
+        self.runs_before_cell = runs_before_cell
         self.seal = seal
         self.live: LiveMessage | None = None
 

@@ -151,10 +151,14 @@ class BenchClient:
         from_s: float | None = None,
         to_s: float | None = None,
         max_points: int | None = None,
+        damaged: str | None = None,
     ) -> Record:
-        """Columns of a run's samples, or with ``stream="observer"`` of its observer; None is a missing value."""
+        """Columns of a run's samples, or with ``stream="observer"`` of its observer; None is a missing value.
+
+        A damaged run is refused, unless ``damaged="include"`` asks for what is left.
+        """
         address = f"{API}/runs/{part(run_id)}/{part(stream)}"
-        return self._connection.get(address, from_s=from_s, to_s=to_s, max_points=max_points)
+        return self._connection.get(address, from_s=from_s, to_s=to_s, max_points=max_points, damaged=damaged)
 
     def export(self, run_id: str, format: str = "bdf") -> bytes:  # noqa: A002  # the option's public name
         """Give the run as the bytes of a file."""
