@@ -11,11 +11,12 @@ from collections.abc import Callable, Iterator
 from bench_service.bench.messages import EventMessage
 from bench_service.campaign.journal import Journal
 from bench_service.errors import NoRoomError, ServiceError, StoreError
-from bench_service.store.integrity import REMEDY, Expected, damage_of
+from bench_service.store.integrity import REMEDY, Expected, count_damage, damage_of
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import Json, RunRecord
 from bench_service.store.samples import SampleReader
 from bench_service.store.watch import MEGABYTE, FolderWatch, Room
+from bench_service.streams import content_hash
 
 _log = logging.getLogger(__name__)
 _LOOK_S = 1.0
@@ -139,14 +140,17 @@ class Storage:
     def _check_counts(self) -> None:
         counts = self._samples.counts()
         for run in self._store.runs.ended():
-            stored = counts.get(run.id, 0)
-            if run.n_samples is not None and stored != run.n_samples:
-                self.note_damage(run, f"{stored} of {run.n_samples} samples are stored")
+            if (damage := count_damage(run, counts.get(run.id, 0))) is not None:
+                self.note_damage(run, damage)
         self._n_damaged = self._store.runs.n_damaged()
 
-    async def _check_contents(self) -> None:
-        """Read every run once, half of the time: days of samples must not hold up a bench that wants to write."""
-        runs = iter(await asyncio.to_thread(self._store.runs.ended))
+    async def _check_contents(self, unsettled: bool = False) -> None:
+        """Read every run once, half of the time: days of samples must not hold up a bench that wants to write.
+
+        With `unsettled` only those whose recorder did not live to count them.
+        """
+        found = await asyncio.to_thread(self._store.runs.ended)
+        runs = iter([run for run in found if run.sha256 is None or not unsettled])
         while True:
             began_s = time.monotonic()
             if not await asyncio.to_thread(self._check_next, runs):
@@ -158,11 +162,14 @@ class Storage:
         if run is None:
             return False
         try:
-            damage = damage_of(Expected.of(run), self._samples.read(run.id))
+            data = self._samples.read(run.id)
+            damage = damage_of(Expected.of(run), data)
         except StoreError as error:
-            damage = error.message
+            data, damage = None, error.message
         try:
             self.note_damage(run, damage)
+            if data is not None and damage is None and run.sha256 is None:
+                self._store.runs.settle(run.id, data.n, content_hash(data.columns))
         except ServiceError:
             _log.exception("what is wrong with run %s could not be written down: %s", run.id, damage)
         return True
@@ -181,6 +188,7 @@ class Storage:
             return
         self._problem = problem
         if problem is None:
+            self._tasks.append(asyncio.create_task(self._check_contents(unsettled=True)))
             event = EventMessage(severity="info", code="storage_back", text="the store is in order again", run_id=None)
         else:
             event = EventMessage(severity="error", code="storage", text=f"no run is taken: {problem}", run_id=None)

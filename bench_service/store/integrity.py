@@ -4,7 +4,6 @@ A reader alone cannot tell: a file of samples that is empty, or older than the r
 how many samples there were and what they hash to; here the two are held against each other.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bench_service.errors import DamagedError
@@ -27,7 +26,8 @@ class Expected:
     n_samples : int or None
         None while the run goes on.
     sha256 : str or None
-        Content hash; None where the recorder could not give one.
+        Content hash; None where the recorder could not give one. Then `n_samples` were acknowledged, and some that were
+        on their way may be stored too.
     loss : str or None
         What a repair has found lost; count and hash are then those of the rest.
     """
@@ -49,8 +49,8 @@ def damage_of(expected: Expected, data: StreamData) -> str | None:
     """Say what is wrong with all the samples of a run as they were read; None where nothing is."""
     if data.damaged or (data.gaps and expected.loss is None):
         return _gaps_in_words(data)
-    if expected.n_samples is not None and data.n != expected.n_samples:
-        return f"{data.n} of {expected.n_samples} samples are stored"
+    if (missing := _missing(expected, data.n)) is not None:
+        return missing
     if expected.sha256 is not None and content_hash(data.columns) != expected.sha256:
         return f"the {data.n} stored samples are not those that were recorded: their hash is another"
     return expected.loss
@@ -81,10 +81,9 @@ def read_part(
         return data, damage_of(expected, data)
     if data.gaps and expected.loss is None:
         return data, _gaps_in_words(data)
-    stored = expected.n_samples if expected.n_samples is None else reader.n_rows(expected.run_id)
-    if stored != expected.n_samples:
-        return data, f"{stored} of {expected.n_samples} samples are stored"
-    return data, expected.loss
+    if expected.n_samples is None:
+        return data, None
+    return data, _missing(expected, reader.n_rows(expected.run_id)) or expected.loss
 
 
 def damaged(run_id: str, damage: str) -> DamagedError:
@@ -92,10 +91,17 @@ def damaged(run_id: str, damage: str) -> DamagedError:
     return DamagedError(f"run {run_id} is damaged: {damage}; {REMEDY}", ("run", run_id))
 
 
-def check(reader: SampleReader, runs: list[RunRecord]) -> Iterator[tuple[RunRecord, str | None]]:
-    """Read all samples of runs, one after the other; give each with what is wrong with it, or None."""
-    for run in runs:
-        yield run, damage_of(Expected.of(run), reader.read(run.id))
+def count_damage(run: RunRecord, stored: int) -> str | None:
+    """Say whether so many stored samples are not as many as a run's record promises; None where they are."""
+    return _missing(Expected.of(run), stored)
+
+
+def _missing(expected: Expected, stored: int) -> str | None:
+    if expected.n_samples is None or stored == expected.n_samples:
+        return None
+    if expected.sha256 is None and stored > expected.n_samples:
+        return None
+    return f"{stored} of {expected.n_samples} samples are stored"
 
 
 def _gaps_in_words(data: StreamData) -> str:

@@ -100,6 +100,13 @@ class RunTable:
             changed = link.execute(update(table).where(table.c.id == run_id, ~same).values(damage=damage))
         return bool(changed.rowcount)
 
+    def settle(self, run_id: str, n_samples: int, sha256: str) -> None:
+        """Note count and hash of a run whose recorder did not live to give them."""
+        table = schema.run
+        unsettled = (table.c.id == run_id, table.c.sha256.is_(None))
+        with self._file.write() as link:
+            link.execute(update(table).where(*unsettled).values(n_samples=n_samples, sha256=sha256))
+
     def correct(self, run_id: str, n_samples: int, sha256: str | None, loss: str) -> None:
         """Note what is there of a run's samples once what was damaged has been taken out, and what is lost."""
         table = schema.run

@@ -132,6 +132,7 @@ class SampleWriter:
         filled = [rows for rows in batch if rows.n]
         if not filled:
             return
+        self._check_folder()
         if (room := self._watch.room(RESERVE_BYTES)).short:
             raise StoreError(f"cannot store samples: the disk is full ({room.in_words()}); {_UNTIL_IN_ORDER}")
         insert = engines.insert_new(self._engine, chunk, ("run_id", "stream", "seq0"))
@@ -145,7 +146,7 @@ class SampleWriter:
             fresh.t0, fresh.t1 = min(fresh.t0, t0), max(fresh.t1, t1)
 
     def _check_folder(self) -> None:
-        """After the commit, before anybody hears of it: a file without a name takes everything and keeps nothing."""
+        """A file without a name takes everything and keeps nothing; looked at before and after each commit."""
         try:
             self._watch.check()
         except StoreError as error:

@@ -79,3 +79,11 @@ def test_a_file_that_is_removed_or_replaced_is_not_read_from_memory(files: Files
     files.data_dir.rename(tmp_path / "other")
     (tmp_path / "aside").rename(files.data_dir)
     assert read_whole(files.samples, files.expected).n == 300
+
+
+def test_samples_beyond_those_acknowledged_are_no_damage_where_no_recorder_has_counted(files: Files) -> None:
+    data = files.samples.read("r1")
+    assert damage_of(Expected("r1", 250, None), data) is None
+    assert damage_of(Expected("r1", 350, None), data) == "300 of 350 samples are stored"
+    assert read_part(files.samples, Expected("r1", 250, None), SAMPLES, 1.0, None)[1] is None
+    assert read_part(files.samples, Expected("r1", 250, "x"), SAMPLES, 1.0, None)[1] is not None
