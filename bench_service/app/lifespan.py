@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, closing
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 from bench_service.app.recorder import RecorderKeeper
+from bench_service.bench.direct.ticket import StopEndpoint, own_origins
 from bench_service.bench.limits import Limits
 from bench_service.bench.messages import EventMessage
 from bench_service.bench.settings import BenchSettings
@@ -38,7 +40,9 @@ _SEALS = "seals"  # in the data directory
 
 
 @asynccontextmanager
-async def running_services(config: ServiceConfig, store: MetadataStore) -> AsyncIterator[Services]:
+async def running_services(
+    config: ServiceConfig, store: MetadataStore, url: str | None = None
+) -> AsyncIterator[Services]:
     """Give the running parts of the service; leaving brings every bench to rest and stores everything first.
 
     Parameters
@@ -46,6 +50,8 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
     config : ServiceConfig
     store : MetadataStore
         Open; closed by the caller.
+    url : str or None
+        At which the service's page is opened; it may use the benches' stop ports.
 
     Raises
     ------
@@ -69,7 +75,8 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
         seals = config.data_dir / _SEALS
-        benches.add([await _bench(stack, n, c, store, recorder, benches, seals) for n, c in config.bench.items()])
+        stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
+        benches.add([await _bench(stack, n, c, store, recorder, benches, seals, stop) for n, c in config.bench.items()])
         stack.push_async_callback(_close_all, benches)
         modelling = Modelling(store, jobs, config.data_dir, code_version)
         diagnosing = Diagnosing(store, jobs, modelling, config.data_dir, code_version)
@@ -119,6 +126,7 @@ async def _bench(
     recorder: RecorderKeeper,
     listener: Benches,
     seals: Path,
+    stop: Callable[[str], StopEndpoint],
 ) -> Bench:
     url, cell_since_utc, seal = config.url, None, None
     if config.simulate is not None:
@@ -142,7 +150,7 @@ async def _bench(
         external_interlock=config.external_interlock,
         latched=await asyncio.to_thread(unacknowledged, store, name),
     )
-    supervisor = BenchSupervisor(settings, recorder.attach, listener)
+    supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))
     return Bench(config, settings.url, limits, supervisor, cell_since_utc, seal)
 
 

@@ -66,7 +66,7 @@ async def running_server(config: ServiceConfig, host: str = "127.0.0.1", port: i
     with _bound(host, port) as listener:
         url = _url(host, listener.getsockname()[1])
         with _opened(config, url) as store:
-            async with running_services(config, store) as services:
+            async with running_services(config, store, url) as services:
                 app = create_app(config, host=host, services=services)
                 server = _Server(_uvicorn_config(app))
                 serving = asyncio.create_task(server.serve(sockets=[listener]))

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from bench_service.bench.control_process import end_of, start_control
+from bench_service.bench.direct.ticket import StopEndpoint
 from bench_service.bench.links import FrameLink
 from bench_service.bench.listener import BenchListener, BenchStatus
 from bench_service.bench.messages import EndedMessage, EventMessage
@@ -39,11 +40,18 @@ class BenchSupervisor:
     attach : callable
         Takes the bench's name, gives the recorder a new sample link and returns its other end.
     listener : BenchListener
+    stop_endpoint : StopEndpoint or None
+        The bench's stop port; None: it has none. Closed with the supervisor.
     """
 
     def __init__(
-        self, settings: BenchSettings, attach: Callable[[str], socket.socket], listener: BenchListener
+        self,
+        settings: BenchSettings,
+        attach: Callable[[str], socket.socket],
+        listener: BenchListener,
+        stop_endpoint: StopEndpoint | None = None,
     ) -> None:
+        self.stop_endpoint = stop_endpoint
         self._settings = settings
         self._attach = attach
         self._listener = listener
@@ -140,6 +148,8 @@ class BenchSupervisor:
             with contextlib.suppress(asyncio.CancelledError):
                 await self._keeper
         await self._bury("the service was shut down")
+        if self.stop_endpoint is not None:
+            self.stop_endpoint.close()
 
     # --- keeping a process -----------------------------------------------------------------------------------
 
@@ -166,9 +176,13 @@ class BenchSupervisor:
 
     def _spawn(self) -> None:
         self._died.clear()
-        self._process, ours = start_control(self._settings, self._attach(self.name))
+        port = self.stop_endpoint
+        stop = None if port is None else port.listener
+        self._process, ours = start_control(self._settings, self._attach(self.name), stop)
         self._heard_s = time.monotonic()
         self._link = FrameLink(ours, self._received, self._lost)
+        if port is not None:
+            self._link.send({"op": "stop_port", "token": port.token, "origins": list(port.origins)})
 
     async def _watch(self) -> str:
         """Return, when the process is gone or hangs, what happened."""
@@ -177,6 +191,8 @@ class BenchSupervisor:
                 await asyncio.wait_for(self._died.wait(), _LOOK_S)
             if self._died.is_set():
                 return "its control process has ended"
+            if self._link is not None:
+                self._link.send({"op": "lease"})
             silent_s = time.monotonic() - self._heard_s
             if self._run_id is not None and silent_s > _SILENCE_S:
                 return f"its control process hangs: silent for {silent_s:.0f} s"
