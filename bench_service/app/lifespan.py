@@ -47,9 +47,8 @@ async def running_services(
 
     Parameters
     ----------
-    config : ServiceConfig
-    store : MetadataStore
-        Open; closed by the caller.
+    config, store
+        The store is open, and closed by the caller.
     url : str or None
         At which the service's page is opened; it may use the benches' stop ports.
 
@@ -75,8 +74,8 @@ async def running_services(
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
         seals = config.data_dir / _SEALS
-        stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
-        benches.add([await _bench(stack, n, c, store, recorder, benches, seals, stop) for n, c in config.bench.items()])
+        seen = (recorder, benches, seals, partial(StopEndpoint, config.data_dir, origins=own_origins(url)))
+        benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
         stack.push_async_callback(_close_all, benches)
         modelling = Modelling(store, jobs, config.data_dir, code_version)
         diagnosing = Diagnosing(store, jobs, modelling, config.data_dir, code_version)

@@ -139,12 +139,11 @@ class BenchControl:
             self._stop.give("interrupted", f"the service has been silent for {silent_s:.0f} s; output switched off")
             self._tell_state()
 
-    # --- past the API --------------------------------------------------------------------------------------
-
     def _obey_direct(self, order: Order) -> dict[str, Any]:
         if order.operation == "stop":
             self._stop_run(order.reason or "stopped past the service")
-        elif self.state == "fault":  # only what is there now is acknowledged, not what a run may end with
+        elif order.operation == "acknowledge" and self.state == "fault":
+            # What is there now is acknowledged, not what a run may end with.
             self._commands.append(({"op": "acknowledge"}, b""))
             self._wake.set()
         return {"bench": self._settings.name, "state": self.state, "run_id": self._run_id}
@@ -215,7 +214,7 @@ class BenchControl:
         await self._finish(run_id, await self._play(cycler, prepared))
 
     async def _play(self, cycler: Cycler, prepared: PreparedRun) -> RunEnd:
-        # An order that came while the run was prepared holds: the loop then ends before it takes the cycler.
+        # An order that came meanwhile holds: the loop then ends before it takes the cycler.
         self._stop.on_order(prepared.clock.interrupt)
         self._stop.on_order(self._recording.wake)
         for severity, code, text in prepared.notes:

@@ -182,7 +182,7 @@ class BenchSupervisor:
         self._heard_s = time.monotonic()
         self._link = FrameLink(ours, self._received, self._lost)
         if port is not None:
-            self._link.send({"op": "stop_port", "token": port.token, "origins": list(port.origins)})
+            self._link.send({"op": "stop_port", "token": port.ticket.token, "origins": list(port.origins)})
 
     async def _watch(self) -> str:
         """Return, when the process is gone or hangs, what happened."""

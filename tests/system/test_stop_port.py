@@ -12,10 +12,13 @@ from typing import Any
 
 import httpx
 import pytest
-from control_rig import Rig, request, rig
+from cli_rig import answer, call, refusal
+from control_rig import Rig, Simulator, request, rig
+from service_rig import Service, hardware, until
+from test_service_death import reading
 
 from bench_service.bench.direct.port import MOST_CONNECTIONS
-from bench_service.bench.direct.ticket import FOLDER
+from bench_service.stop_tickets import FOLDER
 from tests.patience import PATIENCE_S, stretched
 
 LONG = [0.0, 3600.0], [1.5, 0.0]
@@ -102,3 +105,35 @@ async def test_a_run_that_may_finishes_without_the_service(wall: Rig) -> None:
     assert pid is not None
     with pytest.raises(ProcessLookupError):
         os.kill(pid, signal.SIGTERM)
+
+
+def test_stop_while_the_service_is_stopped(tmp_path: Path) -> None:
+    """By the command line and by the client; the service says afterwards what has happened."""
+    simulator = Simulator(lock_step=False)
+    service = Service(tmp_path, hardware("cell", simulator.url))
+    arguments = ("stop", "cell", "--json", "--config", tmp_path / "bench.toml")
+    try:
+        service.idle("cell")
+        profile = service.client.upload_profile("steady", [0, 600], [1.0, 0.0])
+        assert answer(call(*arguments))["benches"][0]["state"] == "idle"
+        for reason in ("stopped from the command line", "stopped by a client"):
+            run = service.client.start_run("cell", profile["id"], 0.05, 0.5)
+            until(lambda: (service.client.bench("cell")["live"] or {}).get("run_id"), "run in progress")
+            service.process.send_signal(signal.SIGSTOP)
+            if reason.endswith("client"):
+                assert service.client.stop_bench("cell")["state"] == "stopping"
+            told = answer(call(*arguments))["benches"][0]
+            assert (told["bench"], told["state"], told["way"]) == ("cell", "idle", "direct")
+            assert not asyncio.run(reading(simulator.url)).output_on
+            service.process.send_signal(signal.SIGCONT)
+            ended = service.client.wait_run(run["id"], timeout_s=PATIENCE_S)
+            assert ended["state"] == "stopped"
+            assert ended["reason"] == reason
+    finally:
+        service.process.send_signal(signal.SIGCONT)
+        service.end()
+        simulator.end()
+    nobody = call(*arguments)
+    assert nobody.returncode == 1 and json.loads(nobody.stdout)["benches"][0]["state"] is None
+    assert "no service runs there" in refusal(call("stop", "other", *arguments[2:]))
+    assert "not both" in refusal(call(*arguments, "--all"))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 MAX_REQUEST_BYTES = 4096
+OPERATIONS = ("stop", "acknowledge", "state")
 _REASONS = {200: "OK", 204: "No Content", 400: "Bad Request", 401: "Unauthorized", 403: "Forbidden", 404: "Not Found"}
 _REASONS |= {405: "Method Not Allowed", 413: "Content Too Large", 503: "Service Unavailable"}
 _END = b"\r\n\r\n"
@@ -37,7 +38,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What a request asks of the bench: ``stop`` or ``acknowledge``, and why."""
+    """What a request asks of the bench: ``stop``, ``acknowledge`` or ``state``, and why."""
 
     operation: str
     reason: str
@@ -108,8 +109,8 @@ def order_of(request: Request, guard: Guard) -> Order | None:
     if origin is not None and origin not in guard.origins:
         raise RefusedError(403, f"origin {origin[:100]!r} is another site")
     operation = request.path.removeprefix("/")
-    if operation not in ("stop", "acknowledge"):
-        raise RefusedError(404, "there is /stop and /acknowledge")
+    if operation not in OPERATIONS:
+        raise RefusedError(404, f"there is /{', /'.join(OPERATIONS)}")
     if request.method == "OPTIONS":
         return None
     if request.method != "POST":
