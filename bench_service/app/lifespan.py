@@ -73,8 +73,8 @@ async def running_services(
         runs = Runs(store, samples, journal, code_version)
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
-        seals = config.data_dir / _SEALS
-        seen = (recorder, benches, seals, partial(StopEndpoint, config.data_dir, origins=own_origins(url)))
+        stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
+        seen = (recorder, benches, config.data_dir / _SEALS, stop)
         benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
         stack.push_async_callback(_close_all, benches)
         modelling = Modelling(store, jobs, config.data_dir, code_version)
@@ -83,8 +83,7 @@ async def running_services(
         workshop = Workshop(store, samples, benches, runs, modelling, diagnosing, designing, jobs)
         campaigns = CampaignRunner(workshop, journal, live, code_version)
         stack.push_async_callback(campaigns.close)
-        for bench in benches:
-            await bench.supervisor.start()
+        await asyncio.gather(*(bench.supervisor.start() for bench in benches))
         yield Services(
             config=config,
             version=code_version,
