@@ -29,6 +29,7 @@ from bench_service.campaign.services import Services
 from bench_service.campaign.workshop import Workshop
 from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
 from bench_service.jobs.runner import JobRunner
+from bench_service.jobs.screening import Screen
 from bench_service.simulation import SimulatorProcess
 from bench_service.store.interrupted import mark_interrupted_runs
 from bench_service.store.metadata import MetadataStore
@@ -61,8 +62,7 @@ async def running_services(
     """
     code_version = version("bench-service")
     async with AsyncExitStack() as stack:
-        live = Broadcaster()
-        samples = stack.enter_context(closing(SampleReader(config.data_dir)))
+        live, samples = Broadcaster(), stack.enter_context(closing(SampleReader(config.data_dir)))
         journal = Journal(store, live)
         stack.push_async_callback(journal.close)
         recorder = await _recorder(stack, config.data_dir, journal)
@@ -93,6 +93,7 @@ async def running_services(
             benches=benches,
             runs=runs,
             jobs=jobs,
+            screen=stack.enter_context(closing(Screen())),
             modelling=modelling,
             diagnosing=diagnosing,
             designing=designing,

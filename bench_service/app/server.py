@@ -13,6 +13,7 @@ from contextlib import asynccontextmanager, contextmanager
 import uvicorn
 
 from bench_service.app.application import create_app
+from bench_service.app.http_protocol import PatientProtocol
 from bench_service.app.lifespan import running_services
 from bench_service.config import ServiceConfig
 from bench_service.errors import ConflictError, StoreError
@@ -112,6 +113,7 @@ def _uvicorn_config(app: object) -> uvicorn.Config:
         lifespan="off",
         log_level="warning",
         access_log=False,
+        http=PatientProtocol,
         ws="websockets-sansio",
         ws_max_size=65536,
         server_header=False,

@@ -15,6 +15,7 @@ from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.runs import Runs
 from bench_service.config import ServiceConfig
 from bench_service.jobs.runner import JobRunner
+from bench_service.jobs.screening import Screen
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.samples import SampleReader
 
@@ -34,6 +35,7 @@ class Services:
     benches: Benches
     runs: Runs
     jobs: JobRunner
+    screen: Screen
     modelling: Modelling
     diagnosing: Diagnosing
     designing: Designing
