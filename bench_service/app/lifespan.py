@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, closing
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 from bench_service.app.recorder import RecorderKeeper
+from bench_service.bench.direct.ticket import StopEndpoint, own_origins
 from bench_service.bench.limits import Limits
 from bench_service.bench.messages import EventMessage
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
-from bench_service.campaign.benches import ACKNOWLEDGED, Bench, Benches
+from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.campaigns import CampaignRunner, close_left_open
+from bench_service.campaign.clock_watch import watched_clock
 from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.journal import Journal
+from bench_service.campaign.latches import unacknowledged
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.runs import Runs
@@ -27,25 +31,28 @@ from bench_service.campaign.storage import Storage
 from bench_service.campaign.workshop import Workshop
 from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
 from bench_service.jobs.runner import JobRunner
+from bench_service.jobs.screening import Screen
 from bench_service.simulation import SimulatorProcess
 from bench_service.store.interrupted import mark_interrupted_runs
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.samples import SampleReader
 from bench_service.store.watch import MEGABYTE
 
-_LATEST_EVENTS = 1000
 _SEALS = "seals"  # in the data directory
 
 
 @asynccontextmanager
-async def running_services(config: ServiceConfig, store: MetadataStore) -> AsyncIterator[Services]:
+async def running_services(
+    config: ServiceConfig, store: MetadataStore, url: str | None = None
+) -> AsyncIterator[Services]:
     """Give the running parts of the service; leaving brings every bench to rest and stores everything first.
 
     Parameters
     ----------
-    config : ServiceConfig
-    store : MetadataStore
-        Open; closed by the caller.
+    config, store
+        The store is open, and closed by the caller.
+    url : str or None
+        At which the service's page is opened; it may use the benches' stop ports.
 
     Raises
     ------
@@ -56,10 +63,10 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
     """
     code_version = version("bench-service")
     async with AsyncExitStack() as stack:
-        live = Broadcaster()
-        samples = stack.enter_context(closing(SampleReader(config.data_dir)))
+        live, samples = Broadcaster(), stack.enter_context(closing(SampleReader(config.data_dir)))
         journal = Journal(store, live)
         stack.push_async_callback(journal.close)
+        await stack.enter_async_context(watched_clock(journal))
         recorder = await _recorder(stack, config.data_dir, journal)
         storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
@@ -69,8 +76,9 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
         runs = Runs(store, samples, journal, storage, code_version)
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
-        seals = config.data_dir / _SEALS
-        benches.add([await _bench(stack, n, c, store, recorder, benches, seals) for n, c in config.bench.items()])
+        stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
+        seen = (recorder, benches, config.data_dir / _SEALS, stop)
+        benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
         stack.push_async_callback(_close_all, benches)
         modelling = Modelling(store, jobs, config.data_dir, code_version)
         diagnosing = Diagnosing(store, jobs, modelling, config.data_dir, code_version)
@@ -78,8 +86,7 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
         workshop = Workshop(store, samples, benches, runs, modelling, diagnosing, designing, jobs)
         campaigns = CampaignRunner(workshop, journal, live, code_version)
         stack.push_async_callback(campaigns.close)
-        for bench in benches:
-            await bench.supervisor.start()
+        await asyncio.gather(*(bench.supervisor.start() for bench in benches))
         yield Services(
             config=config,
             version=code_version,
@@ -89,6 +96,7 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
             benches=benches,
             runs=runs,
             jobs=jobs,
+            screen=stack.enter_context(closing(Screen())),
             modelling=modelling,
             diagnosing=diagnosing,
             designing=designing,
@@ -136,6 +144,7 @@ async def _bench(
     recorder: RecorderKeeper,
     listener: Benches,
     seals: Path,
+    stop: Callable[[str], StopEndpoint],
 ) -> Bench:
     url, runs_before_cell, seal = config.url, 0, None
     if config.simulate is not None:
@@ -159,7 +168,7 @@ async def _bench(
         external_interlock=config.external_interlock,
         latched=await asyncio.to_thread(unacknowledged, store, name),
     )
-    supervisor = BenchSupervisor(settings, recorder.attach, listener)
+    supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))
     return Bench(config, settings.url, limits, supervisor, runs_before_cell, seal)
 
 
@@ -182,24 +191,6 @@ def simulator_arguments(simulate: SimulateConfig, device_map: str) -> list[str]:
     if simulate.capacity_Ah is not None:
         arguments += ["--capacity-Ah", repr(simulate.capacity_Ah)]
     return arguments + (["--lock-step"] if simulate.lock_step else ["--speed", repr(simulate.speed)])
-
-
-def unacknowledged(store: MetadataStore, bench: str) -> str | None:
-    """Say why the bench must wait for an operator: its last run ended badly and nobody has acknowledged that.
-
-    Control processes forget with their end; a fault must not vanish because the service was restarted.
-    """
-    last = next(iter(store.runs.page(bench=bench, limit=1)), None)
-    if last is None or last.state not in ("fault", "interrupted"):
-        return None
-    if any(event.code == "refused" for event in store.events.page(run_id=last.id)):
-        return None  # it never began
-    ended_utc = last.ended_utc or last.created_utc
-    acknowledged = any(
-        event.bench == bench and event.code == ACKNOWLEDGED and event.created_utc >= ended_utc
-        for event in store.events.page(limit=_LATEST_EVENTS)
-    )
-    return None if acknowledged else f"run {last.id} ended as {last.state}: {last.reason}"
 
 
 def _recorder_event(severity: str, text: str) -> EventMessage:

@@ -33,7 +33,7 @@ class RunOrder:
     """What a client or a campaign asks for; units are in the names.
 
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
-    at ``observer_initial_soc`` (default: ``initial_soc``).
+    at ``observer_initial_soc`` (default: ``initial_soc``). With ``finish_alone`` it plays on where the service is gone.
     """
 
     bench: str
@@ -46,6 +46,7 @@ class RunOrder:
     name: str | None = None
     seed: int | None = None
     campaign_id: str | None = None
+    finish_alone: bool = False
 
 
 class Runs:
@@ -169,6 +170,7 @@ class Runs:
             initial_soc=order.initial_soc,
             observer=observer,
             settle_s=bench.config.settle_s,
+            finish_alone=order.finish_alone,
         )
 
     def _refuse_offline(self, bench: Bench) -> None:

@@ -16,6 +16,7 @@ from bench_service.campaign.runs import Runs
 from bench_service.campaign.storage import Storage
 from bench_service.config import ServiceConfig
 from bench_service.jobs.runner import JobRunner
+from bench_service.jobs.screening import Screen
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.samples import SampleReader
 
@@ -35,6 +36,7 @@ class Services:
     benches: Benches
     runs: Runs
     jobs: JobRunner
+    screen: Screen
     modelling: Modelling
     diagnosing: Diagnosing
     designing: Designing
