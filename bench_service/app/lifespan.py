@@ -80,10 +80,7 @@ async def running_services(
         seen = (recorder, benches, config.data_dir / _SEALS, stop)
         benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
         stack.push_async_callback(_close_all, benches)
-        modelling = Modelling(store, jobs, config.data_dir, code_version)
-        diagnosing = Diagnosing(store, jobs, modelling, config.data_dir, code_version)
-        designing = Designing(store, jobs, config.data_dir)
-        workshop = Workshop(store, samples, benches, runs, modelling, diagnosing, designing, jobs)
+        workshop = _workshop(store, samples, benches, runs, jobs, (config.data_dir, code_version))
         campaigns = CampaignRunner(workshop, journal, live, code_version)
         stack.push_async_callback(campaigns.close)
         await asyncio.gather(*(bench.supervisor.start() for bench in benches))
@@ -97,14 +94,22 @@ async def running_services(
             runs=runs,
             jobs=jobs,
             screen=stack.enter_context(closing(Screen())),
-            modelling=modelling,
-            diagnosing=diagnosing,
-            designing=designing,
+            modelling=workshop.modelling,
+            diagnosing=workshop.diagnosing,
+            designing=workshop.designing,
             campaigns=campaigns,
             live=live,
             recorder_state=lambda: recorder.state,
             storage=storage,
         )
+
+
+def _workshop(
+    store: MetadataStore, samples: SampleReader, benches: Benches, runs: Runs, jobs: JobRunner, made: tuple[Path, str]
+) -> Workshop:
+    modelling = Modelling(store, jobs, *made)
+    diagnosing = Diagnosing(store, jobs, modelling, *made)
+    return Workshop(store, samples, benches, runs, modelling, diagnosing, Designing(store, jobs, made[0]), jobs)
 
 
 async def _recorder(stack: AsyncExitStack, data_dir: Path, journal: Journal) -> RecorderKeeper:

@@ -121,9 +121,9 @@ class Modelling:
     def import_model(self, document: Json, name: str) -> ModelRecord:
         """Store a MODEL.json from elsewhere; raises `ModelError` if it is none."""
         # Lazy: numba and scipy take 870 ms; the first use in a service's life pays for it, not its start.
-        from models.network.local_model_network import LocalModelNetwork
+        from bench_service.jobs.screening import checked_model
 
-        network = LocalModelNetwork.from_json(document)
+        network = checked_model(document)
         return self._store.models.add(
             document,
             ModelOrigin(

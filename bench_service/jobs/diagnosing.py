@@ -14,6 +14,7 @@ from bench_service.jobs.progress import Reporter
 from bench_service.jobs.results import DesignResult, Document, VersionResult
 from bench_service.jobs.series import RunInput, noise_floor_mV, read_series
 from bench_service.store.records import Json
+from models.data.seal import sealed
 
 
 def diagnose_runs(
@@ -93,7 +94,7 @@ def add_effect_to(
     }
     return plain(
         {
-            "document": network.to_json(),
+            "document": sealed(plain(network.to_json())),
             "structure": network.structure.name,
             "capacity_Ah": network.cell.capacity_Ah,
             "metrics": metrics,

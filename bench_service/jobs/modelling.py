@@ -26,6 +26,7 @@ from bench_service.store.integrity import Expected, read_whole
 from bench_service.store.records import Json
 from bench_service.store.samples import SampleReader
 from bench_service.streams import OBSERVER
+from models.data.seal import sealed
 
 if TYPE_CHECKING:
     from models.comparison.simulated_runs import RunComparison
@@ -89,7 +90,7 @@ def fit(
         "runs": {"train": result.train_runs, "validation": result.validation_runs},
     }
     network = with_tuned_observer(result.network, train_runs, result.initial_soc)
-    return plain({"document": network.to_json(), "metrics": metrics})
+    return plain({"document": sealed(plain(network.to_json())), "metrics": metrics})
 
 
 def compare_runs(report: Reporter, data_dir: Path, document: Document, runs: Sequence[RunInput]) -> ComparisonResult:

@@ -12,6 +12,7 @@ from bench_service.jobs.modelling import plain
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.results import Document, VersionResult
 from bench_service.jobs.series import RunInput, noise_floor_mV, read_series
+from models.data.seal import sealed
 
 if TYPE_CHECKING:
     from models.data.timeseries import TimeSeries
@@ -83,5 +84,10 @@ def refit_to(
     }
     structure, capacity_Ah = network.structure.name, network.cell.capacity_Ah
     return plain(
-        {"document": network.to_json(), "structure": structure, "capacity_Ah": capacity_Ah, "metrics": metrics}
+        {
+            "document": sealed(plain(network.to_json())),
+            "structure": structure,
+            "capacity_Ah": capacity_Ah,
+            "metrics": metrics,
+        }
     )
