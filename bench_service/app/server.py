@@ -132,6 +132,10 @@ def _bound(host: str, port: int) -> Iterator[socket.socket]:
     with contextlib.closing(listener):
         try:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            # Accepted connections inherit it; without it each answer on a kept connection waits 40 ms for an
+            # acknowledgement that the other side delays (Nagle, RFC 896). asyncio sets it itself only where the
+            # socket names its protocol, which one made here does not.
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             listener.bind(address)
             # Listening at once: a second service on the port must fail here, not after it has found its benches.
             listener.listen(_BACKLOG)
