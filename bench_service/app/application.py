@@ -28,6 +28,7 @@ from bench_service.api import (
 from bench_service.api.errors import install_error_handlers
 from bench_service.api.gate import Gate
 from bench_service.app.lifespan import running_services
+from bench_service.app.memory import GivesBack
 from bench_service.campaign.services import Services
 from bench_service.config import ServiceConfig
 from bench_service.store.metadata import MetadataStore
@@ -81,6 +82,7 @@ def create_app(config: ServiceConfig, *, host: str = "127.0.0.1", services: Serv
     )
     app.state.services = services
     app.add_middleware(Gate, host=host)
+    app.add_middleware(GivesBack)
     install_error_handlers(app)
     api = APIRouter(prefix="/api/v1")
     for resource in _RESOURCES:

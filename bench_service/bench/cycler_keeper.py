@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 
+from bench_service.bench.admission import RefusedError
 from bench_service.bench.rest import bring_to_rest
 from bench_service.bench.settings import BenchSettings
 from drivers.cycler import Capabilities, Cycler, CyclerError
@@ -73,6 +74,20 @@ class CyclerKeeper:
             await self.cycler.release()
         except CyclerError as error:
             await self.disconnect(str(error))
+
+    def ready(self, latched: str | None) -> tuple[Cycler, Capabilities]:
+        """Return the cycler for a run.
+
+        Raises
+        ------
+        RefusedError
+            A fault is latched, or there is no cycler.
+        """
+        if latched is not None:
+            raise RefusedError(f"a fault is latched ({latched}); acknowledge it first")
+        if self.cycler is None or self.capabilities is None:
+            raise RefusedError(f"the bench is offline: {self.offline_reason}")
+        return self.cycler, self.capabilities
 
     def _offline(self, reason: str) -> None:
         if reason != self.offline_reason:

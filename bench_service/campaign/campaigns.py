@@ -210,7 +210,7 @@ class _Telling:
 
 def campaign_json(record: CampaignRecord) -> Json:
     """Return the JSON object of the REST API."""
-    return asdict(record)
+    return {name: value for name, value in asdict(record).items() if name != "done"}
 
 
 async def close_left_open(store: MetadataStore, journal: Journal) -> None:

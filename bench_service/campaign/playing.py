@@ -8,6 +8,7 @@ import contextlib
 from bench_service.campaign.runs import RunOrder
 from bench_service.campaign.workshop import CampaignFailedError, Report, Workshop
 from bench_service.jobs.counting import counted_soc
+from bench_service.store.integrity import Expected, read_whole
 from bench_service.store.records import RunRecord
 
 _LOOK_S = 0.25
@@ -74,7 +75,7 @@ class Playing:
 
     async def soc_after(self, run: RunRecord) -> float:
         """State of charge at the end of a run by counting what was measured."""
-        data = await asyncio.to_thread(self._workshop.samples.read, run.id)
+        data = await asyncio.to_thread(read_whole, self._workshop.samples, Expected.of(run))
         time_s, current_A = data.columns["time_s"], data.columns["current_A"]
         return float(counted_soc(time_s, current_A, run.initial_soc, run.capacity_Ah)[-1])
 

@@ -73,10 +73,11 @@ def _export_stored(run_id: str, format_name: str, config: ServiceConfig) -> tupl
 
 def _encode(run: RunRecord, format_name: str, data_dir: Path) -> bytes:
     # Lazy: sqlalchemy takes 240 ms.
+    from bench_service.store.integrity import Expected, read_whole
     from bench_service.store.samples import SampleReader
 
     with SampleReader(data_dir) as reader:
-        data = reader.read(run.id)
+        data = read_whole(reader, Expected.of(run))
     if data.n == 0:
         raise UsageError(f"run {run.id} has no samples to export")
     started = None if run.started_utc is None else datetime.fromisoformat(run.started_utc).timestamp()
