@@ -155,7 +155,7 @@ async def _bench(
     if config.simulate is not None:
         arguments, sealed_in = simulator_arguments(config.simulate, config.map), None
         if config.simulate.hidden_effect is not None:
-            seals.mkdir(parents=True, exist_ok=True)
+            seals.mkdir(mode=0o700, parents=True, exist_ok=True)
             sealed_in = seals / f"{name}.json"
             arguments += ["--hidden-effect", config.simulate.hidden_effect, "--seal", str(sealed_in)]
         simulator = await SimulatorProcess.start(arguments)
