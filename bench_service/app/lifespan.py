@@ -171,6 +171,7 @@ async def _bench(
         timeout_s=config.timeout_s,
         watchdog_s=config.watchdog_s,
         external_interlock=config.external_interlock,
+        capacity_Ah=config.capacity_Ah,
         latched=await asyncio.to_thread(unacknowledged, store, name),
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))

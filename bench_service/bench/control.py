@@ -11,10 +11,10 @@ from collections import deque
 from typing import Any, Literal
 
 from bench_service.bench.admission import RefusedError
-from bench_service.bench.at_rest import unexpected_output
 from bench_service.bench.cycler_keeper import CyclerKeeper
 from bench_service.bench.direct.messages import Guard, Order
 from bench_service.bench.direct.orders import DirectOrders
+from bench_service.bench.idle import IdleWatch
 from bench_service.bench.lease import Lease
 from bench_service.bench.links import FrameLink
 from bench_service.bench.live import LiveFeed
@@ -63,6 +63,7 @@ class BenchControl:
         self._feed = LiveFeed(self._link)
         self._keeper = CyclerKeeper(settings, self._cycler_changed)
         self._latched = settings.latched
+        self._idle = IdleWatch(settings)
         self._commands: deque[Frame] = deque()
         self._wake = asyncio.Event()
         self._quit: str | None = None
@@ -174,12 +175,13 @@ class BenchControl:
             return
         if self._feed.due:
             self._feed.send(reading)
-        if reading.output_on:
-            if (unrested := await bring_to_rest(cycler)) is not None:
-                await self._keeper.disconnect(unrested)
-            text = unexpected_output(self._settings.name, reading)
-            if text != self._latched:
-                self._latch(text, "unexpected_output")
+        for notice in self._idle.look(reading):
+            if notice.latch and self._latched is None:
+                self._latched = notice.text
+            self._event("error" if notice.latch else "warning", notice.code, notice.text)
+            self._tell_state()
+        if reading.output_on and (unrested := await bring_to_rest(cycler)) is not None:
+            await self._keeper.disconnect(unrested)
 
     async def _acknowledge(self) -> None:
         if self._keeper.cycler is not None:
@@ -192,6 +194,7 @@ class BenchControl:
         if self._latched is not None:
             self._event("info", "acknowledged", f"acknowledged: {self._latched}")
         self._latched = None
+        self._idle.forget()
         self._tell_state()
 
     # --- a run ---------------------------------------------------------------------------------------------
@@ -252,6 +255,7 @@ class BenchControl:
         else:
             await self._keeper.release()
         self._run_id = None
+        self._idle.forget()
         # The state first: who hears of the end may start the next run at once.
         self._tell_state()
         counts = {"n_samples": n_samples, "missed_ticks": end.missed_ticks}
@@ -279,11 +283,6 @@ class BenchControl:
         if self._latched is not None:
             return "fault"
         return "offline" if self._keeper.cycler is None else "idle"
-
-    def _latch(self, text: str, code: str) -> None:
-        self._latched = text
-        self._event("error", code, text)
-        self._tell_state()
 
     def _cycler_changed(self, severity: str, code: str, text: str) -> None:
         self._event(severity, code, text)

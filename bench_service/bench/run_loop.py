@@ -9,11 +9,12 @@ import math
 
 from bench_service.bench.clock import Tick
 from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverRow
+from bench_service.bench.plausibility import Sample, Watch, band_of, observe
 from bench_service.bench.quality import sample_flags
 from bench_service.bench.recording import RecorderError
 from bench_service.bench.rest import bring_to_rest, uncancelled
 from bench_service.bench.run import EndState, RunEnd, RunParts, RunPlan
-from bench_service.bench.safety import Context, Track, Trip, check, check_age, check_at_rest, follow
+from bench_service.bench.safety import Context, Track, Trip, check, check_age, check_at_rest, follow, implausible
 from bench_service.bench.soc import count_charge
 from bench_service.streams import OBSERVER, SAMPLES
 from drivers.cycler import CyclerError, DeviceLimits, Reading, SetPointRefusedError
@@ -39,6 +40,9 @@ class RunLoop:
         self._parts = parts
         self._limits = plan.request.limits
         self._track = Track()
+        self._watch = Watch()
+        self._band = band_of(plan.request.capacity_Ah, plan.request.limits.voltage_V)
+        self._warned = set[str]()
         self._soc = plan.request.initial_soc
         self._commanded_A = 0.0
         self._settled_from_s = -math.inf
@@ -156,7 +160,23 @@ class RunLoop:
         if self._soc is not None:
             self._soc = count_charge(self._soc, reading.current_A, self._track.interval_s, plan.request.capacity_Ah)
         now_s = clock.elapsed_s(tick)
-        return check(reading, Context(plan.rules, self._track, now_s, self._soc, self._commanded_A))
+        context = Context(plan.rules, self._track, now_s, self._soc, self._commanded_A)
+        return check(reading, context) or self._judge_plausibility(reading, context)
+
+    def _judge_plausibility(self, reading: Reading, context: Context) -> Trip | None:
+        if self._track.stale:
+            return None
+        sample = Sample(self._track.time_s, reading.voltage_V, reading.current_A, reading.temperature_degC)
+        self._watch, finding = observe(self._watch, self._band, sample, self._plan.rules.current_tolerance_A)
+        if finding is None:
+            return None
+        if finding.stage == "trip":
+            return implausible(context, finding)
+        if finding.code not in self._warned:
+            self._warned.add(finding.code)
+            text = f"{context.rules.bench} at {context.now_s:.3f} s: {finding.text}; {finding.remedy}"
+            self._parts.notify("warning", finding.code, text)
+        return None
 
     def _record(self, tick: Tick, reading: Reading, *, suspect: bool) -> None:
         parts, time_s = self._parts, self._track.time_s

@@ -37,6 +37,8 @@ class BenchSettings:
         of the commanded current is always added.
     lease_s : float
         Longest silence of the service in which a run goes on.
+    capacity_Ah : float
+        Of the cell that is usually on the bench, for what is plausible at rest.
     latched : str or None
         Reason of a fault that an earlier process of this bench left unacknowledged.
     """
@@ -51,6 +53,7 @@ class BenchSettings:
     lock_step: bool | None = None
     current_tolerance_A: float | None = None
     lease_s: float = 10.0
+    capacity_Ah: float = 2.5
     latched: str | None = None
 
     def to_json(self) -> str:

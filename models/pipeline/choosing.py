@@ -142,7 +142,7 @@ def _bounded(data: Training, without: tuple[str, ...], report: Progress) -> Boun
         {"family": "bounded", **variant.to_json(), "held_out_rmse_mV": 1e3 * held.mean_mse(logs) ** 0.5}
         for variant, (held, logs) in trials.known.items()
     ]
-    return BoundedPlan(best, without, table)
+    return BoundedPlan(best, without, table, trials)
 
 
 def _search(data: Training, report: Progress) -> Search:

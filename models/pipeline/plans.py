@@ -163,17 +163,21 @@ class BoundedPlan:
     variant : form
     without : effects that are left out
     table : documents of what was tried
+    trials : forms that were tried on the data that it was chosen from; None: nothing is kept
     """
 
     variant: Variant
     without: tuple[str, ...] = ()
     table: list[Json] = field(default_factory=list)
+    trials: Trials | None = None
     name: str = "bounded"
 
     def build(self, data: Training, report: Progress) -> Built:
         """Fit the form to training data."""
         report(0.0, "solving for the bounded network")
-        trials = Trials(SignalBank(data.fit_grid, data.fit_soc, data.cell), parts_of(self.without))
+        trials = self.trials
+        if trials is None or trials.bank.runs is not data.fit_grid:
+            trials = Trials(SignalBank(data.fit_grid, data.fit_soc, data.cell), parts_of(self.without))
         fit = fit_variant(trials, self.variant)
         structure, partition, theta, scaling = network_parts(fit, self.name)
         record = _record(data, self._choices(fit), self.table, None)

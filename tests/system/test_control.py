@@ -125,7 +125,7 @@ async def test_stop(wall: Rig) -> None:
 
 async def test_simulator_killed_in_the_middle_of_a_pulse(lock_step: Rig) -> None:
     bench = lock_step
-    bench.begin(request([0, 36000], [1.0, 0.0], limits=replace(WIDE, soc=(0.0, 1.0)), capacity_Ah=1e6))
+    bench.begin(request([0, 36000], [1.0, 0.0], limits=replace(WIDE, soc=(0.0, 1.0)), capacity_Ah=25.0))
     await bench.running(1.0)
     port = bench.simulator.port
     bench.simulator.kill()

@@ -3,7 +3,7 @@
 from bench_service.bench.safety.checks import check, check_age, check_at_rest
 from bench_service.bench.safety.rules import SOC_TOLERANCE, Rules
 from bench_service.bench.safety.track import Track, follow
-from bench_service.bench.safety.trip import Code, Context, Trip
+from bench_service.bench.safety.trip import Code, Context, Trip, implausible
 
 __all__ = [
     "SOC_TOLERANCE",
@@ -16,4 +16,5 @@ __all__ = [
     "check_age",
     "check_at_rest",
     "follow",
+    "implausible",
 ]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from bench_service.bench.plausibility.finding import Finding, PlausibilityCode
 from bench_service.bench.safety.rules import Rules
 from bench_service.bench.safety.track import Track
 
@@ -20,6 +21,8 @@ Code = Literal[
     "current_mismatch",
     "voltage_stuck",
     "temperature_jump",
+    "output_on",
+    PlausibilityCode,
 ]
 
 
@@ -77,3 +80,8 @@ def outside(context: Context, code: Code, what: str, value: float, unit: str, wi
 def trip(context: Context, code: Code, what: str, remedy: str) -> Trip:
     """Return a trip with its full sentence."""
     return Trip(code, f"{context.rules.bench} at {context.now_s:.3f} s: {what}; output switched off, {remedy}")
+
+
+def implausible(context: Context, finding: Finding) -> Trip:
+    """Return the trip of a finding."""
+    return trip(context, finding.code, finding.text, f"{finding.remedy}, acknowledge")

@@ -55,7 +55,8 @@ class FakeCycler:
     async def apply(self, current_A: float) -> None:
         self.applied.append(current_A)
         sequence = self.reading.sequence + 1
-        self.reading = replace(self.reading, sequence=sequence, current_A=current_A, setpoint_in_force_A=current_A)
+        told = {"current_A": current_A, "setpoint_in_force_A": current_A, "voltage_V": 3.7 + 0.02 * current_A}
+        self.reading = replace(self.reading, sequence=sequence, **told)
 
     async def safe(self) -> None:
         self.safe_calls += 1
