@@ -161,10 +161,11 @@ class CampaignRunner:
             await story.stop()
             ended = _ended(telling.record, "stopped", telling.reason)
         except (ServiceError, ModelError) as error:
-            ended = _ended(telling.record, "failed", str(error))
+            ended = _ended(telling.record, "failed", str(error), await _so_far(story, started_s))
         except Exception as error:
             _log.exception("campaign %s failed", telling.record.id)
-            ended = _ended(telling.record, "failed", f"an error inside the service: {error!r}")
+            message = f"an error inside the service: {error!r}"
+            ended = _ended(telling.record, "failed", message, await _so_far(story, started_s))
         # Event and record are stored, in this order, before anybody sees that it has ended.
         _note_end(self._journal, ended)
         try:
@@ -220,10 +221,20 @@ async def close_left_open(store: MetadataStore, journal: Journal) -> None:
             _note_end(journal, await journal.write(store.campaigns.save, ended))
 
 
-def _ended(record: CampaignRecord, state: CampaignState, message: str) -> CampaignRecord:
+async def _so_far(story: Story, started_s: float) -> Json | None:
+    """What a campaign that failed has come to before: none of it is withheld because of what came last."""
+    try:
+        found = await story.so_far()
+    except Exception:
+        _log.exception("the result so far cannot be told")
+        return None
+    return found | {"seconds": time.monotonic() - started_s} if found["runs"] else None
+
+
+def _ended(record: CampaignRecord, state: CampaignState, message: str, result: Json | None = None) -> CampaignRecord:
     """Return the record of a campaign that did not reach its end; so did the stage that it was in."""
     stages: list[Stage] = [{**s, "state": state} if s["state"] == "running" else s for s in record.stages]
-    return replace(record, state=state, message=message, stages=tuple(stages))
+    return replace(record, state=state, message=message, stages=tuple(stages), result=result)
 
 
 def _note_end(journal: Journal, record: CampaignRecord) -> None:

@@ -71,38 +71,44 @@ class ChainLink(TypedDict):
     parameters: NotRequired[Json]
 
 
-def campaign_result(done: Progress, soc: SocFigures) -> Json:
-    """Return the result of a campaign whose stages have all ended.
+def campaign_result(done: Progress, soc: SocFigures | None) -> Json:
+    """Return the result of a campaign as far as its stages have come: what they did not reach is left out.
 
     Parameters
     ----------
     done : what they produced
-    soc : figures of the live observer on the last run
+    soc : figures of the live observer on the last run; None: there are none
     """
-    assert done.comparison is not None
-    return {
+    result: Json = {
         "runs": [
             {"run_id": run.id, "role": role, "n_samples": run.n_samples, "missed_ticks": run.missed_ticks}
             for role, run in done.runs.items()
         ],
         "samples": sum(run.n_samples or 0 for run in done.runs.values()),
         "missed_ticks": sum(run.missed_ticks or 0 for run in done.runs.values()),
-        "model_id": done.model_id,
-        "train": done.rounds[-1].fit["train"],
-        "validation": done.comparison["overall"],
-        "sensor_noise_mV": done.comparison["noise_floor_mV"],
-        "soc": {
-            "rmse": soc["soc_rmse"],
-            "max_error": soc["soc_max_error"],
-            "end_error": soc["soc_end_error"],
-            "converged_after_s": soc["converged_after_s"],
-            "coverage_95": soc["coverage_95"],
-            "started_off_by": OBSERVER_OFFSET_SOC,
-        },
-        "rounds": _rounds(done),
-        "model_chain": _model_chain(done),
-        "comparison_id": done.comparison_id,
         "diagnosis": done.diagnosis,
+    }
+    if done.rounds:
+        result |= {"model_id": done.model_id, "train": done.rounds[-1].fit["train"]}
+    if done.comparison is not None:
+        result |= {
+            "validation": done.comparison["overall"],
+            "sensor_noise_mV": done.comparison["noise_floor_mV"],
+            "rounds": _rounds(done),
+            "model_chain": _model_chain(done),
+            "comparison_id": done.comparison_id,
+        }
+    return result if soc is None else result | {"soc": _soc(soc)}
+
+
+def _soc(soc: SocFigures) -> Json:
+    return {
+        "rmse": soc["soc_rmse"],
+        "max_error": soc["soc_max_error"],
+        "end_error": soc["soc_end_error"],
+        "converged_after_s": soc["converged_after_s"],
+        "coverage_95": soc["coverage_95"],
+        "started_off_by": OBSERVER_OFFSET_SOC,
     }
 
 

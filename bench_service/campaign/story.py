@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable, Coroutine
 from typing import Any, cast
 
@@ -16,9 +17,11 @@ from bench_service.campaign.request import OBSERVER_OFFSET_SOC, CampaignRequest
 from bench_service.campaign.runs import RunOrder
 from bench_service.campaign.stages import stages_of
 from bench_service.campaign.workshop import CampaignFailedError, Report, Workshop
+from bench_service.errors import ServiceError
 from bench_service.jobs.results import ComparisonResult, FitAnswer, VersionAnswer
 from bench_service.jobs.runner import Job
 from bench_service.store.records import Json, RunRecord
+from models.data.errors import ModelError
 
 _LOOK_S = 0.25
 
@@ -66,6 +69,15 @@ class Story:
             self._report(stage, 0.0, "")
             self._report(stage, 1.0, await stages[stage]())
         return self._done.result
+
+    async def so_far(self) -> Json:
+        """Return the result as far as the stages came before one of them failed."""
+        soc = None
+        if self._done.comparison is not None:
+            # What failed may be what these figures need.
+            with contextlib.suppress(ServiceError, ModelError):
+                soc = await self._workshop.modelling.soc_figures(self._done.runs[VALIDATE])
+        return campaign_result(self._done, soc)
 
     async def stop(self) -> None:
         """Bring what runs to rest, and wait a moment for that."""

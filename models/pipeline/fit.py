@@ -142,7 +142,8 @@ def _placed(request: FitRequest, report: Progress) -> tuple[Training, Chosen, Bu
     """Training data with the starts of the runs, what was chosen for them, and the network of it."""
     data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s, request.coulombic_efficiency)
     automatic = request.structure == "auto"
-    first = choose(data, "bounded" if automatic else request.structure, request.without, part_of(report, 0.0, 0.3))
+    without, finer = request.without, request.finer
+    first = choose(data, "bounded" if automatic else request.structure, without, part_of(report, 0.0, 0.3), finer=finer)
     report(0.3, "looking where the runs begin")
 
     def again(placed: Training) -> Built:
@@ -155,7 +156,7 @@ def _placed(request: FitRequest, report: Progress) -> tuple[Training, Chosen, Bu
         return data, first, built
     # What was chosen with runs in the wrong places may be richer than what explains them in the right ones.
     known = first if automatic and not moved else None
-    chosen = choose(data, request.structure, request.without, part_of(report, 0.35, 0.5), known)
+    chosen = choose(data, request.structure, without, part_of(report, 0.35, 0.5), known, finer)
     return data, chosen, chosen.built
 
 
