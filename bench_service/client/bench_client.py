@@ -194,6 +194,10 @@ class BenchClient:
         """Stop a campaign and the run that it has started."""
         return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/stop")
 
+    def resume_campaign(self, campaign_id: str) -> Record:
+        """Go on with a campaign that was cut off, from the last stored sample."""
+        return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/resume")
+
     def wait_campaign(
         self,
         campaign_id: str,

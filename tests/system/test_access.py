@@ -38,17 +38,7 @@ def test_only_who_has_the_token_gets_in(tmp_path: Path) -> None:
         assert stopped.returncode == 0, stopped.stderr
         profile = tmp_path / "profile.csv"
         profile.write_text("time_s,current_A\n0,0\n5,0\n")
-        run = [
-            *command,
-            "run",
-            str(profile),
-            "--config",
-            str(config),
-            "--bench",
-            "sim",
-            "--out",
-            str(tmp_path / "r.csv"),
-        ]
+        out = ["--bench", "sim", "--out", str(tmp_path / "r.csv"), "--initial-soc", "0.5"]
         run = [*command, "run", str(profile), "--config", str(config), *out]
         played = subprocess.run(run, env=environment, capture_output=True)
         assert played.returncode == 0, played.stderr
