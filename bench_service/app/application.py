@@ -52,7 +52,9 @@ _RESOURCES = (
 )
 
 
-def create_app(config: ServiceConfig, *, host: str = "127.0.0.1", services: Services | None = None) -> FastAPI:
+def create_app(
+    config: ServiceConfig, *, host: str = "127.0.0.1", services: Services | None = None, token: str | None = None
+) -> FastAPI:
     """Build the application.
 
     Parameters
@@ -62,6 +64,8 @@ def create_app(config: ServiceConfig, *, host: str = "127.0.0.1", services: Serv
         Name or address that it will be bound to; requests to other hosts are refused.
     services : Services or None
         The running parts; None: the application starts them with itself, and stops them at its end.
+    token : str or None
+        That requests must carry, see `config.token`.
     """
 
     @asynccontextmanager
@@ -81,7 +85,7 @@ def create_app(config: ServiceConfig, *, host: str = "127.0.0.1", services: Serv
         redoc_url=None,
     )
     app.state.services = services
-    app.add_middleware(Gate, host=host)
+    app.add_middleware(Gate, host=host, token=token)
     app.add_middleware(GivesBack)
     install_error_handlers(app)
     api = APIRouter(prefix="/api/v1")

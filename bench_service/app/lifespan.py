@@ -16,14 +16,16 @@ from bench_service.bench.messages import EventMessage
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import Bench, Benches
-from bench_service.campaign.campaigns import CampaignRunner, close_left_open
+from bench_service.campaign.campaigns import CampaignRunner
 from bench_service.campaign.clock_watch import watched_clock
 from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
+from bench_service.campaign.endings import close_left_open
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.latches import unacknowledged
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.resuming import resumed_soc
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.seal import Seal
 from bench_service.campaign.services import Services
@@ -77,13 +79,14 @@ async def running_services(
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
         stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
-        seen = (recorder, benches, config.data_dir / _SEALS, stop)
+        seen = (samples, recorder, benches, config.data_dir / _SEALS, stop)
         benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
         stack.push_async_callback(_close_all, benches)
         workshop = _workshop(store, samples, benches, runs, jobs, (config.data_dir, code_version))
         campaigns = CampaignRunner(workshop, journal, live, code_version)
         stack.push_async_callback(campaigns.close)
         await asyncio.gather(*(bench.supervisor.start() for bench in benches))
+        await campaigns.resume_by_policy()
         yield Services(
             config=config,
             version=code_version,
@@ -146,6 +149,7 @@ async def _bench(
     name: str,
     config: BenchConfig,
     store: MetadataStore,
+    samples: SampleReader,
     recorder: RecorderKeeper,
     listener: Benches,
     seals: Path,
@@ -153,14 +157,19 @@ async def _bench(
 ) -> Bench:
     url, runs_before_cell, seal = config.url, 0, None
     if config.simulate is not None:
+        soc = await asyncio.to_thread(resumed_soc, store, samples, name)
+        if soc is not None:
+            config = config.model_copy(update={"simulate": config.simulate.model_copy(update={"initial_soc": soc})})
+            assert config.simulate is not None
         arguments, sealed_in = simulator_arguments(config.simulate, config.map), None
         if config.simulate.hidden_effect is not None:
-            seals.mkdir(parents=True, exist_ok=True)
+            seals.mkdir(mode=0o700, parents=True, exist_ok=True)
             sealed_in = seals / f"{name}.json"
             arguments += ["--hidden-effect", config.simulate.hidden_effect, "--seal", str(sealed_in)]
         simulator = await SimulatorProcess.start(arguments)
         stack.push_async_callback(simulator.stop)
-        url, runs_before_cell = simulator.address, await asyncio.to_thread(store.runs.last_number)
+        url = simulator.address
+        runs_before_cell = 0 if soc is not None else await asyncio.to_thread(store.runs.last_number)
         seal = Seal.read(sealed_in) if sealed_in is not None else None
     limits = Limits.from_json(config.limits.model_dump())
     settings = BenchSettings(

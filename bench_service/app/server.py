@@ -16,6 +16,7 @@ from bench_service.app.application import create_app
 from bench_service.app.http_protocol import PatientProtocol
 from bench_service.app.lifespan import running_services
 from bench_service.config import ServiceConfig
+from bench_service.config.token import service_token
 from bench_service.errors import ConflictError, StoreError
 from bench_service.store.metadata import MetadataStore
 
@@ -67,8 +68,9 @@ async def running_server(config: ServiceConfig, host: str = "127.0.0.1", port: i
     with _bound(host, port) as listener:
         url = _url(host, listener.getsockname()[1])
         with _opened(config, url) as store:
+            token = service_token(config.data_dir, host)
             async with running_services(config, store, url) as services:
-                app = create_app(config, host=host, services=services)
+                app = create_app(config, host=host, services=services, token=token)
                 server = _Server(_uvicorn_config(app))
                 serving = asyncio.create_task(server.serve(sockets=[listener]))
                 try:

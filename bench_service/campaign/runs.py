@@ -34,6 +34,7 @@ class RunOrder:
 
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
     at ``observer_initial_soc`` (default: ``initial_soc``). With ``finish_alone`` it plays on where the service is gone.
+    ``continues`` names the run whose profile is taken up again.
     """
 
     bench: str
@@ -47,6 +48,7 @@ class RunOrder:
     seed: int | None = None
     campaign_id: str | None = None
     finish_alone: bool = False
+    continues: str | None = None
 
 
 class Runs:
@@ -211,6 +213,7 @@ class Runs:
                 observer_initial_soc=order.observer_initial_soc,
                 seed=order.seed,
                 campaign_id=order.campaign_id,
+                continues=order.continues,
             ),
         )
 

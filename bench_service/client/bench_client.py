@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self, Unpack
@@ -22,11 +23,13 @@ class BenchClient:
         Address that the service printed, for example ``http://127.0.0.1:8000``.
     timeout_s : float
         Longest wait for one answer.
+    token : str, optional
+        Of a service that listens beyond its own machine; by default what ``BENCH_TOKEN`` says.
     """
 
-    def __init__(self, url: str, timeout_s: float = 30.0) -> None:
+    def __init__(self, url: str, timeout_s: float = 30.0, *, token: str | None = None) -> None:
         self.url = url.rstrip("/")
-        self._connection = Connection(self.url, timeout_s)
+        self._connection = Connection(self.url, timeout_s, token or os.environ.get("BENCH_TOKEN"))
         self._stop_ports = StopPorts(self.url, self._connection)
         # One flat list of calls for whoever writes a script; these are in a file of their own.
         models = ModelCalls(self._connection)
@@ -190,6 +193,10 @@ class BenchClient:
     def stop_campaign(self, campaign_id: str) -> Record:
         """Stop a campaign and the run that it has started."""
         return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/stop")
+
+    def resume_campaign(self, campaign_id: str) -> Record:
+        """Go on with a campaign that was cut off, from the last stored sample."""
+        return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/resume")
 
     def wait_campaign(
         self,

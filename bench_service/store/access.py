@@ -12,6 +12,7 @@ from bench_service.errors import ConflictError, NotFoundError, StoreError
 from bench_service.store import engine as engines
 from bench_service.store.engine import WriterLock
 from bench_service.store.migrate import check_revision, upgrade
+from bench_service.store.private import make_private_directory, make_private_file
 
 FILE = "meta.sqlite"
 LOCK_FILE = "meta.lock"
@@ -37,11 +38,9 @@ class MetadataFile:
         StoreError
             Another process writes it (the message names it), or it cannot be opened.
         """
-        try:
-            data_dir.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise StoreError(f"cannot create data directory {data_dir}: {error.strerror}") from error
+        make_private_directory(data_dir, FILE)
         lock = WriterLock.acquire(data_dir / LOCK_FILE, lock_timeout_s)
+        make_private_file(data_dir / FILE)
         writer = engines.open_writer(data_dir / FILE)
         try:
             with _reported(f"open {data_dir / FILE}"):

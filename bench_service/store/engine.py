@@ -61,7 +61,7 @@ class WriterLock:
             Another process holds it, or the file cannot be written.
         """
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         except OSError as error:
             raise StoreError(f"cannot create lock file {path}: {error.strerror}") from error
         # A probe by `lock_holder` holds the file for an instant and is no reason to give up.

@@ -22,6 +22,7 @@ from bench_service.store import engine as engines
 from bench_service.store.blocks import BlockError, decode, encode
 from bench_service.store.engine import WriterLock
 from bench_service.store.migrate import upgrade
+from bench_service.store.private import make_private_directory, make_private_file
 from bench_service.store.samples import (
     FILE,
     LOCK_FILE,
@@ -91,11 +92,9 @@ class SampleWriter:
         StoreError
             Another process writes them, or the file cannot be opened.
         """
-        try:
-            data_dir.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise StoreError(f"cannot create data directory {data_dir}: {error.strerror}") from error
+        make_private_directory(data_dir, FILE)
         lock = WriterLock.acquire(data_dir / LOCK_FILE, lock_timeout_s)
+        make_private_file(data_dir / FILE)
         engine = engines.open_writer(data_dir / FILE)
         try:
             upgrade(engine, "samples")

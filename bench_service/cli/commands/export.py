@@ -56,6 +56,7 @@ def _export_stored(run_id: str, format_name: str, config: ServiceConfig) -> tupl
     """Read from the store; its metadata through the service that holds it, if there is one."""
     # Lazy: sqlalchemy, httpx and rich take 380 ms.
     from bench_service.client import BenchClient
+    from bench_service.config.token import read_token
     from bench_service.store.access import FILE
     from bench_service.store.metadata import MetadataStore
 
@@ -63,7 +64,7 @@ def _export_stored(run_id: str, format_name: str, config: ServiceConfig) -> tupl
         raise UsageError(f"{run_id}: no such file, and no runs are stored in {config.data_dir}; see --config")
     holder = MetadataStore.holder(config.data_dir)
     if holder is not None and holder.url is not None:
-        with BenchClient(holder.url) as client:
+        with BenchClient(holder.url, token=read_token(config.data_dir)) as client:
             run = client.run(run_id)
             return client.export(run_id, format_name), _answer(run)
     with closing(MetadataStore.open(config.data_dir)) as store:
