@@ -6,6 +6,7 @@ its output off.
 
 import logging
 import math
+import time
 
 from bench_service.bench.clock import Tick
 from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverRow
@@ -14,7 +15,17 @@ from bench_service.bench.quality import sample_flags
 from bench_service.bench.recording import RecorderError
 from bench_service.bench.rest import bring_to_rest, uncancelled
 from bench_service.bench.run import EndState, RunEnd, RunParts, RunPlan
-from bench_service.bench.safety import Context, Track, Trip, check, check_age, check_at_rest, follow, implausible
+from bench_service.bench.safety import (
+    Context,
+    Track,
+    Trip,
+    check,
+    check_age,
+    check_at_rest,
+    follow,
+    implausible,
+    second_master,
+)
 from bench_service.bench.soc import count_charge
 from bench_service.streams import OBSERVER, SAMPLES
 from drivers.cycler import CyclerError, DeviceLimits, Reading, SetPointRefusedError
@@ -22,6 +33,7 @@ from drivers.cycler import CyclerError, DeviceLimits, Reading, SetPointRefusedEr
 _log = logging.getLogger(__name__)
 _TIME_TOLERANCE_S = 1e-9
 _KEEP_ALIVE_S = 0.5
+_VERIFY_PERIOD_S = 1.0  # one part of the device's settings is read back each time
 
 
 class TripError(Exception):
@@ -43,6 +55,7 @@ class RunLoop:
         self._watch = Watch()
         self._band = band_of(plan.request.capacity_Ah, plan.request.limits.voltage_V)
         self._warned = set[str]()
+        self._verify_s = time.monotonic() + _VERIFY_PERIOD_S
         self._soc = plan.request.initial_soc
         self._commanded_A = 0.0
         self._settled_from_s = -math.inf
@@ -142,7 +155,19 @@ class RunLoop:
         # A stale reading is no ground for a heartbeat: the device's watchdog must see that we are blind.
         if self._track.stale == 0:
             await self._apply(tick, setpoint_A)
+            await self._verify(tick)
         return False
+
+    async def _verify(self, tick: Tick) -> None:
+        """Look now and then whether the device still has what it was told; a second master is a fault."""
+        now_s = time.monotonic()
+        if now_s < self._verify_s:
+            return
+        self._verify_s = now_s + _VERIFY_PERIOD_S
+        if (difference := await self._parts.cycler.verify()) is not None:
+            elapsed_s = self._parts.clock.elapsed_s(tick)
+            context = Context(self._plan.rules, self._track, elapsed_s, self._soc, self._commanded_A)
+            raise TripError(second_master(context, difference))
 
     async def _sample(self) -> tuple[Reading, SetPointRefusedError | None]:
         try:

@@ -3,7 +3,7 @@
 from bench_service.bench.safety.checks import check, check_age, check_at_rest
 from bench_service.bench.safety.rules import SOC_TOLERANCE, Rules
 from bench_service.bench.safety.track import Track, follow
-from bench_service.bench.safety.trip import Code, Context, Trip, implausible
+from bench_service.bench.safety.trip import Code, Context, Trip, implausible, second_master
 
 __all__ = [
     "SOC_TOLERANCE",
@@ -17,4 +17,5 @@ __all__ = [
     "check_at_rest",
     "follow",
     "implausible",
+    "second_master",
 ]

@@ -78,6 +78,13 @@ def _check_output(reading: Reading, context: Context) -> Trip | None:
             "the cycler's output is off though the run has it switched on",
             "check the cycler's panel, interlock and watchdog, acknowledge",
         )
+    if context.track.remote_seen and "remote" not in reading.status:
+        return trip(
+            context,
+            "remote_lost",
+            "the cycler is no longer in remote control",
+            "find out who took it over at its panel or over another link, acknowledge",
+        )
     return None
 
 

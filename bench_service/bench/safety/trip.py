@@ -21,7 +21,8 @@ Code = Literal[
     "current_mismatch",
     "voltage_stuck",
     "temperature_jump",
-    "output_on",
+    "second_master",
+    "remote_lost",
     PlausibilityCode,
 ]
 
@@ -85,3 +86,8 @@ def trip(context: Context, code: Code, what: str, remedy: str) -> Trip:
 def implausible(context: Context, finding: Finding) -> Trip:
     """Return the trip of a finding."""
     return trip(context, finding.code, finding.text, f"{finding.remedy}, acknowledge")
+
+
+def second_master(context: Context, difference: str) -> Trip:
+    """Return the trip of settings that somebody else has changed in the device."""
+    return trip(context, "second_master", difference, "find the other program, acknowledge")
