@@ -23,6 +23,7 @@ Code = Literal[
     "temperature_jump",
     "second_master",
     "remote_lost",
+    "output_on",
     PlausibilityCode,
 ]
 
@@ -57,6 +58,8 @@ class Context:
         From counting charge; None where the initial one is unknown.
     commanded_A : float
         Set-point in force before this sample.
+    held_s : float
+        For how long the run has been held so far: no part of its duration.
     """
 
     rules: Rules
@@ -64,6 +67,7 @@ class Context:
     now_s: float
     soc: float | None
     commanded_A: float
+    held_s: float = 0.0
 
 
 def outside(context: Context, code: Code, what: str, value: float, unit: str, window: tuple[float, float]) -> Trip:

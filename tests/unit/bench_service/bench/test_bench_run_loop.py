@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from bench_service.bench import run_loop
+from bench_service.bench import judging
 from bench_service.bench.clock import LockStepClock, WallClock
 from bench_service.bench.limits import Limits
 from bench_service.bench.links import FrameLink
@@ -281,7 +281,7 @@ async def test_an_observer_that_diverges_is_told_once_and_the_run_goes_on(bench:
 
 
 async def test_settings_are_read_back_now_and_then(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_loop, "_VERIFY_PERIOD_S", 0.0)
+    monkeypatch.setattr(judging, "_VERIFY_PERIOD_S", 0.0)
     cycler = FakeCycler()
     end = await bench.loop(cycler).play()
     assert end.state == "completed" and cycler.verified >= 9
