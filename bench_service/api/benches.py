@@ -6,6 +6,7 @@ from fastapi import APIRouter
 
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import StrictRoute
+from bench_service.errors import NotFoundError
 
 router = APIRouter(prefix="/benches", tags=["benches"], route_class=StrictRoute)
 
@@ -27,6 +28,15 @@ async def stop_bench(name: PathId, services: ServicesOf) -> Answer:
     """Stop the run on the bench: rest, output off. Harmless where nothing runs."""
     bench = services.runs.stop_bench(services.benches, name, "stopped by a client")
     return {"state": bench.supervisor.status.state}
+
+
+@router.get("/{name}/stop-port")
+async def stop_port(name: PathId, services: ServicesOf) -> Answer:
+    """Tell a page or program on this machine how to stop the bench past this service; 404 where it cannot."""
+    endpoint = services.benches.get(name).supervisor.stop_endpoint
+    if endpoint is None:
+        raise NotFoundError(f"bench {name} has no stop port", ("name",))
+    return {"url": endpoint.ticket.url, "token": endpoint.ticket.token}
 
 
 @router.post("/{name}/seal/open")
