@@ -236,8 +236,9 @@ class BenchControl:
         self._report.ended(EndedMessage(run_id=run_id, state="fault", reason=text, **counts))
 
     async def _finish(self, run_id: str, end: RunEnd) -> None:
-        if end.state == "fault":
+        if end.state in ("fault", "interrupted"):
             self._latched = end.reason
+        if end.state == "fault":
             self._event("error", end.code, end.reason or end.code, run_id)
         self._stop.give("stopped", "the run has ended")
         self._tell_state()

@@ -64,6 +64,7 @@ class BenchSupervisor:
         self._keeper: asyncio.Task[None] | None = None
         self._closing = False
         self._heard_s = 0.0
+        self._acknowledged: tuple[str | None, subprocess.Popen[bytes] | None] | None = None
 
     @property
     def name(self) -> str:
@@ -120,6 +121,7 @@ class BenchSupervisor:
     def acknowledge(self) -> None:
         """Clear a latched fault; the bench stays in fault where its cause is still there."""
         if self._link is not None:
+            self._acknowledged = (self._status.reason, self._process)
             self._link.send({"op": "acknowledge"})
         elif self._settings.latched is not None:
             self._settings = replace(self._settings, latched=None)
@@ -242,13 +244,26 @@ class BenchSupervisor:
                 self._listener.on_live(self.name, message)
             case "state":
                 self._set_status(BenchStatus(**message))
+                self._repeat_acknowledgement()
             case "event":
+                if message["code"] in ("acknowledged", "fault_stays"):
+                    self._acknowledged = None
                 self._listener.on_event(self.name, message)
             case "ended" if message["run_id"] == self._run_id:
                 self._run_id = None
                 self._listener.on_ended(self.name, message)
             case _:
                 pass
+
+    def _repeat_acknowledgement(self) -> None:
+        """A process that died with an acknowledgement in its queue has left the fault to the next one."""
+        if self._acknowledged is None:
+            return
+        reason, told = self._acknowledged
+        if self._status.state != "fault" or self._status.reason != reason:
+            self._acknowledged = None
+        elif told is not self._process:
+            self.acknowledge()
 
     def _lost(self, _reason: str) -> None:
         self._died.set()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,6 +16,7 @@ from bench_service.bench.request import ObserverOrder, RunRequest
 from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.journal import Journal
+from bench_service.campaign.storage import Storage
 from bench_service.errors import BenchBusyError, BenchOfflineError, ConflictError, ServiceError
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import RunIntent, RunRecord, Severity
@@ -33,6 +35,7 @@ class RunOrder:
 
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
     at ``observer_initial_soc`` (default: ``initial_soc``). With ``finish_alone`` it plays on where the service is gone.
+    ``continues`` names the run whose profile is taken up again.
     """
 
     bench: str
@@ -46,6 +49,7 @@ class RunOrder:
     seed: int | None = None
     campaign_id: str | None = None
     finish_alone: bool = False
+    continues: str | None = None
 
 
 class Runs:
@@ -56,14 +60,19 @@ class Runs:
     store : MetadataStore
     samples : SampleReader
     journal : Journal
+    storage : Storage
+        Asked whether a run could be stored.
     code_version : str
         Noted with each run.
     """
 
-    def __init__(self, store: MetadataStore, samples: SampleReader, journal: Journal, code_version: str) -> None:
+    def __init__(
+        self, store: MetadataStore, samples: SampleReader, journal: Journal, storage: Storage, code_version: str
+    ) -> None:
         self._store = store
         self._samples = samples
         self._journal = journal
+        self._storage = storage
         self._code_version = code_version
         self._claimed: set[str] = set()
         self._closing = asyncio.Event()
@@ -163,6 +172,7 @@ class Runs:
         time_s, current_A = self._store.profiles.points(order.profile_id)
         capacity_Ah = bench.config.capacity_Ah
         admit(time_s, current_A, limits, dt_s=order.dt_s, initial_soc=order.initial_soc, capacity_Ah=capacity_Ah)
+        self._storage.refuse(math.ceil(float(time_s[-1]) / order.dt_s))
         observer = None
         if order.model_id is not None:
             start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
@@ -219,6 +229,7 @@ class Runs:
                 observer_initial_soc=order.observer_initial_soc,
                 seed=order.seed,
                 campaign_id=order.campaign_id,
+                continues=order.continues,
             ),
         )
 

@@ -13,6 +13,7 @@ from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.runs import Runs
+from bench_service.campaign.storage import Storage
 from bench_service.config import ServiceConfig
 from bench_service.jobs.runner import JobRunner
 from bench_service.jobs.screening import Screen
@@ -42,3 +43,4 @@ class Services:
     campaigns: CampaignRunner
     live: Broadcaster
     recorder_state: Callable[[], str]
+    storage: Storage

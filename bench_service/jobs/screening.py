@@ -11,10 +11,14 @@ import json
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from typing import TYPE_CHECKING, Any
 
 from bench_service.errors import ServiceError
 from bench_service.jobs.runner import settle_worker
 from bench_service.strict_json import parse_strictly
+
+if TYPE_CHECKING:
+    from models.network.local_model_network import LocalModelNetwork
 
 MODEL = "model"
 # The memory that a long body took is given back with the process.
@@ -70,13 +74,29 @@ def find_fault(body: bytes, kind: str) -> Fault | None:
     if kind != MODEL:
         return None
     from models.data.errors import ModelError  # lazy: numba and scipy take 870 ms
-    from models.network.local_model_network import LocalModelNetwork
 
     try:
-        LocalModelNetwork.from_json(document)
+        checked_model(document)
     except ModelError as error:
         return "model", str(error), 0
     return None
+
+
+def checked_model(document: Any) -> LocalModelNetwork:
+    """Read a MODEL.json with all its parts, those of the observer too; raises `ModelError` where it is none."""
+    # Lazy: numba and scipy take 870 ms.
+    from models.data.errors import ModelError
+    from models.observer.filter.settings import default_settings
+    from models.pipeline.validation import check_model
+
+    network = check_model(document)
+    try:
+        default_settings(network)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        if isinstance(error, ModelError):
+            raise
+        raise ModelError(f"model document is damaged: record.observer cannot be read: {error!r:.100}") from error
+    return network
 
 
 def _pool() -> ProcessPoolExecutor:

@@ -31,6 +31,22 @@ def parts_of(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(known[name].bounded_part or "" for name in wanted)
 
 
+def resolved_parts(names: Iterable[str]) -> tuple[str, ...]:
+    """Parts of a bounded network that stand for some effects, those that are always in one as well.
+
+    Raises
+    ------
+    ModelError
+        A bounded network cannot have an effect.
+    """
+    known = effects()
+    parts = {name: known[name].bounded_part for name in names}
+    lacking = [name for name, part in parts.items() if part is None]
+    if lacking:
+        raise ModelError(f"a bounded network cannot have {', '.join(lacking)}")
+    return tuple(part for part in parts.values() if part is not None)
+
+
 def effects_of(parts: Iterable[str]) -> tuple[str, ...]:
     """Effects that some parts stand for."""
     wanted = set(parts)

@@ -16,6 +16,10 @@ from models.network.structure import Structure
 
 Regressors = Callable[[View], FloatArray]
 # What the error of a model is drawn over, `comparison.profile`.
+# What a change is estimated in, see `Effect.renews`: the current without delay, with its low-passes, the curve.
+AT_ONCE = ("current", "scaled_current")
+LINEAR = (*AT_ONCE, "low_pass", "squared_current")
+CURVE = "ocv"
 Variable = Literal["soc", "soc_at_rest", "since_step_s", "current_A", "throughput_Ah", "time_h", "temperature_degC"]
 
 
@@ -134,6 +138,7 @@ class Effect:
     extend : (structure, values of the parameters, capacity in Ah) -> structure that has the effect; None: it is put in
         by `correction` or `assumption`, or by a refit alone
     bounded_part : part of a bounded network that stands for it; "": it is always in one; None: it cannot be
+    renews : what of a bounded network a change of it is estimated in, beside that part: kinds of signals, or `CURVE`
     ways_in : steps to a richer structure, tried beside `extend`
     correction : how it is put right in a run's columns; None: it is not in the sensors
     assumption : how it is put right in what a fit is told; None: it is not in that
@@ -163,6 +168,7 @@ class Effect:
     activation_K: Callable[[Values], float] | None = None
     extend: Callable[[Structure, Values, float], Structure] | None = None
     bounded_part: str | None = None
+    renews: tuple[str, ...] = ()
     ways_in: tuple[WayIn, ...] = ()
     correction: InputCorrection | None = None
     assumption: Assumption | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Local, Parameter
+from models.effects.effect import CURVE, Effect, Local, Parameter
 from models.effects.view import View
 
 _BUMPS = 16
@@ -24,5 +24,6 @@ EFFECT = Effect(
     regressors=_regressors,
     local=Local(_BUMPS, scale=1e3),
     absorbed=True,
+    renews=(CURVE,),
     contains=("voltage_offset", "initial_soc", "capacity"),
 )

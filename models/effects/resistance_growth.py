@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Lean, Parameter
+from models.effects.effect import LINEAR, Effect, Lean, Parameter
 from models.effects.view import View
 
 
@@ -32,5 +32,6 @@ EFFECT = Effect(
     slow=True,
     regressors=_regressors,
     overpotential=True,
+    renews=LINEAR,
     lean=Lean(_columns, lambda _view: (0.0,)),
 )

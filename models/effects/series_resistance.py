@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Parameter
+from models.effects.effect import AT_ONCE, Effect, Parameter
 from models.effects.view import View
 
 
@@ -21,4 +21,5 @@ EFFECT = Effect(
     shows_over=("current_A",),
     regressors=_regressors,
     absorbed=True,
+    renews=AT_ONCE,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Local, Parameter
+from models.effects.effect import AT_ONCE, Effect, Local, Parameter
 from models.effects.reading import Values
 from models.effects.view import View
 from models.network.signals import is_soc
@@ -45,4 +45,5 @@ EFFECT = Effect(
     contains=("series_resistance",),
     extend=_extend,
     bounded_part="",
+    renews=AT_ONCE,
 )

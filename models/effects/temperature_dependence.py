@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Effect, Parameter, Shift
+from models.effects.effect import LINEAR, Effect, Parameter, Shift
 from models.effects.reading import Values
 from models.effects.view import View
 from models.network.signals import parse_signal
@@ -73,4 +73,5 @@ EFFECT = Effect(
     activation_K=lambda values: values["activation_K"],
     extend=_extend,
     bounded_part="scaling by temperature",
+    renews=LINEAR,
 )

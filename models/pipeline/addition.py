@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypedDict, Unpack
 
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
-from models.diagnosis.change.change import analyse_change
-from models.diagnosis.diagnosis import network_memory, own_activation_K
-from models.diagnosis.evidence.joint import Named
-from models.diagnosis.evidence.parameters import Value, parameters
-from models.diagnosis.evidence.reading import Readings
-from models.diagnosis.reference.layout import Shape
+from models.diagnosis.diagnosis import check_training
+from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.reference.record import Record, make_record
-from models.diagnosis.reference.reference import fit_reference
 from models.diagnosis.reference.samples import visible
 from models.diagnosis.structure.extension import ExtensionSearch
-from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect, effect
-from models.effects.bounded_parts import bounded_effects
 from models.effects.input_correction import as_read, corrected
 from models.effects.reading import Assumption
 from models.identification.progress import Progress, silent
@@ -27,10 +21,16 @@ from models.network.lineage import version_of, with_version
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import AddedEffect
 from models.network.structure import Structure
+from models.pipeline.bounded_refit import remembers
+from models.pipeline.effect_sizes import changed, missing, sized
 from models.pipeline.fit import FitResult, fit_network
+from models.pipeline.known_effect import Again, difference, estimated_again, is_own
 
 # Numbers of local models with which the ways to put an effect in are compared.
 _SIZES = (12, 24, 36)
+_FINER = "the bounded network had it already; it was fitted to the training runs again, with more resolution for it"
+_ANEW = "the structure had it already; it was fitted to the training runs again"
+_OTHER_KIND = "a bounded network cannot have it: the full structure, which can, was fitted to the training runs instead"
 _FREED = "the bounded network was fitted to the training runs with the effect among its terms"
 _REFITTED = "the network was refitted to the training runs, which takes it in"
 
@@ -65,7 +65,7 @@ def add_effect(
     validate_soc: list[float],
     progress: Progress | None = None,
 ) -> Addition:
-    """Put an effect into a model.
+    """Put an effect into a model; one that its structure has already is estimated again.
 
     Parameters
     ----------
@@ -78,61 +78,104 @@ def add_effect(
     Raises
     ------
     ModelError
-        Unknown effect, one that the structure has already or cannot have, or one that the training runs cannot show.
+        Unknown effect, or one that the training runs cannot show.
     """
     chosen = effect(name)
-    left_out = _left_out(network, name)
     before = make_record(network, validate, validate_soc)
     own = make_record(network, train, train_soc)
+    check_training(own.runs)
     if chosen.regressors is not None and not visible(chosen, own.runs):
         raise ModelError(f"{name}: the training runs cannot show it, their temperature is missing or hardly moves")
     train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))
+    task = _Task(network, chosen, train, train_soc, own, progress)
     if chosen.extend is None:
-        return _by_correction(network, chosen, own, train, validate, validate_soc, before, progress)
-    values = _missing(network, chosen, own)
-    structure, remark = (None, _FREED) if left_out is not None else _extended(network, chosen, own, values)
-    fitted = _refitted(network, name, train, train_soc, progress=progress, structure=structure, without=left_out)
-    after = make_record(fitted.network, validate, validate_soc)
-    return _addition(network, fitted.network, chosen, values, before, after, remark, train)
+        values = changed(chosen, own, network)
+        made = _by_correction(task, values)
+        validate = [corrected(run, chosen, {key: each.value for key, each in values.items()}) for run in validate]
+    else:
+        made, values = _in_structure(task)
+    after = make_record(made.network, validate, validate_soc)
+    return _addition(network, made.network, chosen, values, before, after, made.remark, train)
 
 
-def _left_out(network: LocalModelNetwork, name: str) -> tuple[str, ...] | None:
-    """Effects that a bounded network leaves out once one more is in; None: it is another kind of network.
+@dataclass(frozen=True)
+class _Task:
+    """An effect to be put into a network's structure, and the runs to refit to."""
 
-    Raises
-    ------
-    ModelError
-        It has the effect already, or cannot have it.
-    """
+    network: LocalModelNetwork
+    chosen: Effect
+    train: list[TimeSeries]
+    train_soc: list[float]
+    own: Record
+    progress: Progress | None
+
+    def fitted(self, remark: str, **options: Unpack[_Options]) -> Again:
+        """The network fitted anew."""
+        network, name = self.network, self.chosen.name
+        return Again(_refitted(network, name, self.train, self.train_soc, self.progress, **options).network, remark)
+
+    @property
+    def can_be_held(self) -> bool:
+        """Whether something has changed since, and what was known is there to hold the rest to."""
+        return remembers(self.network) and not is_own(self.network, self.train)
+
+    def again(self, before: str) -> Again:
+        """The effect as it has become, in runs that the network was not made from."""
+        network, name = self.network, _name(self.network, self.chosen.name)
+        made = estimated_again(network, self.chosen, self.train, self.train_soc, self.own)
+        structure = replace(made.network.structure, name=name)
+        return Again(replace(made.network, structure=structure), f"{before}; {made.remark}")
+
+
+def _in_structure(task: _Task) -> tuple[Again, dict[str, Value]]:
+    """The network with the effect in its structure, and the effect's parameters."""
+    network, chosen, own = task.network, task.chosen, task.own
     if network.structure.kernel != "hat":
-        return None
+        values = missing(network, chosen, own)
+        extended = _extended(network, chosen, own, values)
+        if extended is not None:
+            structure, remark = extended
+            return task.fitted(remark, structure=structure), values
+        return task.fitted(_ANEW), values
     choices = network.record.choices or {}
     if choices.get("family") != "bounded":
         raise ModelError(
-            f"{name}: {network.name} has hats, which are fitted with bounds: fit it anew to its runs, with the effect "
-            "among its terms"
+            f"{chosen.name}: {network.name} has hats, which are fitted with bounds: fit it anew to its runs, with the "
+            "effect among its terms"
         )
     without = tuple(choices.get("without", ()))
-    if effect(name).extend is None or name in without:
-        return tuple(each for each in without if each != name)
-    if effect(name).bounded_part is not None:
-        raise ModelError(f"the model's structure has {name} already; nothing to add")
-    raise ModelError(
-        f"{name}: a bounded network cannot have it, only {', '.join(bounded_effects())}; fit its runs with "
-        "--structure full and add it to that model"
-    )
+    if chosen.name in without:
+        left = tuple(each for each in without if each != chosen.name)
+        return task.fitted(_FREED, without=left), missing(network, chosen, own)
+    if chosen.bounded_part is None:
+        return task.fitted(_OTHER_KIND, structure="full"), sized(chosen, own, network)
+    if task.can_be_held:
+        values = sized(chosen, own, network)
+        told = difference(chosen, values) or "it was in the network already"
+        return task.again(f"{told}: that part was estimated again from the training runs"), values
+    finer = tuple({*choices.get("finer", ()), chosen.name})
+    return task.fitted(_FINER, finer=finer), sized(chosen, own, network)
 
 
 def _extended(
     network: LocalModelNetwork, chosen: Effect, own: Record, values: dict[str, Value]
-) -> tuple[Structure, str]:
-    """The structure with an effect in it, and how it was put in."""
+) -> tuple[Structure, str] | None:
+    """The structure with an effect in it, and how it was put in; None: it has the effect already."""
     search = ExtensionSearch(Search(own.runs, own.soc, network.cell, silent), _SIZES)
     extension = search.extended(search.own(network), chosen, {key: each.value for key, each in values.items()})
     if extension is None:
-        raise ModelError(f"the model's structure has {chosen.name} already; nothing to add")
+        return None
     before, structure = network.structure, extension.choice.given
     return structure, f"structure extended from {', '.join(before.signals)} to {', '.join(structure.signals)}"
+
+
+class _Options(TypedDict, total=False):
+    """What is not as the network has it."""
+
+    capacity_Ah: float
+    structure: Structure | str
+    without: tuple[str, ...]
+    finer: tuple[str, ...]
 
 
 def _refitted(
@@ -140,21 +183,21 @@ def _refitted(
     name: str,
     train: list[TimeSeries],
     train_soc: list[float],
-    *,
     progress: Progress | None,
-    capacity_Ah: float | None = None,
-    structure: Structure | None = None,
-    without: tuple[str, ...] | None = None,
+    **options: Unpack[_Options],
 ) -> FitResult:
-    """The network fitted anew with an effect; by default of the same structure, a bounded one `without` the others."""
-    own_name = _name(network, name)
-    kept: Structure = replace(structure or network.structure, name=own_name)
+    """The network fitted anew with an effect; what no option says otherwise stays as it is."""
+    own_name, choices = _name(network, name), network.record.choices or {}
+    bounded = network.structure.kernel == "hat" and choices.get("family") == "bounded"
+    structure = options.get("structure", "bounded" if bounded else network.structure)
+    kept = isinstance(structure, str) and structure == "bounded"
     fitted = fit_network(
         train,
-        capacity_Ah=network.cell.capacity_Ah if capacity_Ah is None else capacity_Ah,
+        capacity_Ah=options.get("capacity_Ah", network.cell.capacity_Ah),
         coulombic_efficiency=network.cell.efficiency,
-        structure=kept if without is None else "bounded",
-        without=without or (),
+        structure=structure if isinstance(structure, str) else replace(structure, name=own_name),
+        without=options.get("without", tuple(choices.get("without", ()))) if kept else (),
+        finer=options.get("finer", tuple(choices.get("finer", ()))) if kept else (),
         initial_soc=train_soc,
         dt_s=network.structure.dt_s,
         progress=progress,
@@ -163,58 +206,22 @@ def _refitted(
     return replace(fitted, network=named)
 
 
-def _by_correction(
-    network: LocalModelNetwork,
-    chosen: Effect,
-    own: Record,
-    train: list[TimeSeries],
-    validate: list[TimeSeries],
-    validate_soc: list[float],
-    before: Record,
-    progress: Progress | None,
-) -> Addition:
-    values = _changed(chosen, own, network)
+def _by_correction(task: _Task, values: dict[str, Value]) -> Again:
+    """The network refitted to runs that are put right, or with its assumptions put right."""
+    network, chosen, own = task.network, task.chosen, task.own
     plain = {key: each.value for key, each in values.items()}
     told = chosen.assumption or Assumption()
     capacity_Ah = network.cell.capacity_Ah if told.capacity_Ah is None else told.capacity_Ah(plain)
     moved = 0.0 if told.soc_moved is None else told.soc_moved(plain, own.soc[0])
-    fitted = _refitted(
-        network,
-        chosen.name,
-        [corrected(run, chosen, plain) for run in train],
-        [soc + moved for soc in own.soc],
-        progress=progress,
-        capacity_Ah=capacity_Ah,
-        without=_left_out(network, chosen.name),
-    )
-    after = make_record(fitted.network, [corrected(run, chosen, plain) for run in validate], validate_soc)
     remark = f"the model counts charge on {capacity_Ah:.4g} Ah" if told.capacity_Ah is not None else _REFITTED
     if chosen.correction is not None:
         remark = "the runs' columns were corrected by it before the refit; correct further runs of this rig likewise"
-    return _addition(network, fitted.network, chosen, values, before, after, remark, train)
-
-
-def _missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[str, Value]:
-    """Parameters of an effect that the structure lacks, from the training runs."""
-    shape = Shape(own_activation_K(network.structure))
-    reference = fit_reference(own.runs, own.soc, network.cell.capacity_Ah, shape)
-    found = analyse_structure(network, reference, own.runs, own.soc, [], [], [chosen])
-    named = Named(found.comparison, found.ranking)
-    return Readings((named,)).parameters(named, found.ranking.candidates[0])
-
-
-def _changed(chosen: Effect, own: Record, network: LocalModelNetwork) -> dict[str, Value]:
-    """Parameters of an effect that is new in the runs, held against what the network would have given."""
-    analysis = analyse_change(network_memory(network, own), own.runs, own.soc, [chosen])
-    if chosen.warmth is not None:
-        trial = analysis.thermal.trials[0] if analysis.thermal is not None else None
-        if trial is None:
-            raise ModelError(f"{chosen.name}: the runs have no ambient temperature, or the cell hardly warmed up")
-        named = zip(chosen.parameters, trial.values, trial.std, strict=True)
-        return {each.name: Value(value, std, each.unit) for each, value, std in named}
-    if analysis.comparison is None or analysis.ranking is None:
-        raise ModelError(f"{chosen.name}: the training runs have too few samples in the trained domain to size it")
-    return parameters(analysis.comparison, analysis.ranking.candidates[0])
+    train, soc = [corrected(run, chosen, plain) for run in task.train], [each + moved for each in own.soc]
+    right = replace(task, train=train, train_soc=soc)
+    if not task.can_be_held:
+        return right.fitted(remark, capacity_Ah=capacity_Ah)
+    network = replace(network, cell=replace(network.cell, capacity_Ah=capacity_Ah))
+    return replace(right, network=network, own=make_record(network, train, soc)).again(remark)
 
 
 def _name(network: LocalModelNetwork, effect_name: str) -> str:

@@ -6,6 +6,7 @@ not negative, and the open-circuit curve rises.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
+from models.effects.effect import CURVE
 from models.identification.bounded.fitted import curve_by_values, theta_of
 from models.identification.bounded.knots import Knots
 from models.identification.bounded.monotone import risen
@@ -46,7 +48,11 @@ def remembers(network: LocalModelNetwork) -> bool:
 
 
 def solved_bounded(
-    network: LocalModelNetwork, runs: list[GridRun], initial_soc: list[float], old_weight: float | None
+    network: LocalModelNetwork,
+    runs: list[GridRun],
+    initial_soc: list[float],
+    old_weight: float | None,
+    freed: Collection[str] = (),
 ) -> BoundedSolution:
     """Choose both weights on held-out folds of the new runs, and solve.
 
@@ -55,6 +61,8 @@ def solved_bounded(
     network : of which `remembers` holds
     runs, initial_soc : new runs on its grid; samples beyond its knots are not learned from
     old_weight : how much the old runs count, in units of what they said; None: chosen
+    freed : signals whose gains, or with `CURVE` the curve, the old runs say nothing of; the rest is known as far as it
+        is without them
 
     Raises
     ------
@@ -64,7 +72,7 @@ def solved_bounded(
     known = uncertainty_of(network)
     assert known is not None and known.parameters.expansion is not None  # of every bounded network
     layout = _layout(network, known)
-    problem = _Problem(network, known, layout, _sums(network, layout, runs, initial_soc))
+    problem = _Problem(network, known, layout, _sums(network, layout, runs, initial_soc), freed)
     tried = {w: problem.held_out_V(w, _ALIKE[0]) for w in (_OLD_WEIGHTS if old_weight is None else (old_weight,))}
     weight = min(tried, key=tried.__getitem__)
     alikes = {_ALIKE[0]: tried[weight]} | {a: problem.held_out_V(weight, a) for a in _ALIKE[1:]}
@@ -112,7 +120,9 @@ def _sums(network: LocalModelNetwork, layout: Layout, runs: list[GridRun], initi
 class _Problem:
     """Sums of the new runs, and what holds the coefficients to the old ones; the curve by its increments."""
 
-    def __init__(self, network: LocalModelNetwork, known: Uncertainty, layout: Layout, sums: Sums) -> None:
+    def __init__(
+        self, network: LocalModelNetwork, known: Uncertainty, layout: Layout, sums: Sums, freed: Collection[str] = ()
+    ) -> None:
         self._network, self._known, self._layout, self._sums = network, known, layout, sums
         n, span_V = layout.n_curve, network.voltage_span_V
         # The network's free parameters have the curve last.
@@ -124,6 +134,9 @@ class _Problem:
         self._by_values[:n, :n] = np.tril(np.ones((n, n)))
         self._noise2 = float(np.mean(known.level_V**2)) * known.correlation.inflation
         self._old = self._noise2 * self._by_values.T @ precision @ self._by_values
+        # Directions that neither new nor old runs excite stay where they are.
+        self._floor = 1e-6 * np.diag(self._old)
+        self._old = _without(self._old, _places(layout, freed))
         self._centre = _coefficients(network, layout)
         self._alike = sums.penalties[0] + sums.penalties[1] + sums.penalties[3]
 
@@ -161,9 +174,31 @@ class _Problem:
         sums = self._sums
         count = float(sums.count[kept].sum())
         hold = weight * self._old / count + alike * self._alike
-        # Directions that neither new nor old runs excite stay where they are.
-        hold[np.diag_indices_from(hold)] += 1e-6 * np.diag(self._old) / count
+        hold[np.diag_indices_from(hold)] += self._floor / count
         return sums.xx[kept].sum(axis=0) / count + hold, sums.xy[kept].sum(axis=0) / count + hold @ self._centre
+
+
+def _places(layout: Layout, signals: Collection[str]) -> np.ndarray:
+    """(P,) whether a coefficient is a gain of one of some signals, or of the curve where that is among them."""
+    chosen = np.arange(layout.size) < (layout.n_curve if CURVE in signals else 0)
+    for b, term in enumerate(layout.basis.terms):
+        chosen[layout.first[b] : layout.first[b + 1]] = term.signal in signals
+    return chosen
+
+
+def _without(precision: FloatArray, freed: np.ndarray) -> FloatArray:
+    """(P, P) the same knowledge of the other coefficients, and none of those that are freed."""
+    if not freed.any():
+        return precision
+    kept = np.flatnonzero(~freed)
+    among, across = precision[np.ix_(freed, freed)], precision[np.ix_(~freed, freed)]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(among), 1e-300))
+    scaled = among * np.outer(scale, scale) + 1e-9 * np.eye(len(among))
+    out = np.zeros_like(precision)
+    out[np.ix_(kept, kept)] = precision[np.ix_(kept, kept)] - (across * scale) @ cho_solve(
+        cho_factor(scaled), (across * scale).T
+    )
+    return 0.5 * (out + out.T)
 
 
 def _coefficients(network: LocalModelNetwork, layout: Layout) -> FloatArray:

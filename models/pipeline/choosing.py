@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from models.data.errors import ModelError
-from models.effects.bounded_parts import parts_of
+from models.effects.bounded_parts import parts_of, resolved_parts
 from models.identification.bounded.variants import Trials, Variant, best_variant, clearly_better
 from models.identification.progress import Progress, part_of
 from models.identification.search.search import Search
@@ -63,6 +63,7 @@ def choose(
     without: tuple[str, ...],
     report: Progress,
     bounded: Chosen | None = None,
+    finer: tuple[str, ...] = (),
 ) -> Chosen:
     """Choose a plan and build it.
 
@@ -73,20 +74,23 @@ def choose(
     without : effects that are left out; of the bounded network only
     report : called with a share 0..1 and a short text
     bounded : the bounded network of these data, where it is known
+    finer : effects that a bounded network is to have with more resolution than usual
 
     Raises
     ------
     ModelError
         No such structure, or an effect that cannot be left out of it.
     """
-    if without and structure not in ("bounded", "auto"):
+    if (without or finer) and structure not in ("bounded", "auto"):
         raise ModelError(
-            f"effects can be left out of the bounded network only, not of {structure!r}; use --structure bounded"
+            f"effects can be left out of the bounded network, or made finer in it, only, not of {structure!r}; "
+            "use --structure bounded"
         )
     if isinstance(structure, Structure):
         return _built(_given(data, structure, part_of(report, 0.0, 0.7)), data, part_of(report, 0.7, 0.3))
-    if structure == "bounded" or without:
-        return _built(_bounded(data, without, part_of(report, 0.0, 0.7)), data, part_of(report, 0.7, 0.3))
+    if structure == "bounded" or without or finer:
+        plan = _bounded(data, without, part_of(report, 0.0, 0.7), finer)
+        return _built(plan, data, part_of(report, 0.7, 0.3))
     if structure in _SEARCHED:
         search = _search(data, part_of(report, 0.0, 0.7))
         return _built(SearchedPlan(search, search.best(structure)), data, part_of(report, 0.7, 0.3))
@@ -128,7 +132,7 @@ def _built(plan: Plan, data: Training, report: Progress) -> Chosen:
     return Chosen(plan, built, built.held_out())
 
 
-def _bounded(data: Training, without: tuple[str, ...], report: Progress) -> BoundedPlan:
+def _bounded(data: Training, without: tuple[str, ...], report: Progress, finer: tuple[str, ...] = ()) -> BoundedPlan:
     bank = SignalBank(data.fit_grid, data.fit_soc, data.cell)
     tried: list[Variant] = []
 
@@ -136,13 +140,13 @@ def _bounded(data: Training, without: tuple[str, ...], report: Progress) -> Boun
         tried.append(variant)
         report(min(0.1 * len(tried), 0.9), f"bounded network over {variant.axis}")
 
-    trials = Trials(bank, parts_of(without), begun)
+    trials = Trials(bank, parts_of(without), begun, finer=resolved_parts(finer))
     best = best_variant(trials)
     table: list[Json] = [
         {"family": "bounded", **variant.to_json(), "held_out_rmse_mV": 1e3 * held.mean_mse(logs) ** 0.5}
         for variant, (held, logs) in trials.known.items()
     ]
-    return BoundedPlan(best, without, table, trials)
+    return BoundedPlan(best, without, table, trials, finer=finer)
 
 
 def _search(data: Training, report: Progress) -> Search:

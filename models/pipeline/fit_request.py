@@ -26,6 +26,7 @@ class FitRequest:
     dt_s : sampling time; by default the typical interval of the training runs
     progress : called with a share 0..1 and a short text
     without : effects that are left out of the bounded network
+    finer : effects that it has with more resolution than usual
     code_version : of the program, for the record
     """
 
@@ -40,6 +41,7 @@ class FitRequest:
     dt_s: float | None = None
     progress: Progress | None = None
     without: tuple[str, ...] = ()
+    finer: tuple[str, ...] = ()
     code_version: str = "unknown"
 
 
@@ -55,4 +57,5 @@ class FitOptions(TypedDict, total=False):
     dt_s: float | None
     progress: Progress | None
     without: tuple[str, ...]
+    finer: tuple[str, ...]
     code_version: str

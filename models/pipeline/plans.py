@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.bounded_parts import effects_of, parts_of
+from models.effects.bounded_parts import effects_of, parts_of, resolved_parts
 from models.identification.bounded.fitted import BoundedFit, fit_variant, network_parts
 from models.identification.bounded.problem import groups_of, make_sums, run_index
 from models.identification.bounded.strengths import HeldOut
@@ -164,6 +164,7 @@ class BoundedPlan:
     without : effects that are left out
     table : documents of what was tried
     trials : forms that were tried on the data that it was chosen from; None: nothing is kept
+    finer : effects with more resolution than usual
     """
 
     variant: Variant
@@ -171,13 +172,15 @@ class BoundedPlan:
     table: list[Json] = field(default_factory=list)
     trials: Trials | None = None
     name: str = "bounded"
+    finer: tuple[str, ...] = ()
 
     def build(self, data: Training, report: Progress) -> Built:
         """Fit the form to training data."""
         report(0.0, "solving for the bounded network")
         trials = self.trials
         if trials is None or trials.bank.runs is not data.fit_grid:
-            trials = Trials(SignalBank(data.fit_grid, data.fit_soc, data.cell), parts_of(self.without))
+            bank = SignalBank(data.fit_grid, data.fit_soc, data.cell)
+            trials = Trials(bank, parts_of(self.without), finer=resolved_parts(self.finer))
         fit = fit_variant(trials, self.variant)
         structure, partition, theta, scaling = network_parts(fit, self.name)
         record = _record(data, self._choices(fit), self.table, None)
@@ -196,6 +199,7 @@ class BoundedPlan:
             "family": "bounded",
             **fit.variant.to_json(),
             "without": list(self.without),
+            "finer": list(self.finer),
             "log_strengths": list(fit.log_strengths),
             "held_out_rmse_mV": 1e3 * fit.held_out_rmse_V,
             "terms": terms,

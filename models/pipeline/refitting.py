@@ -10,6 +10,7 @@ chosen on held-out blocks of the new runs. What ages a cell at one state of char
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,14 +128,43 @@ def _with_bounds(
     soc: list[float],
     _old: StoredSums | None,
     old_weight: float | None,
+    freed: Collection[str] = (),
 ) -> tuple[Solution, LocalModelNetwork, StoredSums | None]:
     """A bounded network, held to its old coefficients by their covariance; it stays one over its own knots."""
     grid = [to_grid(as_read(network.record, run), network.dt_s) for run in runs]
-    bounded = solved_bounded(network, grid, soc, old_weight)
+    bounded = solved_bounded(network, grid, soc, old_weight, freed)
     record = _kept(network, runs, soc)
     domain = {**record.domain, "soc": network.record.domain["soc"]}
     record = replace(record, domain=domain, uncertainty=bounded.uncertainty.to_json())
     return bounded.solution, replace(network, theta=bounded.solution.theta, record=record), None
+
+
+def refit_part(
+    network: LocalModelNetwork,
+    runs: list[TimeSeries],
+    initial_soc: list[float],
+    freed: Collection[str],
+    old_weight: float | None = 1.0,
+) -> LocalModelNetwork:
+    """Estimate a part of a bounded network again; the rest is held to what is known of it.
+
+    Parameters
+    ----------
+    network : of which `bounded_refit.remembers` holds
+    runs, initial_soc : new runs and where they start
+    freed : signals of which the old runs are to say nothing; with `CURVE` also not of the curve
+    old_weight : how much what is known of the rest counts; None: chosen on held-out parts of the new runs
+
+    Raises
+    ------
+    ModelError
+        No sample of the new runs lies between the network's knots.
+    """
+    solution, made, _ = _with_bounds(network, runs, initial_soc, None, old_weight, freed)
+    held_out_mV = 1e3 * network.voltage_span_V * min(solution.alikes.values())
+    choices = {**(network.record.choices or {}), "held_out_rmse_mV": held_out_mV}
+    record = replace(made.record, choices=choices, train=free_run_metrics(made, runs, initial_soc))
+    return replace(made, record=record)
 
 
 def _check(

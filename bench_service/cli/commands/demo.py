@@ -10,18 +10,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich import box
-from rich.table import Table
-
 from bench_service.cli.arguments import natural
 from bench_service.cli.command import Command
+from bench_service.cli.demo_report import demo_answer, show_demo
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
 from simulators.catalogue import cell_type
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bench_service.config import ServiceConfig
     from simulators.hidden_effect import HiddenEffect
 
@@ -32,6 +28,9 @@ _MAPS = {"modbus-tcp": "generic", "modbus-rtu": "generic", "can": "generic_can"}
 _BAUDS = (19_200, 115_200, 921_600)  # at 115200 the line alone takes five minutes for 60 000 samples
 # As the service has it; known here without loading the service.
 _MOST_ROUNDS = 5
+# Charge is counted on the capacity that the cell had: with 15 % less of it, the most that is hidden, the cell must stay
+# inside its voltage limits.
+_HIDDEN_SOC = [0.15, 0.8]
 
 
 def _arguments(parser: ArgumentParser) -> None:
@@ -85,9 +84,9 @@ def _run(options: Namespace, output: Output) -> int:
             except KeyboardInterrupt:
                 client.stop_campaign(record["id"])
                 raise
-        answer = _answer(record, hidden, time.monotonic() - started_s)
+        answer = demo_answer(record, hidden, time.monotonic() - started_s)
         answer |= {"data": str(config.data_dir), "address": client.url, "state": record["state"]}
-        output.result(answer, lambda console: _show(console, record, answer))
+        output.result(answer, lambda console: show_demo(console, record, answer))
         if stays_up(options, sys.stdout.isatty()):
             _keep_page_up(client.url)
     return 0 if record["state"] == "completed" else 1
@@ -141,102 +140,8 @@ def _request(options: Namespace, hidden: HiddenEffect | None) -> dict[str, Any]:
         # What a diagnosis stands on: the model must be closer to the cell than the effect is large.
         request |= {"diagnose": options.mode, "structure": "auto" if options.mode == "change" else "full"}
         request |= {"changed_bench": _CHANGED_BENCH} if options.mode == "change" else {}
+        request["soc"] = _HIDDEN_SOC
     return request
-
-
-def _answer(record: dict[str, Any], hidden: HiddenEffect | None, seconds: float) -> dict[str, Any]:
-    """The `demo` object of the public contract."""
-    result = record["result"] or {}
-    diagnosis = result.get("diagnosis") or {}
-    findings = diagnosis.get("findings") or []
-    named = findings[0]["effect"] if diagnosis.get("verdict") in ("missing", "ambiguous") and findings else None
-    opened = None if hidden is None else {"value": hidden.value, "before": hidden.before, "unit": hidden.unit}
-    return {
-        "runs": [run["run_id"] for run in result.get("runs", [])],
-        "samples": result.get("samples", 0),
-        "missed_ticks": result.get("missed_ticks", 0),
-        "rounds": result.get("rounds", []),
-        "model_chain": result.get("model_chain", []),
-        "hidden_effect": None if hidden is None else hidden.name,
-        "hidden_size": opened,
-        "seal": None if hidden is None else {"sha256": hidden.seal, "contents": hidden.contents},
-        "verdict": diagnosis.get("verdict"),
-        "diagnosed_effect": named,
-        "soc_rmse": (result.get("soc") or {}).get("rmse"),
-        "seconds": seconds,
-    }
-
-
-def _show(console: Console, record: dict[str, Any], answer: dict[str, Any]) -> None:
-
-    stages = Table(box=box.SIMPLE_HEAD)
-    for heading in ("stage", "state", "seconds", "what"):
-        stages.add_column(heading, justify="right" if heading == "seconds" else "left", overflow="fold")
-    for stage in record["stages"]:
-        seconds = "" if stage["seconds"] is None else f"{stage['seconds']:.1f}"
-        stages.add_row(stage["name"], stage["state"], seconds, stage["detail"])
-    console.print(stages)
-    if record["state"] != "completed":
-        console.print(f"The campaign ended as {record['state']}: {record['message']}")
-    else:
-        console.print(_figures(record["result"], answer))
-        _show_diagnosis(console, record["result"], answer)
-    console.print(f"Data: {answer['data']}")
-    for run in (record["result"] or {}).get("runs", []):
-        console.print(f"Run:  {run['run_id']} ({run['role']})")
-
-
-def _show_diagnosis(console: Console, result: dict[str, Any], answer: dict[str, Any]) -> None:
-    """What the campaign found, then what was hidden."""
-    found = result.get("diagnosis")
-    if found is None:
-        return
-    console.print(f"Verdict: [bold]{found['verdict'].replace('_', ' ')}[/bold]")
-    for finding in found["findings"][:3]:
-        console.print(
-            f"  {finding['rank']}. {finding['effect']}, confidence {100 * finding['confidence']:.0f} %: "
-            f"{finding['explanation']}"
-        )
-    for version in answer["model_chain"]:
-        effect = "model" if version["effect"] is None else f"with {version['effect']}"
-        console.print(f"  {effect}: {version['validation_rmse_mV']:.2f} mV on a run that it never saw")
-    if answer["hidden_effect"] is not None:
-        size = answer["hidden_size"]
-        console.print(
-            f"The seal is opened: {answer['hidden_effect']}, {size['value']:g} {size['unit']} "
-            f"where the cell had {size['before']:g}"
-        )
-        console.print(f"  {answer['seal']['sha256']} = SHA-256 of {answer['seal']['contents']!r}")
-
-
-def _figures(result: dict[str, Any], answer: dict[str, Any]) -> Any:
-
-    table = Table(box=box.SIMPLE_HEAD, show_header=False)
-    table.add_column()
-    table.add_column(justify="right")
-    soc = result["soc"]
-    noise = result["sensor_noise_mV"]
-    converged = soc["converged_after_s"]
-    rows = [
-        ("samples stored", f"{answer['samples']}"),
-        ("missed ticks", f"{answer['missed_ticks']}"),
-        ("free-run voltage error, training run", f"{result['train']['rmse_mV']:.2f} mV"),
-        ("free-run voltage error, run the fit never saw", _held_out(result)),
-        ("sensor noise", "unknown" if noise is None else f"{noise:.2f} mV"),
-        ("live observer: started off by", f"{100 * soc['started_off_by']:.0f} % SoC"),
-        ("live observer: below 3 % after", "never" if converged is None else f"{converged:.0f} s"),
-        ("live observer: SoC error after that, RMS", f"{100 * soc['rmse']:.2f} %"),
-        ("live observer: SoC error after that, largest", f"{100 * soc['max_error']:.2f} %"),
-        ("time", f"{answer['seconds']:.0f} s"),
-    ]
-    for name, value in rows:
-        table.add_row(name, value)
-    return table
-
-
-def _held_out(result: dict[str, Any]) -> str:
-    """Error after each round."""
-    return ", then ".join(f"{each['validation_rmse_mV']:.2f}" for each in result["rounds"]) + " mV"
 
 
 def stays_up(options: Namespace, on_terminal: bool) -> bool:

@@ -64,13 +64,14 @@ def _by_service(config: ServiceConfig, names: set[str] | None) -> dict[str, dict
     """Ask the service that holds the store; None stands for all benches."""
     # Lazy: sqlalchemy and httpx take 400 ms; whoever gets here has lost the short way already.
     from bench_service.client import BenchClient, ClientError
+    from bench_service.config.token import read_token
     from bench_service.store.metadata import MetadataStore
 
     holder = MetadataStore.holder(config.data_dir)
     if holder is None or holder.url is None:
         return dict.fromkeys(names or (), None) if names and not names.isdisjoint(config.bench) else {}
     found: dict[str, dict[str, Any] | None] = {}
-    with BenchClient(holder.url, timeout_s=_REST_S) as client:
+    with BenchClient(holder.url, timeout_s=_REST_S, token=read_token(config.data_dir)) as client:
         try:
             for name in names or [each["name"] for each in client.benches()]:
                 began_s = time.monotonic()

@@ -74,7 +74,7 @@ export const api = {
   run: (runId) => get(`/runs/${id(runId)}`),
   samples: (runId, max_points) => get(`/runs/${id(runId)}/samples?${query({ max_points })}`, 60),
   observer: (runId, max_points) => get(`/runs/${id(runId)}/observer?${query({ max_points })}`, 60),
-  exportUrl: (runId, format) => `${BASE}/runs/${id(runId)}/export?format=${format}`,
+  exportUrl: (runId, format, damaged) => `${BASE}/runs/${id(runId)}/export?format=${format}${damaged ? "&damaged=include" : ""}`,
   campaigns: async () => list(await get("/campaigns"), "campaigns"),
   startCampaign: (body) => post("/campaigns", body),
   stopCampaign: (campaignId) => post(`/campaigns/${id(campaignId)}/stop`, undefined, 5),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 from models.data.errors import ModelError
@@ -21,6 +21,11 @@ _EXCHANGE_K = 4000.0
 _SLOWED_S = 20.0
 _LOOP_RATES = (10.0, 40.0, 150.0)
 _SQUARED_S = (60.0, 600.0)
+# What stands between them, and beyond, where a part is asked for with more resolution.
+_MORE_RELAXATION_S = (115.0, 350.0, 1100.0, 3500.0, 6000.0)
+_MORE_ACTIVATIONS_K = (1700.0, 5500.0, 9500.0)
+_MORE_EXCHANGE_RATES = (0.007, 0.05, 0.22, 1.0, 6.0)
+_MORE_LOOP_RATES = (4.0, 20.0, 80.0, 300.0)
 # Below this many samples a low-pass cannot be told from the current itself.
 _FASTEST_SAMPLES = 1.5
 
@@ -28,6 +33,8 @@ _FASTEST_SAMPLES = 1.5
 # Parts that a network can do without; a physical effect names the one that stands for it.
 SLOW, TRANSFER, LOOP = "relaxation", "charge_transfer", "hysteresis"
 SCALED, SLOPE = "scaling by temperature", "slope with temperature"
+# What every network has: gains over the state of charge.
+GAINS_OVER_SOC = ""
 
 
 @dataclass(frozen=True)
@@ -89,6 +96,7 @@ def make_basis(
     axis: str = "soc",
     slowest_s: float = 2000.0,
     squared: bool = False,
+    finer: Collection[str] = (),
 ) -> Basis:
     """All terms that runs can tell something of.
 
@@ -100,9 +108,14 @@ def make_basis(
     axis : state of charge that curve and gains stand over
     slowest_s : longest time constant
     squared : whether overvoltages that grow faster than the current are offered
+    finer : parts that are wanted with more resolution: more time constants, rates or activations
     """
     factors = {"moves": _ACTIVATIONS_K, "one": (_TYPICAL_K,), "missing": (0.0,)}[temperature]
-    relaxation_s = [tau_s for tau_s in _RELAXATION_S if _FASTEST_SAMPLES * dt_s <= tau_s <= slowest_s]
+    factors += _MORE_ACTIVATIONS_K if SCALED in finer and temperature == "moves" else ()
+    slow_s, slowest_s = (_MORE_RELAXATION_S, _MORE_RELAXATION_S[-1]) if SLOW in finer else ((), slowest_s)
+    relaxation_s = [
+        tau_s for tau_s in sorted((*_RELAXATION_S, *slow_s)) if _FASTEST_SAMPLES * dt_s <= tau_s <= slowest_s
+    ]
     terms = []
     for kelvin in factors:
         scaled = (SCALED,) if kelvin and temperature == "moves" else ()
@@ -110,8 +123,10 @@ def make_basis(
         if squared:
             signals = [f"squared_current:{tau_s:g}/{kelvin:g}" for tau_s in _SQUARED_S]
             terms += [Term(signal, (*scaled, SLOW)) for signal in signals]
-    terms += _charge_transfer(dt_s, capacity_Ah, 0.0 if temperature == "missing" else _EXCHANGE_K)
-    terms += [Term(f"hysteresis_state:{rate:g}", (LOOP,)) for rate in _LOOP_RATES]
+    exchange_rates = (*_EXCHANGE_RATES, *(_MORE_EXCHANGE_RATES if TRANSFER in finer else ()))
+    terms += _charge_transfer(dt_s, capacity_Ah, 0.0 if temperature == "missing" else _EXCHANGE_K, exchange_rates)
+    loop_rates = (*_LOOP_RATES, *(_MORE_LOOP_RATES if LOOP in finer else ()))
+    terms += [Term(f"hysteresis_state:{rate:g}", (LOOP,)) for rate in loop_rates]
     if temperature == "moves":
         terms.append(Term("temperature", (SLOPE, SCALED), bounded=False))
     return Basis(axis, tuple(terms))
@@ -126,12 +141,10 @@ def _linear(kelvin: float, scaled: tuple[str, ...], relaxation_s: Iterable[float
     return terms
 
 
-def _charge_transfer(dt_s: float, capacity_Ah: float, activation_K: float) -> list[Term]:
+def _charge_transfer(dt_s: float, capacity_Ah: float, activation_K: float, rates: Iterable[float]) -> list[Term]:
     """At once and slowed, for each exchange current."""
     slowed_s = (0.0, _SLOWED_S) if _FASTEST_SAMPLES * dt_s <= _SLOWED_S else (0.0,)
     signals = [
-        f"charge_transfer:{rate * capacity_Ah:.6g}/{activation_K:g}/{tau_s:g}"
-        for rate in _EXCHANGE_RATES
-        for tau_s in slowed_s
+        f"charge_transfer:{rate * capacity_Ah:.6g}/{activation_K:g}/{tau_s:g}" for rate in rates for tau_s in slowed_s
     ]
     return [Term(signal, (TRANSFER,)) for signal in signals]

@@ -17,11 +17,11 @@ from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import make_knots
 from models.identification.bounded.problem import make_layout, make_sums, soc_over
 from models.identification.bounded.strengths import HeldOut
-from models.identification.bounded.terms import SLOW, Basis, make_basis
+from models.identification.bounded.terms import GAINS_OVER_SOC, SLOPE, SLOW, Basis, make_basis
 from models.network.regression import SignalBank
 
 # Knots of the curve, of gains and of the slope with temperature, over SoC 0..1.
-CURVE, GAINS, SLOPES, FINE_SLOPES = 48, 9, 6, 24
+CURVE, GAINS, FINE_GAINS, SLOPES, FINE_SLOPES = 48, 9, 17, 6, 24
 # Samples in the sums while forms are compared.
 _SEARCH_SAMPLES = 45_000
 # Depth in h, time constant in s and activation in K of the surfaces that are offered.
@@ -77,11 +77,13 @@ class Trials:
     bank : signals of the runs
     without : parts that are left out
     progress : called with each form's document
+    finer : parts with more resolution than usual
     """
 
     bank: SignalBank
     without: tuple[str, ...] = ()
     progress: Callable[[Variant], None] = lambda _variant: None
+    finer: tuple[str, ...] = ()
     known: dict[Variant, tuple[HeldOut, tuple[float, ...]]] = field(default_factory=dict)
 
     def error(self, variant: Variant, start: tuple[float, ...] | None = None) -> FloatArray:
@@ -99,9 +101,9 @@ class Trials:
     def held_out(self, variant: Variant, keep_every: int) -> HeldOut:
         """Sums of a form on every n-th sample."""
         soc = np.concatenate(soc_over(self.bank, variant.axis))
-        knots = make_knots(
-            float(soc.min()), float(soc.max()), CURVE, GAINS, FINE_SLOPES if variant.fine_slope else SLOPES
-        )
+        gains = FINE_GAINS if GAINS_OVER_SOC in self.finer else GAINS
+        slopes = FINE_SLOPES if variant.fine_slope or SLOPE in self.finer else SLOPES
+        knots = make_knots(float(soc.min()), float(soc.max()), CURVE, gains, slopes)
         layout = make_layout(self.bank, self.basis(variant), knots)
         return HeldOut(make_sums(self.bank, layout, keep_every).by_increments())
 
@@ -109,7 +111,12 @@ class Trials:
         """Terms of a form."""
         run, cell = self.bank.runs[0], self.bank.cell
         made = make_basis(
-            run.dt_s, cell.capacity_Ah, temperature_in(self.bank), axis=variant.axis, squared=variant.squared
+            run.dt_s,
+            cell.capacity_Ah,
+            temperature_in(self.bank),
+            axis=variant.axis,
+            squared=variant.squared,
+            finer=self.finer,
         )
         return made.without(self.without) if self.without else made
 

@@ -88,3 +88,15 @@ def test_an_added_effect_stands_with_both_its_errors_on_the_same_runs() -> None:
 def test_no_round_has_no_model() -> None:
     with pytest.raises(IndexError):
         _ = Progress().model_id
+
+
+def test_what_a_failed_stage_did_not_reach_is_left_out() -> None:
+    diagnosed = ended(diagnosis={"verdict": "missing"})
+    whole = campaign_result(diagnosed, SOC)
+    assert whole["diagnosis"] == {"verdict": "missing"} and "soc" in whole
+    without_observer = campaign_result(diagnosed, None)
+    assert without_observer == {key: value for key, value in whole.items() if key != "soc"}
+    fitted = campaign_result(ended(comparison=None), None)
+    assert fitted["model_id"] == "m2" and "validation" not in fitted and "model_chain" not in fitted
+    played = campaign_result(Progress(runs=ended().runs), None)
+    assert played["samples"] == 300 and "model_id" not in played

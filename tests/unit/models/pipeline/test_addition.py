@@ -1,12 +1,17 @@
 """Effects that are added to a bounded network, which is fitted again with its bounds."""
 
+import re
+from dataclasses import replace
+from functools import cache
+
 import pytest
 
-from models.data.errors import ModelError
+from models.data.timeseries import TimeSeries
 from models.network.lineage import version_of
 from models.pipeline.addition import Addition, add_effect
-from tests.unit.models.diagnosis.cells import SOC
-from tests.unit.models.pipeline.bounded_cell import fitted, run
+from models.pipeline.bounded_refit import remembers
+from tests.unit.models.diagnosis.cells import SOC, measured
+from tests.unit.models.pipeline.bounded_cell import CELL, fitted, run
 
 
 def added(name: str, without: tuple[str, ...]) -> Addition:
@@ -32,9 +37,70 @@ def test_others_stay_left_out_where_runs_are_corrected() -> None:
     assert choices is not None and choices["without"] == ["hysteresis"]
 
 
-def test_what_it_has_or_cannot_have_is_refused() -> None:
-    for name in ("hysteresis", "soc_dependence"):
-        with pytest.raises(ModelError, match=f"has {name} already"):
-            added(name, ())
-    with pytest.raises(ModelError, match="--structure full"):
-        added("charge_discharge_asymmetry", ())
+@cache
+def changed_cell(**changes: float) -> tuple[TimeSeries, TimeSeries]:
+    """A run to learn from and one to judge, of the same cell after something has changed."""
+    cell = replace(CELL, **changes)
+    return measured(cell, 12, 3000), measured(cell, 14, 3000)
+
+
+def renewed(name: str, **changes: float) -> Addition:
+    train, validate = changed_cell(**changes)
+    return add_effect(fitted().network, name, [train], [SOC], [validate], [SOC])
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "changes", "size"),
+    [
+        ("hysteresis", "amplitude_V", {"hysteresis_amplitude_V": 0.032}, 0.012),
+        ("series_resistance", "resistance_Ohm", {"series_resistance_Ohm": 0.008}, 0.008),
+        ("temperature_dependence", "activation_K", {"activation_K": 2500.0}, 2500.0),
+        ("resistance_growth", "growth_per_Ah", {"resistance_growth_per_Ah": 0.04}, 0.04),
+    ],
+)
+def test_what_a_network_has_is_estimated_again_as_a_difference(
+    name: str, parameter: str, changes: dict[str, float], size: float
+) -> None:
+    made = renewed(name, **changes)
+    assert made.parameters[parameter].value == pytest.approx(size, rel=0.1)
+    assert made.error_after_mV < 0.85 * made.error_before_mV
+    network = made.network
+    assert network.structure.name == f"bounded+{name}" and network.record.tables is not None
+    assert made.remark.endswith("the rest was held to what was known")
+    version = version_of(network)
+    assert version is not None and version.parent is not None
+    # It is a bounded network like any other: another effect can be added to it.
+    assert remembers(network)
+
+
+def test_the_difference_is_said_in_the_unit_of_a_bench() -> None:
+    assert re.match(
+        r"half the width of the loop: \+11\.\d \+- 0\.0\d mV against what it was",
+        renewed("hysteresis", hysteresis_amplitude_V=0.032).remark,
+    )
+
+
+def test_a_wrong_effect_moves_the_rest_as_well_and_says_so() -> None:
+    made = renewed("hysteresis", capacity_Ah=0.93 * CELL.capacity_Ah)
+    assert "more than that has changed" in made.remark
+    assert made.error_after_mV < made.error_before_mV
+
+
+def test_charge_is_counted_on_a_new_capacity() -> None:
+    made = renewed("capacity", capacity_Ah=0.93 * CELL.capacity_Ah)
+    assert made.network.cell.capacity_Ah == pytest.approx(0.93 * CELL.capacity_Ah, rel=0.01)
+    assert made.error_after_mV < 0.7 * made.error_before_mV
+
+
+def test_on_its_own_runs_an_effect_gets_more_resolution() -> None:
+    made = added("hysteresis", ())
+    choices = made.network.record.choices
+    assert choices is not None and choices["finer"] == ["hysteresis"]
+    assert made.error_after_mV < 1.02 * made.error_before_mV
+    assert "more resolution" in made.remark
+
+
+def test_what_a_bounded_network_cannot_have_is_added_in_another_kind() -> None:
+    made = added("charge_discharge_asymmetry", ())
+    assert made.network.structure.kernel != "hat"
+    assert any(axis.signal == "hysteresis" for axis in made.network.structure.axes)

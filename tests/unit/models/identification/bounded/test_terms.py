@@ -40,3 +40,12 @@ def test_an_effect_goes_with_all_of_its_terms() -> None:
 def test_what_is_not_there_cannot_be_left_out() -> None:
     with pytest.raises(ModelError, match="slope with temperature cannot be left out.*it has charge_transfer"):
         make_basis(1.0, 2.5, "one").without((SLOPE,))
+
+
+def test_a_part_can_have_more_resolution() -> None:
+    plain = {term.signal for term in make_basis(1.0, 2.5, "moves").terms}
+    for name in (LOOP, SLOW, TRANSFER, SCALED):
+        finer = make_basis(1.0, 2.5, "moves", finer=(name,))
+        more = [term for term in finer.terms if term.signal not in plain]
+        assert plain < {term.signal for term in finer.terms}
+        assert all(name in term.parts for term in more)
