@@ -117,6 +117,8 @@ def _press(
             pass
         off_at_s = simulator.await_output(False)
     ended = _insist(lambda: client.wait_run(run["id"], timeout_s=PATIENCE_S))
+    if way == "wired":
+        time.sleep(2 * _PRESSED_S)  # no run begins while the button is pressed
     return None if off_at_s is None else off_at_s - pressed_s, ended["state"]
 
 
