@@ -70,9 +70,7 @@ async def running_services(
         recorder = await _recorder(stack, config.data_dir, journal)
         storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
-        jobs = JobRunner(config.workers, nice=config.worker_nice)
-        await jobs.start()
-        stack.push_async_callback(jobs.stop)
+        jobs = await _jobs(stack, config)
         runs = Runs(store, samples, journal, storage, code_version)
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
@@ -103,6 +101,13 @@ async def running_services(
             recorder_state=lambda: recorder.state,
             storage=storage,
         )
+
+
+async def _jobs(stack: AsyncExitStack, config: ServiceConfig) -> JobRunner:
+    jobs = JobRunner(config.workers, nice=config.worker_nice)
+    await jobs.start()
+    stack.push_async_callback(jobs.stop)
+    return jobs
 
 
 def _workshop(
