@@ -58,10 +58,8 @@ async def running_services(
 
     Raises
     ------
-    StoreError
-        The recorder cannot start.
-    SimulationError
-        A simulator cannot start.
+    StoreError, SimulationError
+        Recorder or simulator cannot start.
     """
     code_version = version("bench-service")
     async with AsyncExitStack() as stack:
@@ -174,6 +172,9 @@ async def _bench(
         simulator = await SimulatorProcess.start(arguments)
         stack.push_async_callback(simulator.stop)
         url = simulator.address
+        if simulator.late is not None:
+            event = EventMessage(severity="warning", code="priority", text=f"simulator: {simulator.late}", run_id=None)
+            listener.on_event(name, event)
         runs_before_cell = 0 if soc is not None else await asyncio.to_thread(store.runs.last_number)
         seal = Seal.read(sealed_in) if sealed_in is not None else None
     limits = Limits.from_json(config.limits.model_dump())
