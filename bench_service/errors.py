@@ -101,6 +101,18 @@ class StoreError(ServiceError):
     code = "store"
 
 
+class NoRoomError(StoreError):
+    """The disk has too little room for what is asked."""
+
+    code = "no_room"
+
+
+class DamagedError(StoreError):
+    """Samples that were stored are not there any more, or not as they were."""
+
+    code = "damaged"
+
+
 def _sentence(what: str, where: Sequence[str | int], value: object, unit: str, limit: object, remedy: str) -> str:
     suffix = f" {unit}" if unit else ""
     text = what

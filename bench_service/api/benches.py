@@ -6,6 +6,7 @@ from fastapi import APIRouter
 
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import StrictRoute
+from bench_service.errors import NotFoundError
 
 router = APIRouter(prefix="/benches", tags=["benches"], route_class=StrictRoute)
 
@@ -27,6 +28,27 @@ async def stop_bench(name: PathId, services: ServicesOf) -> Answer:
     """Stop the run on the bench: rest, output off. Harmless where nothing runs."""
     bench = services.runs.stop_bench(services.benches, name, "stopped by a client")
     return {"state": bench.supervisor.status.state}
+
+
+@router.post("/{name}/pause")
+async def pause(name: PathId, services: ServicesOf) -> Answer:
+    """Hold the run on the bench: output off, the profile waits; 409 where nothing runs."""
+    return {"state": services.runs.hold(services.benches, name, on=True).supervisor.status.state}
+
+
+@router.post("/{name}/resume")
+async def resume(name: PathId, services: ServicesOf) -> Answer:
+    """Let a run that is held go on; 409 where nothing runs."""
+    return {"state": services.runs.hold(services.benches, name, on=False).supervisor.status.state}
+
+
+@router.get("/{name}/stop-port")
+async def stop_port(name: PathId, services: ServicesOf) -> Answer:
+    """Tell a page or program on this machine how to stop the bench past this service; 404 where it cannot."""
+    endpoint = services.benches.get(name).supervisor.stop_endpoint
+    if endpoint is None:
+        raise NotFoundError(f"bench {name} has no stop port", ("name",))
+    return {"url": endpoint.ticket.url, "token": endpoint.ticket.token}
 
 
 @router.post("/{name}/seal/open")

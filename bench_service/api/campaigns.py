@@ -9,7 +9,7 @@ from pydantic import Field
 
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
-from bench_service.campaign.campaigns import campaign_json
+from bench_service.campaign.endings import campaign_json
 from bench_service.campaign.request import MOST_ROUNDS
 
 router = APIRouter(prefix="/campaigns", tags=["campaigns"], route_class=StrictRoute)
@@ -31,6 +31,8 @@ class CampaignBody(Body):
     rounds: Annotated[int, Field(ge=1, le=MOST_ROUNDS)] | None = None
     diagnose: Literal["structure", "change"] | None = None
     changed_bench: Id | None = None
+    on_interruption: Literal["stop", "resume"] | None = None
+    retries: Annotated[int, Field(ge=0, le=5)] | None = None
 
 
 @router.post("", status_code=201)
@@ -49,6 +51,12 @@ async def list_campaigns(services: ServicesOf, limit: Limit = 100, offset: Offse
 async def get_campaign(campaign_id: PathId, services: ServicesOf) -> Answer:
     """Give one campaign as it stands now."""
     return campaign_json(await services.campaigns.get(campaign_id))
+
+
+@router.post("/{campaign_id}/resume")
+async def resume_campaign(campaign_id: PathId, services: ServicesOf) -> Answer:
+    """Go on with a campaign that was cut off, from the last stored sample of its run."""
+    return campaign_json(await services.campaigns.resume(campaign_id))
 
 
 @router.post("/{campaign_id}/stop")

@@ -10,12 +10,15 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from bench_service.campaign.live import TooManyReadersError
 from bench_service.errors import (
     BadRequestError,
     BenchOfflineError,
     ConflictError,
+    DamagedError,
+    NoRoomError,
     NotFoundError,
     ServiceError,
     StoreError,
@@ -30,6 +33,8 @@ _STATUS: tuple[tuple[type[Exception], int, str], ...] = (
     (NotFoundError, 404, "not_found"),
     (ConflictError, 409, "conflict"),
     (BadRequestError, 422, "bad_request"),
+    (DamagedError, 409, "damaged"),
+    (NoRoomError, 507, "no_room"),
     (BenchOfflineError, 503, "bench_offline"),
     (StoreError, 503, "store"),
     (TooManyReadersError, 503, "too_many_readers"),
@@ -53,6 +58,7 @@ def install_error_handlers(app: FastAPI) -> None:
         app.add_exception_handler(error_type, _on_own_error)
     app.add_exception_handler(RequestValidationError, _on_bad_request)
     app.add_exception_handler(HTTPException, _on_http_error)
+    app.add_exception_handler(ClientDisconnect, _on_gone_client)
     app.add_exception_handler(Exception, _on_unexpected_error)
 
 
@@ -86,6 +92,11 @@ async def _on_http_error(request: Request, error: Exception) -> JSONResponse:
     answer = error_response(http.status_code, code, message)
     answer.headers.update(http.headers or {})
     return answer
+
+
+async def _on_gone_client(request: Request, error: Exception) -> JSONResponse:
+    # Nobody reads this. That somebody hung up in the middle of an upload is no news for the log either.
+    return error_response(400, "bad_request", "the body did not come to its end")
 
 
 async def _on_unexpected_error(request: Request, error: Exception) -> JSONResponse:

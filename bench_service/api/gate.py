@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from bench_service.api.access import LOGIN, Access
 from bench_service.api.errors import error_response
 
 _LOCAL_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
@@ -30,21 +31,30 @@ class Gate:
     host : str
         Name or address that the service is bound to. Bound to all addresses, it also answers to this machine's
         name and to any address written as numbers: only names can be rebound.
+    token : str or None
+        That every request must carry; None: no token is needed.
     """
 
-    def __init__(self, app: ASGIApp, host: str) -> None:
+    def __init__(self, app: ASGIApp, host: str, token: str | None = None) -> None:
         self._app = app
+        self._access = None if token is None else Access(token)
         self._all_addresses = host in _WILDCARDS
         own = {socket.gethostname().lower()} if self._all_addresses else {host.lower().strip("[]")}
         self._names = _LOCAL_NAMES | own
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let the request through, or answer 403."""
+        """Let the request through, or answer 403, or 401 where the token is missing."""
+        status, code = 403, "forbidden"
         refusal = self._refusal(scope) if scope["type"] in ("http", "websocket") else None
+        if refusal is None and self._access is not None and scope["type"] in ("http", "websocket"):
+            if scope["type"] == "http" and scope["path"] == LOGIN and scope["method"] == "GET":
+                await self._access.login(scope)(scope, receive, send)
+                return
+            status, code, refusal = 401, "unauthorized", self._access.refusal(scope)
         if refusal is None:
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
-            await error_response(403, "forbidden", refusal)(scope, receive, send)
+            await error_response(status, code, refusal)(scope, receive, send)
         else:  # closing before accepting is answered with HTTP 403
             await send({"type": "websocket.close", "code": _WS_POLICY_VIOLATION, "reason": refusal[:120]})
 

@@ -13,11 +13,13 @@ router = APIRouter(tags=["service"])
 @router.get("/healthz")
 async def health(services: ServicesOf) -> Answer:
     """Answer with versions and states."""
-    recorder = services.recorder_state()
+    recorder, storage = services.recorder_state(), services.storage.to_json()
+    sound = recorder == "running" and storage["state"] == "ok" and not storage["damaged_runs"]
     return {
-        "status": "ok" if recorder == "running" else "degraded",
+        "status": "ok" if sound else "degraded",
         "version": services.version,
         "recorder": recorder,
+        "storage": storage,
         "benches": {bench.name: bench.supervisor.status.state for bench in services.benches},
         "sqlite_version": check_sqlite(),
     }

@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import asdict
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query
-from pydantic import Field, JsonValue
+from fastapi import APIRouter, Query, Request
+from pydantic import Field
 
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
-from bench_service.api.strict import Body, BulkRoute, Id, Name, Positive, Seed, Soc, StrictRoute
+from bench_service.api.strict import (
+    JSON_TYPE,
+    Body,
+    BulkRoute,
+    Id,
+    Name,
+    Positive,
+    Seed,
+    Soc,
+    StrictRoute,
+    read_object,
+    require_content_type,
+)
 from bench_service.campaign.modelling import FitOrder
+from bench_service.jobs.screening import MODEL
 
 router = APIRouter(prefix="/models", tags=["models"], route_class=StrictRoute)
 bulk_router = APIRouter(prefix="/models", tags=["models"], route_class=BulkRoute)
@@ -47,14 +61,20 @@ async def start_fit(body: FitBody, services: ServicesOf) -> Answer:
     return asdict(await services.modelling.start_fit(order))
 
 
-@bulk_router.post("/import", status_code=201)
-def import_model(
-    document: dict[str, JsonValue],
+_DOCUMENT = {"requestBody": {"required": True, "content": {JSON_TYPE: {"schema": {"type": "object"}}}}}
+
+
+@bulk_router.post("/import", status_code=201, openapi_extra=_DOCUMENT)
+async def import_model(
+    request: Request,
     services: ServicesOf,
     name: Annotated[str, Query(min_length=1, max_length=200)] = "imported",
 ) -> Answer:
     """Store a MODEL.json."""
-    return asdict(services.modelling.import_model(document, name))
+    require_content_type(request, JSON_TYPE)
+    request.scope["screened_as"] = MODEL
+    document = await read_object(request)
+    return asdict(await asyncio.to_thread(services.modelling.import_model, document, name))
 
 
 @router.get("")

@@ -40,6 +40,7 @@ class RunBody(Body):
     observer_initial_soc: Soc | None = None
     name: Name | None = None
     seed: Seed | None = None
+    finish_alone: bool = False
 
 
 @router.post("", status_code=201)

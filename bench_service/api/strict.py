@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Callable, Coroutine
-from typing import Annotated, Any, ClassVar, NoReturn, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from fastapi import Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -13,8 +14,11 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive
 
+from bench_service.strict_json import parse_strictly
+
 JSON_TYPE = "application/json"
 CSV_TYPE = "text/csv"
+LONG_BODY_BYTES = 50_000
 MAX_BODY_BYTES = 1_000_000
 MAX_BULK_BODY_BYTES = 20_000_000
 
@@ -50,7 +54,7 @@ class StrictRequest(Request):
     """A request whose JSON follows RFC 8259 to the letter."""
 
     async def json(self) -> Any:
-        """Parse the body.
+        """Parse the body; a long one is looked at in another process before this one spends its time on it.
 
         Raises
         ------
@@ -58,8 +62,15 @@ class StrictRequest(Request):
             Not JSON; NaN or Infinity as a token; a key that appears twice; nested too deeply.
         """
         if not hasattr(self, "_json"):
-            self._json = _parse(await self.body())
+            body = await self.body()
+            self._json = parse_strictly(body) if len(body) < LONG_BODY_BYTES else await self._parse_long(body)
         return self._json
+
+    async def _parse_long(self, body: bytes) -> Any:
+        services = getattr(self.app.state, "services", None) if "app" in self.scope else None
+        if (screen := getattr(services, "screen", None)) is not None:
+            await screen.check(body, self.scope.get("screened_as", "json"))
+        return await asyncio.to_thread(parse_strictly, body)
 
 
 class StrictRoute(APIRoute):
@@ -110,13 +121,30 @@ async def read_json(request: Request, model: type[ModelT]) -> ModelT:
         As FastAPI raises it for a declared body.
     """
     try:
-        return model.model_validate(await request.json())
+        content = await request.json()
+        return await asyncio.to_thread(model.model_validate, content)
     except json.JSONDecodeError as error:
-        fault = {"type": "json_invalid", "loc": ("body", error.pos), "msg": "", "ctx": {"error": error.msg}}
-        raise RequestValidationError([fault]) from error
+        raise _no_json(error) from error
     except ValidationError as error:
         faults = error.errors(include_url=False, include_input=False, include_context=False)
         raise RequestValidationError([{**fault, "loc": ("body", *fault["loc"])} for fault in faults]) from error
+
+
+async def read_object(request: Request) -> dict[str, Any]:
+    """Read the JSON object in the body of a route that declares none; raises as `read_json`."""
+    try:
+        document = await request.json()
+    except json.JSONDecodeError as error:
+        raise _no_json(error) from error
+    if not isinstance(document, dict):
+        fault = {"type": "dict_type", "loc": ("body",), "msg": "Input should be a valid dictionary"}
+        raise RequestValidationError([fault])
+    return document
+
+
+def _no_json(error: json.JSONDecodeError) -> RequestValidationError:
+    fault = {"type": "json_invalid", "loc": ("body", error.pos), "msg": "", "ctx": {"error": error.msg}}
+    return RequestValidationError([fault])
 
 
 def _limited(request: Request, max_bytes: int) -> Receive:
@@ -141,27 +169,3 @@ def _too_large(size: str, max_bytes: int) -> HTTPException:
     # Without the header the server would go on taking the rest in, to no use.
     close = {"Connection": "close"}
     return HTTPException(413, f"the body has {size} bytes, limit {max_bytes} bytes; send less", headers=close)
-
-
-def _parse(body: bytes) -> Any:
-    try:
-        return json.loads(body, parse_constant=_refuse_constant, object_pairs_hook=_unique)
-    except json.JSONDecodeError:
-        raise
-    except RecursionError as error:
-        raise json.JSONDecodeError("nested too deeply", "", 0) from error
-    except ValueError as error:  # no UTF-8, a number of thousands of digits, or one of the hooks
-        raise json.JSONDecodeError(str(error)[:200], "", 0) from error
-
-
-def _refuse_constant(token: str) -> NoReturn:
-    raise ValueError(f"{token} is not a JSON number; every number must be finite")
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"key {twice[:100]!r} appears twice")
-    return found

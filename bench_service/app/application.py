@@ -28,6 +28,7 @@ from bench_service.api import (
 from bench_service.api.errors import install_error_handlers
 from bench_service.api.gate import Gate
 from bench_service.app.lifespan import running_services
+from bench_service.app.memory import GivesBack
 from bench_service.campaign.services import Services
 from bench_service.config import ServiceConfig
 from bench_service.store.metadata import MetadataStore
@@ -51,7 +52,9 @@ _RESOURCES = (
 )
 
 
-def create_app(config: ServiceConfig, *, host: str = "127.0.0.1", services: Services | None = None) -> FastAPI:
+def create_app(
+    config: ServiceConfig, *, host: str = "127.0.0.1", services: Services | None = None, token: str | None = None
+) -> FastAPI:
     """Build the application.
 
     Parameters
@@ -61,6 +64,8 @@ def create_app(config: ServiceConfig, *, host: str = "127.0.0.1", services: Serv
         Name or address that it will be bound to; requests to other hosts are refused.
     services : Services or None
         The running parts; None: the application starts them with itself, and stops them at its end.
+    token : str or None
+        That requests must carry, see `config.token`.
     """
 
     @asynccontextmanager
@@ -80,7 +85,8 @@ def create_app(config: ServiceConfig, *, host: str = "127.0.0.1", services: Serv
         redoc_url=None,
     )
     app.state.services = services
-    app.add_middleware(Gate, host=host)
+    app.add_middleware(Gate, host=host, token=token)
+    app.add_middleware(GivesBack)
     install_error_handlers(app)
     api = APIRouter(prefix="/api/v1")
     for resource in _RESOURCES:

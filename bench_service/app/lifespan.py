@@ -3,82 +3,86 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, closing
-from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 from bench_service.app.recorder import RecorderKeeper
+from bench_service.bench.direct.ticket import StopEndpoint, own_origins
 from bench_service.bench.limits import Limits
 from bench_service.bench.messages import EventMessage
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
-from bench_service.campaign.benches import ACKNOWLEDGED, Bench, Benches
-from bench_service.campaign.campaigns import CampaignRunner, close_left_open
+from bench_service.campaign.benches import Bench, Benches
+from bench_service.campaign.campaigns import CampaignRunner
+from bench_service.campaign.clock_watch import watched_clock
 from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
+from bench_service.campaign.endings import close_left_open
 from bench_service.campaign.journal import Journal
+from bench_service.campaign.latches import unacknowledged
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.resuming import resumed_soc
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.seal import Seal
 from bench_service.campaign.services import Services
+from bench_service.campaign.storage import Storage
 from bench_service.campaign.workshop import Workshop
 from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
 from bench_service.jobs.runner import JobRunner
+from bench_service.jobs.screening import Screen
 from bench_service.simulation import SimulatorProcess
 from bench_service.store.interrupted import mark_interrupted_runs
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import utc_text
 from bench_service.store.samples import SampleReader
+from bench_service.store.watch import MEGABYTE
 
-_LATEST_EVENTS = 1000
 _SEALS = "seals"  # in the data directory
 
 
 @asynccontextmanager
-async def running_services(config: ServiceConfig, store: MetadataStore) -> AsyncIterator[Services]:
+async def running_services(
+    config: ServiceConfig, store: MetadataStore, url: str | None = None
+) -> AsyncIterator[Services]:
     """Give the running parts of the service; leaving brings every bench to rest and stores everything first.
 
     Parameters
     ----------
-    config : ServiceConfig
-    store : MetadataStore
-        Open; closed by the caller.
+    config, store
+        The store is open, and closed by the caller.
+    url : str or None
+        At which the service's page is opened; it may use the benches' stop ports.
 
     Raises
     ------
-    StoreError
-        The recorder cannot start.
-    SimulationError
-        A simulator cannot start.
+    StoreError, SimulationError
+        Recorder or simulator cannot start.
     """
     code_version = version("bench-service")
     async with AsyncExitStack() as stack:
-        live = Broadcaster()
-        samples = stack.enter_context(closing(SampleReader(config.data_dir)))
+        live, samples = Broadcaster(), stack.enter_context(closing(SampleReader(config.data_dir)))
         journal = Journal(store, live)
         stack.push_async_callback(journal.close)
+        await stack.enter_async_context(watched_clock(journal))
         recorder = await _recorder(stack, config.data_dir, journal)
+        storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
-        jobs = JobRunner(config.workers, nice=config.worker_nice)
-        await jobs.start()
-        stack.push_async_callback(jobs.stop)
-        runs = Runs(store, samples, journal, code_version)
+        jobs = await _jobs(stack, config)
+        runs = Runs(store, samples, journal, storage, code_version)
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
-        seals = config.data_dir / _SEALS
-        benches.add([await _bench(stack, n, c, store, recorder, benches, seals) for n, c in config.bench.items()])
+        stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
+        seen = (samples, recorder, benches, config.data_dir / _SEALS, stop)
+        benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
         stack.push_async_callback(_close_all, benches)
-        modelling = Modelling(store, jobs, config.data_dir, code_version)
-        diagnosing = Diagnosing(store, jobs, modelling, config.data_dir, code_version)
-        designing = Designing(store, jobs, config.data_dir)
-        workshop = Workshop(store, samples, benches, runs, modelling, diagnosing, designing, jobs)
+        workshop = _workshop(store, samples, benches, runs, jobs, (config.data_dir, code_version))
         campaigns = CampaignRunner(workshop, journal, live, code_version)
         stack.push_async_callback(campaigns.close)
-        for bench in benches:
-            await bench.supervisor.start()
+        await asyncio.gather(*(bench.supervisor.start() for bench in benches))
+        await campaigns.resume_by_policy()
         yield Services(
             config=config,
             version=code_version,
@@ -88,20 +92,52 @@ async def running_services(config: ServiceConfig, store: MetadataStore) -> Async
             benches=benches,
             runs=runs,
             jobs=jobs,
-            modelling=modelling,
-            diagnosing=diagnosing,
-            designing=designing,
+            screen=stack.enter_context(closing(Screen())),
+            modelling=workshop.modelling,
+            diagnosing=workshop.diagnosing,
+            designing=workshop.designing,
             campaigns=campaigns,
             live=live,
             recorder_state=lambda: recorder.state,
+            storage=storage,
         )
 
 
+async def _jobs(stack: AsyncExitStack, config: ServiceConfig) -> JobRunner:
+    jobs = JobRunner(config.workers, nice=config.worker_nice)
+    await jobs.start()
+    stack.push_async_callback(jobs.stop)
+    return jobs
+
+
+def _workshop(
+    store: MetadataStore, samples: SampleReader, benches: Benches, runs: Runs, jobs: JobRunner, made: tuple[Path, str]
+) -> Workshop:
+    modelling = Modelling(store, jobs, *made)
+    diagnosing = Diagnosing(store, jobs, modelling, *made)
+    return Workshop(store, samples, benches, runs, modelling, diagnosing, Designing(store, jobs, made[0]), jobs)
+
+
 async def _recorder(stack: AsyncExitStack, data_dir: Path, journal: Journal) -> RecorderKeeper:
-    recorder = RecorderKeeper(data_dir, lambda text: journal.note(None, _recorder_event(text)))
+    recorder = RecorderKeeper(data_dir, lambda *told: journal.note(None, _recorder_event(*told)))
     await recorder.start()
     stack.push_async_callback(recorder.stop)
     return recorder
+
+
+async def _storage(
+    stack: AsyncExitStack,
+    config: ServiceConfig,
+    recorder: RecorderKeeper,
+    store: MetadataStore,
+    samples: SampleReader,
+    journal: Journal,
+) -> Storage:
+    floor = int(config.free_floor_MB * MEGABYTE)
+    storage = Storage(store, samples, journal, recorder.watch, lambda: recorder.state, floor)
+    await storage.start()
+    stack.push_async_callback(storage.close)
+    return storage
 
 
 async def _end_what_was_left_open(store: MetadataStore, samples: SampleReader, journal: Journal) -> None:
@@ -116,20 +152,30 @@ async def _bench(
     name: str,
     config: BenchConfig,
     store: MetadataStore,
+    samples: SampleReader,
     recorder: RecorderKeeper,
     listener: Benches,
     seals: Path,
+    stop: Callable[[str], StopEndpoint],
 ) -> Bench:
-    url, cell_since_utc, seal = config.url, None, None
+    url, runs_before_cell, seal = config.url, 0, None
     if config.simulate is not None:
+        soc = await asyncio.to_thread(resumed_soc, store, samples, name)
+        if soc is not None:
+            config = config.model_copy(update={"simulate": config.simulate.model_copy(update={"initial_soc": soc})})
+            assert config.simulate is not None
         arguments, sealed_in = simulator_arguments(config.simulate, config.map), None
         if config.simulate.hidden_effect is not None:
-            seals.mkdir(parents=True, exist_ok=True)
+            seals.mkdir(mode=0o700, parents=True, exist_ok=True)
             sealed_in = seals / f"{name}.json"
             arguments += ["--hidden-effect", config.simulate.hidden_effect, "--seal", str(sealed_in)]
         simulator = await SimulatorProcess.start(arguments)
         stack.push_async_callback(simulator.stop)
-        url, cell_since_utc = simulator.address, utc_text(datetime.now(UTC))
+        url = simulator.address
+        if simulator.late is not None:
+            event = EventMessage(severity="warning", code="priority", text=f"simulator: {simulator.late}", run_id=None)
+            listener.on_event(name, event)
+        runs_before_cell = 0 if soc is not None else await asyncio.to_thread(store.runs.last_number)
         seal = Seal.read(sealed_in) if sealed_in is not None else None
     limits = Limits.from_json(config.limits.model_dump())
     settings = BenchSettings(
@@ -140,10 +186,11 @@ async def _bench(
         timeout_s=config.timeout_s,
         watchdog_s=config.watchdog_s,
         external_interlock=config.external_interlock,
+        capacity_Ah=config.capacity_Ah,
         latched=await asyncio.to_thread(unacknowledged, store, name),
     )
-    supervisor = BenchSupervisor(settings, recorder.attach, listener)
-    return Bench(config, settings.url, limits, supervisor, cell_since_utc, seal)
+    supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))
+    return Bench(config, settings.url, limits, supervisor, runs_before_cell, seal)
 
 
 async def _close_all(benches: Benches) -> None:
@@ -167,26 +214,8 @@ def simulator_arguments(simulate: SimulateConfig, device_map: str) -> list[str]:
     return arguments + (["--lock-step"] if simulate.lock_step else ["--speed", repr(simulate.speed)])
 
 
-def unacknowledged(store: MetadataStore, bench: str) -> str | None:
-    """Say why the bench must wait for an operator: its last run ended badly and nobody has acknowledged that.
-
-    Control processes forget with their end; a fault must not vanish because the service was restarted.
-    """
-    last = next(iter(store.runs.page(bench=bench, limit=1)), None)
-    if last is None or last.state not in ("fault", "interrupted"):
-        return None
-    if any(event.code == "refused" for event in store.events.page(run_id=last.id)):
-        return None  # it never began
-    ended_utc = last.ended_utc or last.created_utc
-    acknowledged = any(
-        event.bench == bench and event.code == ACKNOWLEDGED and event.created_utc >= ended_utc
-        for event in store.events.page(limit=_LATEST_EVENTS)
-    )
-    return None if acknowledged else f"run {last.id} ended as {last.state}: {last.reason}"
-
-
-def _recorder_event(text: str) -> EventMessage:
-    return EventMessage(severity="error", code="recorder", text=text, run_id=None)
+def _recorder_event(severity: str, text: str) -> EventMessage:
+    return EventMessage(severity=severity, code="recorder", text=text, run_id=None)
 
 
 def _interrupted_event(run_id: str, state: str) -> EventMessage:

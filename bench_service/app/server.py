@@ -13,8 +13,10 @@ from contextlib import asynccontextmanager, contextmanager
 import uvicorn
 
 from bench_service.app.application import create_app
+from bench_service.app.http_protocol import PatientProtocol
 from bench_service.app.lifespan import running_services
 from bench_service.config import ServiceConfig
+from bench_service.config.token import service_token
 from bench_service.errors import ConflictError, StoreError
 from bench_service.store.metadata import MetadataStore
 
@@ -66,8 +68,9 @@ async def running_server(config: ServiceConfig, host: str = "127.0.0.1", port: i
     with _bound(host, port) as listener:
         url = _url(host, listener.getsockname()[1])
         with _opened(config, url) as store:
-            async with running_services(config, store) as services:
-                app = create_app(config, host=host, services=services)
+            token = service_token(config.data_dir, host)
+            async with running_services(config, store, url) as services:
+                app = create_app(config, host=host, services=services, token=token)
                 server = _Server(_uvicorn_config(app))
                 serving = asyncio.create_task(server.serve(sockets=[listener]))
                 try:
@@ -112,6 +115,7 @@ def _uvicorn_config(app: object) -> uvicorn.Config:
         lifespan="off",
         log_level="warning",
         access_log=False,
+        http=PatientProtocol,
         ws="websockets-sansio",
         ws_max_size=65536,
         server_header=False,
@@ -130,6 +134,10 @@ def _bound(host: str, port: int) -> Iterator[socket.socket]:
     with contextlib.closing(listener):
         try:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            # Accepted connections inherit it; without it each answer on a kept connection waits 40 ms for an
+            # acknowledgement that the other side delays (Nagle, RFC 896). asyncio sets it itself only where the
+            # socket names its protocol, which one made here does not.
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             listener.bind(address)
             # Listening at once: a second service on the port must fail here, not after it has found its benches.
             listener.listen(_BACKLOG)

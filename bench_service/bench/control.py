@@ -1,21 +1,27 @@
 """The control process: owns the cycler, obeys the API, and is safe without either.
 
-States: `offline` (no cycler), `idle`, `running`, `stopping`, `fault` (latched until acknowledged). Reconnecting
-identifies the device, makes it safe and never resumes a run.
+States: `offline` (no cycler), `idle`, `running`, `paused`, `stopping`, `fault` (latched until acknowledged).
+Reconnecting identifies the device, makes it safe and never resumes a run.
 """
 
 import asyncio
 import logging
+import socket
 from collections import deque
-from dataclasses import asdict
 from typing import Any, Literal
 
 from bench_service.bench.admission import RefusedError
-from bench_service.bench.cycler_keeper import CyclerKeeper
+from bench_service.bench.cycler_keeper import OTHER_DEVICE, CyclerKeeper
+from bench_service.bench.direct.messages import Guard, Order
+from bench_service.bench.direct.orders import DirectOrders
+from bench_service.bench.idle import IdleWatch
+from bench_service.bench.lease import Lease
 from bench_service.bench.links import FrameLink
 from bench_service.bench.live import LiveFeed
-from bench_service.bench.messages import EndedMessage, EventMessage, StateMessage
+from bench_service.bench.messages import EndedMessage
+from bench_service.bench.pause import PauseSwitch
 from bench_service.bench.recording import RecorderError, Recording
+from bench_service.bench.reporting import Reporter
 from bench_service.bench.request import RunRequest
 from bench_service.bench.rest import bring_to_rest, uncancelled
 from bench_service.bench.run import RunEnd, RunParts
@@ -24,14 +30,14 @@ from bench_service.bench.run_setup import PreparedRun, prepare
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.stop import StopSignal, StopState
 from bench_service.framing import Frame, Header
-from drivers.cycler import Capabilities, Cycler, CyclerError, Reading
+from drivers.cycler import Cycler, CyclerError
 
 _log = logging.getLogger(__name__)
 _IDLE_PERIOD_S = 0.5
 _SEAL_TIMEOUT_S = 30.0
 _SAY_GOODBYE_S = 2.0
 
-State = Literal["offline", "idle", "running", "stopping", "fault"]
+State = Literal["offline", "idle", "running", "paused", "stopping", "fault"]
 
 
 class BenchControl:
@@ -42,25 +48,36 @@ class BenchControl:
     settings : BenchSettings
     command_sock, sample_sock : socket.socket
         Links to the API and to the recorder.
+    stop_sock : socket.socket or None
+        Listens for stop and acknowledge from whoever has the token, which the API sends.
     """
 
-    def __init__(self, settings: BenchSettings, command_sock: Any, sample_sock: Any) -> None:
+    def __init__(
+        self, settings: BenchSettings, command_sock: Any, sample_sock: Any, stop_sock: socket.socket | None = None
+    ) -> None:
         self._settings = settings
         self._link = FrameLink(command_sock, self._commanded, self._orphaned)
+        self._report = Reporter(self._link)
+        self._lease = Lease(self._forsaken, settings.lease_s)
+        self._direct = DirectOrders(stop_sock, self._obey_direct)
         self._recording = Recording(sample_sock, self._recorder_failed)
         self._feed = LiveFeed(self._link)
         self._keeper = CyclerKeeper(settings, self._cycler_changed)
         self._latched = settings.latched
+        self._idle = IdleWatch(settings)
         self._commands: deque[Frame] = deque()
         self._wake = asyncio.Event()
         self._quit: str | None = None
         self._run_id: str | None = None
+        self._finish_alone = False
         self._stop = StopSignal()
+        self._pause = PauseSwitch()
 
     async def serve(self) -> None:
         """Work until told to quit, orphaned or without a recorder; always leaves the cycler at rest."""
         try:
             self._tell_state()
+            self._lease.watch()
             while self._quit is None:
                 await self._turn()
         finally:
@@ -94,12 +111,17 @@ class BenchControl:
     # --- what comes in -------------------------------------------------------------------------------------
 
     def _commanded(self, header: Header, body: bytes) -> None:
+        self._lease.renew()
         operation = header.get("op")
         if operation == "stop":
             self._stop_run(str(header.get("reason") or "stopped"))
         elif operation == "quit":
             self.quit("stopped", "the service was shut down")
-        else:
+        elif operation == "stop_port":
+            self._direct.open(Guard(str(header["token"]), tuple(header["origins"])))
+        elif operation in ("pause", "resume"):
+            self._pause.wanted = operation == "pause"
+        elif operation != "lease":
             self._commands.append((header, body))
             self._wake.set()
 
@@ -111,7 +133,25 @@ class BenchControl:
             self._tell_state()
 
     def _orphaned(self, reason: str) -> None:
-        self.quit("interrupted", f"the service is gone ({reason})")
+        if self._run_id is not None and self._finish_alone:
+            self._quit = self._quit or reason  # after the run
+        else:
+            self.quit("interrupted", f"the service is gone ({reason})")
+
+    def _forsaken(self, silent_s: float) -> None:
+        """End a run that nobody can see; one that was declared to finish alone goes on."""
+        if self._run_id is not None and not self._finish_alone and self._stop.order is None:
+            self._stop.give("interrupted", f"the service has been silent for {silent_s:.0f} s; output switched off")
+            self._tell_state()
+
+    def _obey_direct(self, order: Order) -> dict[str, Any]:
+        if order.operation == "stop":
+            self._stop_run(order.reason or "stopped past the service")
+        elif order.operation == "acknowledge" and self.state == "fault":
+            # What is there now is acknowledged, not what a run may end with.
+            self._commands.append(({"op": "acknowledge"}, b""))
+            self._wake.set()
+        return {"bench": self._settings.name, "state": self.state, "run_id": self._run_id}
 
     def _recorder_failed(self, reason: str) -> None:
         self._stop.give("fault", f"{self._settings.name}: {reason}; samples cannot be stored, output switched off")
@@ -129,8 +169,6 @@ class BenchControl:
         else:
             self._event("warning", "unknown_command", f"unknown command {operation!r} ignored")
 
-    # --- the cycler ----------------------------------------------------------------------------------------
-
     async def _idle_sample(self, cycler: Cycler) -> None:
         try:
             reading = await cycler.sample()
@@ -139,19 +177,13 @@ class BenchControl:
             return
         if self._feed.due:
             self._feed.send(reading)
-        if reading.output_on:
-            await self._unexpected_output(cycler, reading)
-
-    async def _unexpected_output(self, cycler: Cycler, reading: Reading) -> None:
-        text = (
-            f"{self._settings.name}: the output was on at {reading.current_A:.4g} A without a run; switched off. "
-            "Find out who switched it on, acknowledge"
-        )
-        unrested = await bring_to_rest(cycler)
-        if unrested is not None:
+        for notice in self._idle.look(reading):
+            if notice.latch and self._latched is None:
+                self._latched = notice.text
+            self._event("error" if notice.latch else "warning", notice.code, notice.text)
+            self._tell_state()
+        if reading.output_on and (unrested := await bring_to_rest(cycler)) is not None:
             await self._keeper.disconnect(unrested)
-        if text != self._latched:
-            self._latch(text, "unexpected_output")
 
     async def _acknowledge(self) -> None:
         if self._keeper.cycler is not None:
@@ -164,19 +196,18 @@ class BenchControl:
         if self._latched is not None:
             self._event("info", "acknowledged", f"acknowledged: {self._latched}")
         self._latched = None
+        self._idle.forget()
         self._tell_state()
-
-    # --- a run ---------------------------------------------------------------------------------------------
 
     async def _start(self, header: Header, body: bytes) -> None:
         run_id = str(header.get("run_id"))
-        self._stop = StopSignal()
+        self._stop, self._pause = StopSignal(), PauseSwitch(self._tell_state)
         if "stopped" in header:
             self._stop.give("stopped", header["stopped"])
         try:
             request = RunRequest.from_frame(header, body)
-            cycler, capabilities = self._ready()
-            self._run_id = run_id
+            cycler, capabilities = self._keeper.ready(self._latched)
+            self._run_id, self._finish_alone = run_id, request.finish_alone
             self._tell_state()
             prepared = await prepare(self._settings, capabilities, request)
             self._recording.open(run_id, prepared.streams, prepared.queue_rows)
@@ -186,15 +217,14 @@ class BenchControl:
         await self._finish(run_id, await self._play(cycler, prepared))
 
     async def _play(self, cycler: Cycler, prepared: PreparedRun) -> RunEnd:
-        # An order that came while the run was prepared holds: the loop then ends before it takes the cycler.
+        # An order that came meanwhile holds: the loop then ends before it takes the cycler.
         self._stop.on_order(prepared.clock.interrupt)
         self._stop.on_order(self._recording.wake)
         for severity, code, text in prepared.notes:
             self._event(severity, code, text)
         self._feed.restart()
-        parts = RunParts(
-            cycler, prepared.clock, self._recording, self._feed, self._stop, prepared.observer, self._event
-        )
+        shared = (prepared.clock, self._recording, self._feed, self._stop, prepared.observer, self._event)
+        parts = RunParts(cycler, *shared, self._pause)
         with prepared.environment(self._event):
             return await RunLoop(prepared.plan, parts).play()
 
@@ -202,20 +232,13 @@ class BenchControl:
         self._run_id = None
         self._event("error", "refused", text, run_id)
         self._tell_state()
-        self._tell_ended(
-            EndedMessage(run_id=run_id, state="fault", reason=text, n_samples=0, missed_ticks=0, sha256=None)
-        )
-
-    def _ready(self) -> tuple[Cycler, Capabilities]:
-        if self._latched is not None:
-            raise RefusedError(f"a fault is latched ({self._latched}); acknowledge it first")
-        if self._keeper.cycler is None or self._keeper.capabilities is None:
-            raise RefusedError(f"the bench is offline: {self._keeper.offline_reason}")
-        return self._keeper.cycler, self._keeper.capabilities
+        counts = {"n_samples": 0, "missed_ticks": 0, "sha256": None}
+        self._report.ended(EndedMessage(run_id=run_id, state="fault", reason=text, **counts))
 
     async def _finish(self, run_id: str, end: RunEnd) -> None:
-        if end.state == "fault":
+        if end.state in ("fault", "interrupted"):
             self._latched = end.reason
+        if end.state == "fault":
             self._event("error", end.code, end.reason or end.code, run_id)
         self._stop.give("stopped", "the run has ended")
         self._tell_state()
@@ -223,22 +246,18 @@ class BenchControl:
         sha256 = await self._recording.close(end.state, end.reason, _SEAL_TIMEOUT_S)
         if sha256 is None:
             n_samples = self._recording.n_acknowledged
-            self._event(
-                "error",
-                "not_sealed",
-                f"{self._settings.name}: the recorder did not confirm the run; {n_samples} of "
-                f"{self._recording.n_rows} samples are known to be stored",
-                run_id,
-            )
+            text = f"{n_samples} of {self._recording.n_rows} samples are known to be stored"
+            self._event("error", "not_sealed", f"{self._settings.name}: the recorder did not answer; {text}", run_id)
         if not end.at_rest:
             await self._keeper.disconnect("the cycler did not confirm rest after the run")
         else:
             await self._keeper.release()
         self._run_id = None
+        self._idle.forget()
         # The state first: who hears of the end may start the next run at once.
         self._tell_state()
         counts = {"n_samples": n_samples, "missed_ticks": end.missed_ticks}
-        self._tell_ended(EndedMessage(run_id=run_id, state=end.state, reason=end.reason, sha256=sha256, **counts))
+        self._report.ended(EndedMessage(run_id=run_id, state=end.state, reason=end.reason, sha256=sha256, **counts))
 
     async def _leave(self) -> None:
         cycler = self._keeper.cycler
@@ -246,6 +265,8 @@ class BenchControl:
             if reason := await bring_to_rest(cycler):
                 _log.error("%s: rest not confirmed at the end: %s", self._settings.name, reason)
             await cycler.close()
+        self._lease.close()
+        self._direct.close()
         self._recording.shut()
         await self._link.drain(_SAY_GOODBYE_S)
         self._link.close()
@@ -256,36 +277,23 @@ class BenchControl:
     def state(self) -> State:
         """Present state; a latched fault hides whether the cycler is there."""
         if self._run_id is not None:
-            return "running" if self._stop.order is None else "stopping"
+            playing = "paused" if self._pause.active else "running"
+            return playing if self._stop.order is None else "stopping"
         if self._latched is not None:
             return "fault"
         return "offline" if self._keeper.cycler is None else "idle"
 
-    def _latch(self, text: str, code: str) -> None:
-        self._latched = text
-        self._event("error", code, text)
-        self._tell_state()
-
     def _cycler_changed(self, severity: str, code: str, text: str) -> None:
+        if code == OTHER_DEVICE:
+            self._latched = text
         self._event(severity, code, text)
         self._tell_state()
 
     def _tell_state(self) -> None:
-        capabilities = self._keeper.capabilities
         reason = self._latched or self._keeper.offline_reason
         if self._run_id is not None:
             reason = None if self._stop.order is None else self._stop.order.reason
-        message = StateMessage(
-            state=self.state,
-            reason=reason,
-            run_id=self._run_id,
-            capabilities=None if capabilities is None else asdict(capabilities),
-        )
-        self._link.send({"op": "state", **message})
-
-    def _tell_ended(self, ended: EndedMessage) -> None:
-        self._link.send({"op": "ended", **ended})
+        self._report.state(self.state, reason, self._run_id, self._keeper.capabilities)
 
     def _event(self, severity: str, code: str, text: str, run_id: str | None = None) -> None:
-        message = EventMessage(severity=severity, code=code, text=text, run_id=run_id or self._run_id)
-        self._link.send({"op": "event", **message})
+        self._report.event(severity, code, text, run_id or self._run_id)

@@ -11,7 +11,9 @@ from bench_service.bench.settings import BenchSettings
 _END_S = 5.0
 
 
-def start_control(settings: BenchSettings, samples: socket.socket) -> tuple["subprocess.Popen[bytes]", socket.socket]:
+def start_control(
+    settings: BenchSettings, samples: socket.socket, stop: socket.socket | None = None
+) -> tuple["subprocess.Popen[bytes]", socket.socket]:
     """Start the control process of a bench.
 
     Parameters
@@ -19,6 +21,8 @@ def start_control(settings: BenchSettings, samples: socket.socket) -> tuple["sub
     settings : BenchSettings
     samples : socket.socket
         Its link to the recorder; closed here.
+    stop : socket.socket or None
+        Listening socket of its stop port; stays open here.
 
     Returns
     -------
@@ -32,11 +36,15 @@ def start_control(settings: BenchSettings, samples: socket.socket) -> tuple["sub
     ours, theirs = socket.socketpair()
     command = [sys.executable, "-m", "bench_service.bench", "--fd", str(theirs.fileno())]
     command += ["--samples-fd", str(samples.fileno()), "--settings", settings.to_json()]
+    inherited = [theirs.fileno(), samples.fileno()]
+    if stop is not None:
+        command += ["--stop-fd", str(stop.fileno())]
+        inherited.append(stop.fileno())
     with samples, theirs:
         try:
             process = subprocess.Popen(
                 command,
-                pass_fds=(theirs.fileno(), samples.fileno()),
+                pass_fds=inherited,
                 stdin=subprocess.DEVNULL,
                 process_group=0,  # Ctrl-C is for the service, also before the process can ignore it
             )

@@ -196,7 +196,11 @@ class Recording:
     def _closed(self, reason: str) -> None:
         if self._sealed is not None and not self._sealed.done():
             self._sealed.set_result(None)
+        known = self.failure
         self._fail(f"the recorder is gone ({reason})")
+        if known is not None:
+            # It has said why before it went; that it is gone now is news: a new one needs a new link.
+            self._on_failure(known)
 
     def _fail(self, reason: str) -> None:
         if self.failure is None:

@@ -43,6 +43,8 @@ class RunRequest:
         Time after a change of the set-point in which measured and commanded current are not compared.
     stale_limit : int
         Stale readings in a row that are a fault.
+    finish_alone : bool
+        Plays on to its end where the service is gone; False: rest.
     """
 
     run_id: str
@@ -55,6 +57,7 @@ class RunRequest:
     observer: ObserverOrder | None = None
     settle_s: float = 0.0
     stale_limit: int = 3
+    finish_alone: bool = False
 
     def to_frame(self) -> Frame:
         """Return header and body of the ``start`` message."""
@@ -68,6 +71,7 @@ class RunRequest:
             "observer": self.observer,
             "settle_s": self.settle_s,
             "stale_limit": self.stale_limit,
+            "finish_alone": self.finish_alone,
             "n": len(self.time_s),
         }
         body = np.asarray(self.time_s, "<f8").tobytes() + np.asarray(self.current_A, "<f8").tobytes()
@@ -99,6 +103,7 @@ class RunRequest:
                 observer=header["observer"],
                 settle_s=float(header["settle_s"]),
                 stale_limit=int(header["stale_limit"]),
+                finish_alone=bool(header["finish_alone"]),
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f"start message: {error!r}") from error

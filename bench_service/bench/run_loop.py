@@ -8,12 +8,23 @@ import logging
 import math
 
 from bench_service.bench.clock import Tick
+from bench_service.bench.holding import Holding
+from bench_service.bench.judging import PlausibilityJudge, SettingsJudge
 from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverRow
 from bench_service.bench.quality import sample_flags
 from bench_service.bench.recording import RecorderError
 from bench_service.bench.rest import bring_to_rest, uncancelled
 from bench_service.bench.run import EndState, RunEnd, RunParts, RunPlan
-from bench_service.bench.safety import Context, Track, Trip, check, check_age, check_at_rest, follow
+from bench_service.bench.safety import (
+    Context,
+    Track,
+    Trip,
+    check,
+    check_age,
+    check_at_rest,
+    check_held,
+    follow,
+)
 from bench_service.bench.soc import count_charge
 from bench_service.streams import OBSERVER, SAMPLES
 from drivers.cycler import CyclerError, DeviceLimits, Reading, SetPointRefusedError
@@ -39,10 +50,13 @@ class RunLoop:
         self._parts = parts
         self._limits = plan.request.limits
         self._track = Track()
+        self._plausibility = PlausibilityJudge(plan, parts.notify)
+        self._settings = SettingsJudge(parts.cycler)
         self._soc = plan.request.initial_soc
         self._commanded_A = 0.0
         self._settled_from_s = -math.inf
         self._missed = 0
+        self._holding = Holding(plan.rules.bench, parts)
         self._gap = False
         self._next_record = 0
         self._observer = parts.observer
@@ -90,7 +104,9 @@ class RunLoop:
         if trip := check_at_rest(at_rest, context):
             raise TripError(trip)
         self._track = Track(temperature_degC=at_rest.temperature_degC)
-        await cycler.output(True)
+        self._heed_input(at_rest)
+        if self._parts.stop.order is None:
+            await cycler.output(True)
         clock.start(period_s)
 
     async def _ticks(self) -> tuple[EndState, str, str | None]:
@@ -101,7 +117,9 @@ class RunLoop:
                 return stop.order.state, "stop", stop.order.reason
             if tick is None:
                 raise RuntimeError("the clock was interrupted without a stop order")
-            if await self._tick(tick):
+            if await self._holding.follow(tick):
+                self._commanded_A, self._gap = 0.0, not self._holding.active
+            if stop.order is None and await self._tick(tick):
                 return "completed", "completed", None
             if recording.full:
                 await self._queue_full()
@@ -127,18 +145,28 @@ class RunLoop:
         self._parts.feed.note_lateness(tick.lateness_s)
         if self._parts.feed.due:
             self._show(tick, reading)
+        self._heed_input(reading)
         # The alarm or limit behind a refused set-point says more than the refusal.
         if trip is not None:
             raise TripError(trip)
         if refused is not None:
             raise refused
-        setpoint_A = self._plan.player.setpoint(tick.index)
+        setpoint_A = 0.0 if self._holding.active else self._plan.player.setpoint(self._holding.position(tick))
         if setpoint_A is None:
             return True
+        if self._parts.stop.order is not None:
+            return False
         # A stale reading is no ground for a heartbeat: the device's watchdog must see that we are blind.
         if self._track.stale == 0:
             await self._apply(tick, setpoint_A)
+            if trip := await self._settings.judge(lambda: self._context(tick)):
+                raise TripError(trip)
         return False
+
+    def _heed_input(self, reading: Reading) -> None:
+        """Take a button that is wired to the cycler for a stop; the map says which bit that is."""
+        if "stop_input" in reading.status:
+            self._parts.stop.give("stopped", f"the stop input of {self._plan.rules.bench}'s cycler is pressed")
 
     async def _sample(self) -> tuple[Reading, SetPointRefusedError | None]:
         try:
@@ -155,13 +183,21 @@ class RunLoop:
         self._track = follow(self._track, plan.rules, reading, time_s, self._commanded_A, settled)
         if self._soc is not None:
             self._soc = count_charge(self._soc, reading.current_A, self._track.interval_s, plan.request.capacity_Ah)
-        now_s = clock.elapsed_s(tick)
-        return check(reading, Context(plan.rules, self._track, now_s, self._soc, self._commanded_A))
+        context = self._context(tick)
+        rule = check_held if self._holding.active else check
+        return rule(reading, context) or self._plausibility.judge(reading, context)
+
+    def _context(self, tick: Tick) -> Context:
+        now_s = self._parts.clock.elapsed_s(tick)
+        held_s = (tick.index - self._holding.position(tick)) * self._plan.player.dt_s
+        return Context(self._plan.rules, self._track, now_s, self._soc, self._commanded_A, held_s)
 
     def _record(self, tick: Tick, reading: Reading, *, suspect: bool) -> None:
         parts, time_s = self._parts, self._track.time_s
         settling = time_s < self._settled_from_s - _TIME_TOLERANCE_S
         self._next_record = (tick.index // self._plan.every + 1) * self._plan.every
+        paused = self._holding.active
+        flags = sample_flags(reading, self._track, settling=settling, gap=self._gap, suspect=suspect, paused=paused)
         row = (
             time_s,
             reading.current_A,
@@ -170,7 +206,7 @@ class RunLoop:
             reading.ambient_degC,
             self._commanded_A,
             reading.sequence,
-            sample_flags(reading, self._track, settling=settling, gap=self._gap, suspect=suspect),
+            flags,
             tick.lateness_s,
         )
         parts.recording.put(SAMPLES, row)
@@ -206,14 +242,14 @@ class RunLoop:
             setpoint_A=self._commanded_A,
             soc=counted if self._parts.observer is None else self._observed.soc,
             soc_std=self._observed.soc_std,
-            progress=min(1.0, tick.index / n_ticks),
+            progress=min(1.0, self._holding.position(tick) / n_ticks),
             missed_ticks=self._missed,
         )
 
     async def _apply(self, tick: Tick, setpoint_A: float) -> None:
         now_s = self._parts.clock.elapsed_s(tick)
         # Whatever held the loop up since the sample (slow observer, stopped process): a heartbeat needs a fresh one.
-        if trip := check_age(Context(self._plan.rules, self._track, now_s, self._soc, self._commanded_A)):
+        if trip := check_age(self._context(tick)):
             raise TripError(trip)
         change_A = abs(setpoint_A - self._commanded_A)
         if change_A > 0:

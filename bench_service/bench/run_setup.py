@@ -18,7 +18,9 @@ from bench_service.bench.settings import BenchSettings
 from bench_service.streams import OBSERVER, SAMPLES
 from drivers.cycler import Capabilities
 
-_DEFAULT_TOLERANCE = 0.005
+_DEFAULT_TOLERANCE = 0.005  # share of the range
+_BEST_ACCURACY = 0.0005
+_SHARE_OF_LIMITS = 0.1
 _TICKS_OF_AGE = 2
 
 Note = tuple[str, str, str]
@@ -104,18 +106,28 @@ def build_observer(request: RunRequest) -> ObserverLink | None:
 
 
 def _rules(settings: BenchSettings, capabilities: Capabilities, request: RunRequest, tick_s: float) -> Rules:
-    tolerance_A = settings.current_tolerance_A
-    if tolerance_A is None:
-        tolerance_A = _DEFAULT_TOLERANCE * max(abs(value) for value in capabilities.current_A)
     return Rules(
         bench=settings.name,
         limits=request.limits,
-        current_tolerance_A=tolerance_A,
+        current_tolerance_A=_tolerance_A(settings, capabilities, request),
         max_age_s=_TICKS_OF_AGE * tick_s + settings.timeout_s,
         tick_s=tick_s,
         stale_limit=request.stale_limit,
         has_sequence=capabilities.has_sequence,
     )
+
+
+def _tolerance_A(settings: BenchSettings, capabilities: Capabilities, request: RunRequest) -> float:
+    """Return how far measured and commanded current may lie apart.
+
+    What a device of that range may be off by, but no more than a share of the run's own limits: half a percent of
+    30 A is three times what a run of 0.05 A may have. Below the accuracy of good devices nothing is asked.
+    """
+    if settings.current_tolerance_A is not None:
+        return settings.current_tolerance_A
+    range_A = max(abs(value) for value in capabilities.current_A)
+    own_A = _SHARE_OF_LIMITS * max(abs(value) for value in request.limits.current_A)
+    return min(_DEFAULT_TOLERANCE * range_A, max(own_A, _BEST_ACCURACY * range_A))
 
 
 def _notes(settings: BenchSettings, request: RunRequest, skipped_points: int) -> Iterator[Note]:

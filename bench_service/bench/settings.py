@@ -35,6 +35,10 @@ class BenchSettings:
     current_tolerance_A : float or None
         Allowed difference between measured and commanded current; None: 0.5 % of the device's range. One percent
         of the commanded current is always added.
+    lease_s : float
+        Longest silence of the service in which a run goes on.
+    capacity_Ah : float
+        Of the cell that is usually on the bench, for what is plausible at rest.
     latched : str or None
         Reason of a fault that an earlier process of this bench left unacknowledged.
     """
@@ -48,6 +52,8 @@ class BenchSettings:
     external_interlock: bool = False
     lock_step: bool | None = None
     current_tolerance_A: float | None = None
+    lease_s: float = 10.0
+    capacity_Ah: float = 2.5
     latched: str | None = None
 
     def to_json(self) -> str:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from bench_service.bench.control_process import end_of, start_control
+from bench_service.bench.direct.ticket import StopEndpoint
 from bench_service.bench.links import FrameLink
 from bench_service.bench.listener import BenchListener, BenchStatus
 from bench_service.bench.messages import EndedMessage, EventMessage
@@ -39,11 +40,18 @@ class BenchSupervisor:
     attach : callable
         Takes the bench's name, gives the recorder a new sample link and returns its other end.
     listener : BenchListener
+    stop_endpoint : StopEndpoint or None
+        The bench's stop port; None: it has none. Closed with the supervisor.
     """
 
     def __init__(
-        self, settings: BenchSettings, attach: Callable[[str], socket.socket], listener: BenchListener
+        self,
+        settings: BenchSettings,
+        attach: Callable[[str], socket.socket],
+        listener: BenchListener,
+        stop_endpoint: StopEndpoint | None = None,
     ) -> None:
+        self.stop_endpoint = stop_endpoint
         self._settings = settings
         self._attach = attach
         self._listener = listener
@@ -56,6 +64,7 @@ class BenchSupervisor:
         self._keeper: asyncio.Task[None] | None = None
         self._closing = False
         self._heard_s = 0.0
+        self._acknowledged: tuple[str | None, subprocess.Popen[bytes] | None] | None = None
 
     @property
     def name(self) -> str:
@@ -104,9 +113,15 @@ class BenchSupervisor:
         if self._link is not None:
             self._link.send({"op": "stop", "reason": reason})
 
+    def hold(self, *, on: bool) -> None:
+        """Pause the present run, or let it go on; harmless where there is none."""
+        if self._link is not None:
+            self._link.send({"op": "pause" if on else "resume"})
+
     def acknowledge(self) -> None:
         """Clear a latched fault; the bench stays in fault where its cause is still there."""
         if self._link is not None:
+            self._acknowledged = (self._status.reason, self._process)
             self._link.send({"op": "acknowledge"})
         elif self._settings.latched is not None:
             self._settings = replace(self._settings, latched=None)
@@ -140,6 +155,8 @@ class BenchSupervisor:
             with contextlib.suppress(asyncio.CancelledError):
                 await self._keeper
         await self._bury("the service was shut down")
+        if self.stop_endpoint is not None:
+            self.stop_endpoint.close()
 
     # --- keeping a process -----------------------------------------------------------------------------------
 
@@ -166,9 +183,13 @@ class BenchSupervisor:
 
     def _spawn(self) -> None:
         self._died.clear()
-        self._process, ours = start_control(self._settings, self._attach(self.name))
+        port = self.stop_endpoint
+        stop = None if port is None else port.listener
+        self._process, ours = start_control(self._settings, self._attach(self.name), stop)
         self._heard_s = time.monotonic()
         self._link = FrameLink(ours, self._received, self._lost)
+        if port is not None:
+            self._link.send({"op": "stop_port", "token": port.ticket.token, "origins": list(port.origins)})
 
     async def _watch(self) -> str:
         """Return, when the process is gone or hangs, what happened."""
@@ -177,6 +198,8 @@ class BenchSupervisor:
                 await asyncio.wait_for(self._died.wait(), _LOOK_S)
             if self._died.is_set():
                 return "its control process has ended"
+            if self._link is not None:
+                self._link.send({"op": "lease"})
             silent_s = time.monotonic() - self._heard_s
             if self._run_id is not None and silent_s > _SILENCE_S:
                 return f"its control process hangs: silent for {silent_s:.0f} s"
@@ -221,13 +244,26 @@ class BenchSupervisor:
                 self._listener.on_live(self.name, message)
             case "state":
                 self._set_status(BenchStatus(**message))
+                self._repeat_acknowledgement()
             case "event":
+                if message["code"] in ("acknowledged", "fault_stays"):
+                    self._acknowledged = None
                 self._listener.on_event(self.name, message)
             case "ended" if message["run_id"] == self._run_id:
                 self._run_id = None
                 self._listener.on_ended(self.name, message)
             case _:
                 pass
+
+    def _repeat_acknowledgement(self) -> None:
+        """A process that died with an acknowledgement in its queue has left the fault to the next one."""
+        if self._acknowledged is None:
+            return
+        reason, told = self._acknowledged
+        if self._status.state != "fault" or self._status.reason != reason:
+            self._acknowledged = None
+        elif told is not self._process:
+            self.acknowledge()
 
     def _lost(self, _reason: str) -> None:
         self._died.set()

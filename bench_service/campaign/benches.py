@@ -17,6 +17,7 @@ from bench_service.errors import NotFoundError
 from bench_service.store.records import Json
 
 ACKNOWLEDGED = "acknowledged"  # the event's code, as control processes send it too
+LATCHED = "latched"
 _ACKNOWLEDGE_S = 2.0
 
 
@@ -30,8 +31,8 @@ class Bench:
         Of the cycler.
     limits : Limits
     supervisor : BenchSupervisor
-    cell_since_utc : str or None
-        Since when its cell is the present one: a simulated cell begins anew with the service. None: not known.
+    runs_before_cell : int
+        Number of the last run before its cell was the present one: a simulated cell begins anew with the service.
     seal : Seal or None
         On an effect that is hidden in its simulated cell.
     """
@@ -42,14 +43,14 @@ class Bench:
         url: str,
         limits: Limits,
         supervisor: BenchSupervisor,
-        cell_since_utc: str | None = None,
+        runs_before_cell: int = 0,
         seal: Seal | None = None,
     ) -> None:
         self.config = config
         self.url = url
         self.limits = limits
         self.supervisor = supervisor
-        self.cell_since_utc = cell_since_utc
+        self.runs_before_cell = runs_before_cell
         self.seal = seal
         self.live: LiveMessage | None = None
 
@@ -108,6 +109,7 @@ class Benches:
         self._on_ended = on_ended
         self._on_state = on_state
         self._benches: dict[str, Bench] = {}
+        self._latched: dict[str, str | None] = {}
 
     def __iter__(self) -> Iterator[Bench]:
         """Go through the benches in the configuration's order."""
@@ -155,7 +157,11 @@ class Benches:
         return bench.seal.to_json()
 
     def on_state(self, bench: str, status: BenchStatus) -> None:
-        """Publish a new state."""
+        """Publish a new state; that a fault is latched is written down, so that it outlives the service."""
+        if status.state == "fault" and status.reason != self._latched.get(bench):
+            reason = status.reason or "a fault without a reason"
+            self._on_event(bench, EventMessage(severity="info", code=LATCHED, text=reason, run_id=None))
+        self._latched[bench] = status.reason if status.state == "fault" else None
         if status.state == "offline":
             self.get(bench).live = None
         self._on_state(self.get(bench))

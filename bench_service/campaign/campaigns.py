@@ -5,27 +5,27 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 
-from bench_service.bench.messages import EventMessage
 from bench_service.campaign.benches import Bench
+from bench_service.campaign.endings import campaign_json, note, note_end
+from bench_service.campaign.endings import ended as ended_as
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.plan import check_plan
+from bench_service.campaign.progress import Progress
 from bench_service.campaign.request import CampaignRequest, complete, standing_of
+from bench_service.campaign.resuming import check_resumable, left_to_resume, parts_of
 from bench_service.campaign.stages import overall_progress, stages_of
 from bench_service.campaign.standing import Standing, last_standing
 from bench_service.campaign.story import Story
-from bench_service.campaign.workshop import Workshop
+from bench_service.campaign.workshop import CampaignStoppedError, Workshop
 from bench_service.errors import BenchBusyError, ServiceError
-from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import CampaignRecord, CampaignState, Json, Severity, Stage
+from bench_service.store.records import CampaignRecord, CampaignState, Json, Stage
 from models.data.errors import ModelError
 
 _log = logging.getLogger(__name__)
-_SEVERITY: dict[str, Severity] = {"completed": "info", "stopped": "warning", "interrupted": "warning"}
-_LATEST_CAMPAIGNS = 1000
 
 
 class CampaignRunner:
@@ -73,11 +73,8 @@ class CampaignRunner:
         except BaseException:
             del self._running[telling.key]
             raise
-        telling.record = record
-        story = Story(self._workshop, record.id, request, lambda *news: self._report(telling, *news))
-        telling.task = asyncio.create_task(self._tell(telling, story))
-        self._live.publish({"type": "campaign"} | campaign_json(record))
-        _note(
+        self._begin(telling, record, request, None)
+        note(
             self._journal,
             record,
             "info",
@@ -86,6 +83,56 @@ class CampaignRunner:
             f"from {request.initial_soc:.1%} as {request.initial_soc_from} has it",
         )
         return record
+
+    async def resume(self, campaign_id: str) -> CampaignRecord:
+        """Go on with a campaign that was cut off, from what it has done and from the last stored sample.
+
+        Raises
+        ------
+        NotFoundError, ConflictError, BenchBusyError
+            There is none, it cannot go on, or its bench is busy.
+        """
+        record = await self.get(campaign_id)
+        bench = self._workshop.benches.get(record.bench)
+        if any(telling.bench == bench.name for telling in self._running.values()):
+            raise BenchBusyError(f"a campaign runs on bench {bench.name!r} already; stop it or wait")
+        telling = _Telling(bench.name)
+        self._running[telling.key] = telling
+        try:
+            store = self._workshop.store
+            parts = await asyncio.to_thread(parts_of, store, record)
+            runs = [run for each in parts.values() for run in each if run.bench == bench.name]
+            check_resumable(record, bench.runs_before_cell, max(runs, key=lambda run: run.number, default=None))
+            stages: list[Stage] = [s if s["state"] == "done" else {**s, "state": "waiting"} for s in record.stages]
+            record = replace(record, state="running", ended_utc=None, message="goes on", stages=tuple(stages))
+            await self._journal.write(store.campaigns.save, record)
+        except BaseException:
+            del self._running[telling.key]
+            raise
+        played = ", ".join(f"{role} {sum(run.n_samples or 0 for run in each)}" for role, each in parts.items())
+        text = f"goes on in stage {record.stage!r}; samples so far: {played or 'none'}"
+        note(self._journal, record, "warning", "campaign_resumed", text)
+        request = CampaignRequest.from_json(record.request)
+        self._begin(telling, record, request, Progress.from_json(record.done or {}, parts))
+        return record
+
+    async def resume_by_policy(self) -> None:
+        """Go on with what an earlier service has left, where the campaigns have declared it."""
+        for bench in self._workshop.benches:
+            left = await asyncio.to_thread(left_to_resume, self._workshop.store, bench.name)
+            if left is not None and left.bench == bench.name:
+                try:
+                    await self.resume(left.id)
+                except ServiceError as error:
+                    note(self._journal, left, "error", "campaign_not_resumed", f"does not go on: {error}")
+
+    def _begin(
+        self, telling: _Telling, record: CampaignRecord, request: CampaignRequest, done: Progress | None
+    ) -> None:
+        telling.record = record
+        telling.story = Story(self._workshop, record.id, request, lambda *news: self._report(telling, *news), done)
+        telling.task = asyncio.create_task(self._tell(telling, telling.story))
+        self._live.publish({"type": "campaign"} | campaign_json(record))
 
     async def stop(self, campaign_id: str) -> CampaignRecord:
         """Stop a campaign: what runs is brought to rest, then it ends as `stopped`."""
@@ -110,9 +157,9 @@ class CampaignRunner:
         return [current.get(record.id, record) for record in stored]
 
     async def close(self) -> None:
-        """Stop all campaigns."""
+        """Interrupt all campaigns: no person has stopped them, and they may go on with the next service."""
         for telling in list(self._running.values()):
-            await telling.end("the service was shut down")
+            await telling.end("the service was shut down", "interrupted")
 
     def _admitted(self, bench: Bench, given: Json) -> CampaignRequest:
         workshop = self._workshop
@@ -144,6 +191,8 @@ class CampaignRunner:
     def _report(self, telling: _Telling, stage: str, share: float, message: str) -> None:
         assert telling.record is not None
         telling.record = telling.moved(stage, share, message)
+        if share in (0.0, 1.0) and telling.story is not None:
+            telling.record = replace(telling.record, done=telling.story.done_json())
         if share in (0.0, 1.0):  # what is done is found again after a crash
             self._journal.post(partial(self._workshop.store.campaigns.save, telling.record))
         self._live.publish({"type": "campaign"} | campaign_json(telling.record))
@@ -152,22 +201,25 @@ class CampaignRunner:
         assert telling.record is not None
         started_s = time.monotonic()
         try:
-            result = await story.tell()
+            result = await story.tell({s["name"] for s in telling.record.stages if s["state"] == "done"})
             result["seconds"] = time.monotonic() - started_s
             ended = replace(
                 telling.record, state="completed", stage="done", progress=1.0, message="completed", result=result
             )
         except asyncio.CancelledError:
             await story.stop()
-            ended = _ended(telling.record, "stopped", telling.reason)
+            ended = ended_as(telling.record, telling.state, telling.reason)
+        except CampaignStoppedError as error:
+            ended = ended_as(telling.record, "stopped", str(error), await _so_far(story, started_s))
         except (ServiceError, ModelError) as error:
-            ended = _ended(telling.record, "failed", str(error), await _so_far(story, started_s))
+            ended = ended_as(telling.record, "failed", str(error), await _so_far(story, started_s))
         except Exception as error:
             _log.exception("campaign %s failed", telling.record.id)
             message = f"an error inside the service: {error!r}"
-            ended = _ended(telling.record, "failed", message, await _so_far(story, started_s))
+            ended = ended_as(telling.record, "failed", message, await _so_far(story, started_s))
+        ended = replace(ended, done=story.done_json())
         # Event and record are stored, in this order, before anybody sees that it has ended.
-        _note_end(self._journal, ended)
+        note_end(self._journal, ended)
         try:
             telling.record = await self._journal.write(self._workshop.store.campaigns.save, ended)
         finally:
@@ -182,6 +234,8 @@ class _Telling:
         self.bench = bench
         self.key = f"{bench}:{id(self)}"
         self.reason = "stopped"
+        self.state: CampaignState = "stopped"
+        self.story: Story | None = None
         self.record: CampaignRecord | None = None
         self.task: asyncio.Task[None] | None = None
         self._stage_began_s = time.monotonic()
@@ -200,25 +254,12 @@ class _Telling:
         progress = overall_progress([s["name"] for s in stages], stage, share)
         return replace(self.record, stage=stage, stages=stages, progress=progress, message=message)
 
-    async def end(self, reason: str) -> None:
+    async def end(self, reason: str, state: CampaignState = "stopped") -> None:
         """Stop it and wait until its end is written down; harmless before it has begun."""
         if self.task is not None:
-            self.reason = reason
+            self.reason, self.state = reason, state
             self.task.cancel()
             await asyncio.wait({self.task})
-
-
-def campaign_json(record: CampaignRecord) -> Json:
-    """Return the JSON object of the REST API."""
-    return asdict(record)
-
-
-async def close_left_open(store: MetadataStore, journal: Journal) -> None:
-    """Write the campaigns down as interrupted that the end of an earlier service has cut off."""
-    for record in await asyncio.to_thread(store.campaigns.page, _LATEST_CAMPAIGNS):
-        if record.state == "running":
-            ended = _ended(record, "interrupted", "the service ended in the middle of it")
-            _note_end(journal, await journal.write(store.campaigns.save, ended))
 
 
 async def _so_far(story: Story, started_s: float) -> Json | None:
@@ -229,20 +270,3 @@ async def _so_far(story: Story, started_s: float) -> Json | None:
         _log.exception("the result so far cannot be told")
         return None
     return found | {"seconds": time.monotonic() - started_s} if found["runs"] else None
-
-
-def _ended(record: CampaignRecord, state: CampaignState, message: str, result: Json | None = None) -> CampaignRecord:
-    """Return the record of a campaign that did not reach its end; so did the stage that it was in."""
-    stages: list[Stage] = [{**s, "state": state} if s["state"] == "running" else s for s in record.stages]
-    return replace(record, state=state, message=message, stages=tuple(stages), result=result)
-
-
-def _note_end(journal: Journal, record: CampaignRecord) -> None:
-    at = "" if record.state == "completed" else f" in stage {record.stage!r}: {record.message}"
-    _note(journal, record, _SEVERITY.get(record.state, "error"), f"campaign_{record.state}", f"{record.state}{at}")
-
-
-def _note(journal: Journal, record: CampaignRecord, severity: Severity, code: str, text: str) -> None:
-    text = f"campaign {record.name!r}: {text}"
-    event = EventMessage(severity=severity, code=code, text=text, run_id=None)
-    journal.note(record.bench, event, record.id)

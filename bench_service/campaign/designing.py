@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from bench_service.bench.limits import Limits
+from bench_service.campaign.inputs import run_input
 from bench_service.campaign.request import CampaignRequest
-from bench_service.errors import ConflictError
 from bench_service.jobs.designing import design_profile
-from bench_service.jobs.modelling import RunInput
 from bench_service.jobs.runner import Job, JobRunner
+from bench_service.jobs.series import RunInput
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import OPEN_RUN_STATES, Json, RunRecord
+from bench_service.store.records import Json, RunRecord
 
 _Inputs = tuple[Json | None, list[RunInput], tuple[list[float], list[float]] | None, list[Json | str]]
 
@@ -84,10 +84,7 @@ class Designing:
         return document, [self._run(run_id) for run_id in written.runs], cycle, rivals
 
     def _run(self, run_id: str) -> RunInput:
-        run = self._store.runs.get(run_id)
-        if run.state in OPEN_RUN_STATES:
-            raise ConflictError(f"run {run_id} has not ended; wait for its end or stop it", ("runs", run_id))
-        return RunInput(run_id, run.initial_soc)
+        return run_input(self._store, run_id, field="runs")
 
 
 def round_request(request: CampaignRequest, limits: Limits, model_id: str, soc: float, number: int) -> Json:

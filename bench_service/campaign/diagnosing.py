@@ -16,10 +16,10 @@ from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.versions import judging_runs
 from bench_service.errors import BadRequestError, ConflictError, NotFoundError
 from bench_service.jobs.diagnosing import add_effect_to, design_between, diagnose_runs, map_errors
-from bench_service.jobs.modelling import RunInput
 from bench_service.jobs.refitting import refit_to
 from bench_service.jobs.results import DesignResult, VersionAnswer, VersionResult
 from bench_service.jobs.runner import Job, JobRunner
+from bench_service.jobs.series import RunInput
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import Json, ModelOrigin, ModelRecord
 

@@ -11,10 +11,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from bench_service.errors import BadRequestError, ConflictError
+from bench_service.campaign.inputs import run_input
+from bench_service.errors import BadRequestError
 from bench_service.exchange.delimited import encode_csv
 from bench_service.jobs.modelling import (
-    RunInput,
     compare_runs,
     compare_series,
     compare_table,
@@ -24,8 +24,9 @@ from bench_service.jobs.modelling import (
 )
 from bench_service.jobs.results import FitAnswer, FitResult, SocFigures
 from bench_service.jobs.runner import Job, JobFunction, JobRunner
+from bench_service.jobs.series import RunInput
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import OPEN_RUN_STATES, ComparisonRecord, Json, ModelOrigin, ModelRecord, RunRecord
+from bench_service.store.records import ComparisonRecord, Json, ModelOrigin, ModelRecord, RunRecord
 
 # Curves of one comparison are asked for again by every open page, and never change.
 _KEPT_SERIES = 8
@@ -120,9 +121,9 @@ class Modelling:
     def import_model(self, document: Json, name: str) -> ModelRecord:
         """Store a MODEL.json from elsewhere; raises `ModelError` if it is none."""
         # Lazy: numba and scipy take 870 ms; the first use in a service's life pays for it, not its start.
-        from models.network.local_model_network import LocalModelNetwork
+        from bench_service.jobs.screening import checked_model
 
-        network = LocalModelNetwork.from_json(document)
+        network = checked_model(document)
         return self._store.models.add(
             document,
             ModelOrigin(
@@ -220,7 +221,7 @@ class Modelling:
 
     async def soc_figures(self, run: RunRecord) -> SocFigures:
         """Judge a run's live observer by counted charge, see `jobs.modelling.observer_figures`."""
-        start = RunInput(run.id, run.initial_soc)
+        start = RunInput(run.id, run.initial_soc, run.n_samples, run.sha256)
         return cast(SocFigures, await self._result("observation", observer_figures, start, run.capacity_Ah))
 
     async def _compute_series(self, comparison_id: str, max_points: int) -> bytes:
@@ -286,7 +287,4 @@ class Modelling:
         return [self._input(run_id, initial_soc) for run_id in run_ids]
 
     def _input(self, run_id: str, initial_soc: float | None) -> RunInput:
-        run: Any = self._store.runs.get(run_id)
-        if run.state in OPEN_RUN_STATES:
-            raise ConflictError(f"run {run_id} has not ended; wait for its end or stop it", ("run", run_id))
-        return RunInput(run_id, run.initial_soc if initial_soc is None else initial_soc)
+        return run_input(self._store, run_id, initial_soc)

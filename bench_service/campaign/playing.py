@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Sequence
 
+from bench_service.campaign.resuming import Policy, order_of_rest
 from bench_service.campaign.runs import RunOrder
-from bench_service.campaign.workshop import CampaignFailedError, Report, Workshop
+from bench_service.campaign.workshop import Report, Workshop
+from bench_service.errors import BenchBusyError, BenchOfflineError, StoreError
 from bench_service.jobs.counting import counted_soc
+from bench_service.store.integrity import Expected, read_whole
 from bench_service.store.records import RunRecord
 
 _LOOK_S = 0.25
+_TRY_S = 0.5
+# A service on a busy machine takes half a minute to start its processes; a disk that is full stays so for longer.
+_BACK_TIMEOUT_S = 300.0
 # Longest wait for a bench that is being connected, as all are in the first seconds of a service.
 _BENCH_TIMEOUT_S = 20.0
 # A run that takes longer to end goes on ending; whoever stops a campaign gets an answer.
@@ -26,15 +33,20 @@ class Playing:
     campaign_id : str
     report : callable
         See `workshop.Report`.
+    again : bool
+        Whether the campaign goes on after it was cut off: its first run too waits until the bench is ready again.
     """
 
-    def __init__(self, workshop: Workshop, campaign_id: str, report: Report) -> None:
+    def __init__(self, workshop: Workshop, campaign_id: str, report: Report, again: bool = False) -> None:
         self._workshop = workshop
         self._id = campaign_id
         self._report = report
+        self._again = again
 
-    async def play(self, stage: str, role: str, order: RunOrder) -> RunRecord:
-        """Play a run to its end; anything else than completion fails the campaign.
+    async def play(
+        self, stage: str, role: str, order: RunOrder, policy: Policy, parts: Sequence[RunRecord] = ()
+    ) -> list[RunRecord]:
+        """Play a profile to its end, in as many runs as it takes where the campaign goes on after interruptions.
 
         Parameters
         ----------
@@ -43,10 +55,41 @@ class Playing:
         role : str
             What the run is for, for people.
         order : RunOrder
+            For the whole profile.
+        policy : Policy
+        parts : sequence of RunRecord
+            What has been played of it before.
+
+        Returns
+        -------
+        list of RunRecord
+            All its parts, in their order; the last one is completed, or nothing was left to play.
+
+        Raises
+        ------
+        CampaignFailedError, CampaignStoppedError
+            It was not completed, and the campaign does not go on by itself.
         """
-        bench = order.bench
-        await self._await_bench(stage, bench)
-        started = await self._start(order)
+        found = list(parts)
+        while not found or found[-1].state != "completed":
+            here = order
+            if found:
+                store, samples = self._workshop.store, self._workshop.samples
+                left = await asyncio.to_thread(order_of_rest, order, found, store, samples)
+                if left is None:
+                    break
+                here = left
+            started = await (self._start_again(stage, here) if self._again else self._start_first(stage, here))
+            self._again = False
+            run = await self._watch(stage, here.bench, started)
+            if run.n_samples:
+                found.append(run)
+            if run.state != "completed":
+                policy.take(role, run)
+                self._again = True
+        return found
+
+    async def _watch(self, stage: str, bench: str, started: RunRecord) -> RunRecord:
         waiting = asyncio.create_task(self._workshop.runs.wait(started.id))
         try:
             while not waiting.done():
@@ -55,10 +98,27 @@ class Playing:
         except asyncio.CancelledError:
             waiting.cancel()
             raise
-        run = waiting.result()
-        if run.state != "completed":
-            raise CampaignFailedError(f"the {role} run ended as {run.state}: {run.reason}")
-        return run
+        return waiting.result()
+
+    async def _start_first(self, stage: str, order: RunOrder) -> RunRecord:
+        await self._await_bench(stage, order.bench)
+        return await self._start(order)
+
+    async def _start_again(self, stage: str, order: RunOrder) -> RunRecord:
+        """Wait until bench, recorder and disk are back; acknowledge, which the campaign has declared before; go on."""
+        benches = self._workshop.benches
+        deadline_s = asyncio.get_running_loop().time() + _BACK_TIMEOUT_S
+        while True:
+            status = benches.get(order.bench).supervisor.status
+            self._report(stage, 0.0, f"going on as soon as bench {order.bench!r} is ready: {status.reason or 'now'}")
+            if status.state == "fault":
+                await benches.acknowledge(order.bench)
+            try:
+                return await self._start(order)
+            except (BenchBusyError, BenchOfflineError, StoreError):
+                if asyncio.get_running_loop().time() > deadline_s:
+                    raise
+            await asyncio.sleep(_TRY_S)
 
     async def stop(self) -> None:
         """Bring what runs of the campaign to rest, and wait a moment for that."""
@@ -74,7 +134,7 @@ class Playing:
 
     async def soc_after(self, run: RunRecord) -> float:
         """State of charge at the end of a run by counting what was measured."""
-        data = await asyncio.to_thread(self._workshop.samples.read, run.id)
+        data = await asyncio.to_thread(read_whole, self._workshop.samples, Expected.of(run))
         time_s, current_A = data.columns["time_s"], data.columns["current_A"]
         return float(counted_soc(time_s, current_A, run.initial_soc, run.capacity_Ah)[-1])
 

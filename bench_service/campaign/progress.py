@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import NotRequired, TypedDict
 
 from bench_service.campaign.request import OBSERVER_OFFSET_SOC
@@ -29,16 +29,48 @@ class Round:
 
 @dataclass(slots=True)
 class Progress:
-    """What the stages have produced so far."""
+    """What the stages have produced so far; `parts` are the runs of each role, more than one where it was cut off."""
 
     profiles: dict[str, str] = field(default_factory=dict)
-    runs: dict[str, RunRecord] = field(default_factory=dict)
+    parts: dict[str, list[RunRecord]] = field(default_factory=dict)
+    designs: dict[str, Json] = field(default_factory=dict)
     rounds: list[Round] = field(default_factory=list)
     comparison_id: str = ""
     comparison: ComparisonResult | None = None
     diagnosis: Json | None = None
     addition: VersionAnswer | None = None
     result: Json = field(default_factory=dict)
+
+    @property
+    def runs(self) -> dict[str, RunRecord]:
+        """Of each role that has been played the last run."""
+        return {role: parts[-1] for role, parts in self.parts.items() if parts}
+
+    def ids(self, role: str) -> list[str]:
+        """Runs of a role, in their order."""
+        return [run.id for run in self.parts[role]]
+
+    def longest(self, role: str) -> RunRecord:
+        """Of the runs of a role the one with the most samples."""
+        return max(self.parts[role], key=lambda run: run.n_samples or 0)
+
+    def to_json(self) -> Json:
+        """Return what a later service goes on from; the runs it finds in the store."""
+        return {
+            "profiles": self.profiles,
+            "designs": self.designs,
+            "rounds": [asdict(each) for each in self.rounds],
+            "comparison_id": self.comparison_id,
+            "comparison": self.comparison,
+            "diagnosis": self.diagnosis,
+            "addition": self.addition,
+        }
+
+    @classmethod
+    def from_json(cls, document: Json, parts: dict[str, list[RunRecord]]) -> Progress:
+        """Read what `to_json` wrote, with the runs that were played."""
+        fields = {name: value for name, value in document.items() if name != "rounds"}
+        return cls(**fields, rounds=[Round(**each) for each in document["rounds"]], parts=parts)
 
     @property
     def model_id(self) -> str:
@@ -48,7 +80,7 @@ class Progress:
     @property
     def learned(self) -> list[str]:
         """Runs that the last model was made from."""
-        return [self.runs[each.role].id for each in self.rounds]
+        return [run_id for each in self.rounds for run_id in self.ids(each.role)]
 
 
 class PlayedRound(TypedDict):
@@ -79,13 +111,14 @@ def campaign_result(done: Progress, soc: SocFigures | None) -> Json:
     done : what they produced
     soc : figures of the live observer on the last run; None: there are none
     """
+    played = [(role, run) for role, parts in done.parts.items() for run in parts]
     result: Json = {
         "runs": [
             {"run_id": run.id, "role": role, "n_samples": run.n_samples, "missed_ticks": run.missed_ticks}
-            for role, run in done.runs.items()
+            for role, run in played
         ],
-        "samples": sum(run.n_samples or 0 for run in done.runs.values()),
-        "missed_ticks": sum(run.missed_ticks or 0 for run in done.runs.values()),
+        "samples": sum(run.n_samples or 0 for _, run in played),
+        "missed_ticks": sum(run.missed_ticks or 0 for _, run in played),
         "diagnosis": done.diagnosis,
     }
     if done.rounds:

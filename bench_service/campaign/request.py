@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Literal
 
 from bench_service.campaign.benches import Bench
@@ -45,6 +45,9 @@ class CampaignRequest:
         or the rig since the first; "structure": what the model's structure lacks; None: neither
     changed_bench : the bench of those two runs; None: the same one
     changed_initial_soc : where the cell on that bench stands
+    on_interruption : "resume": after a crash, a power cut or the loss of a process it goes on by itself from the last
+        stored sample, once the bench has been identified and is safe; "stop": it stands still until somebody says so
+    retries : faults of the bench that are acknowledged and tried again, from the last sample too
     """
 
     bench: str
@@ -62,6 +65,15 @@ class CampaignRequest:
     diagnose: Literal["structure", "change"] | None = None
     changed_bench: str | None = None
     changed_initial_soc: float = 0.5
+    on_interruption: Literal["stop", "resume"] = "stop"
+    retries: int = 0
+
+    @classmethod
+    def from_json(cls, document: Json) -> CampaignRequest:
+        """Read what `to_json` wrote, also of a version that knew less."""
+        known: Json = {each.name: document[each.name] for each in fields(cls) if each.name in document}
+        pairs: Json = {name: tuple(document[name]) for name in ("current_A", "soc")}
+        return cls(**(known | pairs))
 
     def to_json(self) -> Json:
         """Return a JSON object."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from bench_service.bench.messages import EndedMessage, EventMessage
@@ -14,7 +16,8 @@ from bench_service.bench.request import ObserverOrder, RunRequest
 from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.journal import Journal
-from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError
+from bench_service.campaign.storage import Storage
+from bench_service.errors import BenchBusyError, BenchOfflineError, ConflictError, ServiceError
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import RunIntent, RunRecord, Severity
 from bench_service.store.samples import SampleReader
@@ -31,7 +34,8 @@ class RunOrder:
     """What a client or a campaign asks for; units are in the names.
 
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
-    at ``observer_initial_soc`` (default: ``initial_soc``).
+    at ``observer_initial_soc`` (default: ``initial_soc``). With ``finish_alone`` it plays on where the service is gone.
+    ``continues`` names the run whose profile is taken up again.
     """
 
     bench: str
@@ -44,6 +48,8 @@ class RunOrder:
     name: str | None = None
     seed: int | None = None
     campaign_id: str | None = None
+    finish_alone: bool = False
+    continues: str | None = None
 
 
 class Runs:
@@ -54,14 +60,19 @@ class Runs:
     store : MetadataStore
     samples : SampleReader
     journal : Journal
+    storage : Storage
+        Asked whether a run could be stored.
     code_version : str
         Noted with each run.
     """
 
-    def __init__(self, store: MetadataStore, samples: SampleReader, journal: Journal, code_version: str) -> None:
+    def __init__(
+        self, store: MetadataStore, samples: SampleReader, journal: Journal, storage: Storage, code_version: str
+    ) -> None:
         self._store = store
         self._samples = samples
         self._journal = journal
+        self._storage = storage
         self._code_version = code_version
         self._claimed: set[str] = set()
         self._closing = asyncio.Event()
@@ -69,6 +80,7 @@ class Runs:
         self._ends: dict[str, asyncio.Task[None]] = {}
         self._open: dict[str, asyncio.Event] = {}
         self._on_bench: dict[str, str] = {}
+        self._paused: set[str] = set()
 
     async def start(self, benches: Benches, order: RunOrder) -> RunRecord:
         """Check an order, write down the intent, start the run.
@@ -119,6 +131,14 @@ class Runs:
         bench.supervisor.stop(reason)
         return bench
 
+    def hold(self, benches: Benches, name: str, *, on: bool) -> Bench:
+        """Pause the run on a bench, or let it go on; raises `ConflictError` where nothing runs."""
+        bench = benches.get(name)
+        if bench.supervisor.status.state not in ("running", "paused"):
+            raise ConflictError(f"bench {name!r} is {bench.supervisor.status.state}: there is no run to hold")
+        bench.supervisor.hold(on=on)
+        return bench
+
     async def wait(self, run_id: str) -> RunRecord:
         """Wait until a run has ended and is written down."""
         if run_id in self._open:
@@ -126,8 +146,14 @@ class Runs:
         return await asyncio.to_thread(self._store.runs.get, run_id)
 
     def on_state(self, bench: Bench) -> None:
-        """Repeat a stop that came before the control process had begun the run."""
+        """Repeat a stop that came before the control process had begun the run; write down that a run is held."""
         status = bench.supervisor.status
+        if status.run_id in self._open and status.state == "paused":
+            self._paused.add(status.run_id)
+            self._journal.post(partial(self._store.runs.pause, status.run_id))
+        elif status.run_id in self._paused and status.state == "running":
+            self._paused.discard(status.run_id)
+            self._journal.post(partial(self._store.runs.resume, status.run_id))
         if status.state == "running" and status.run_id in self._to_stop:
             bench.supervisor.stop(self._to_stop.pop(status.run_id))
 
@@ -146,6 +172,7 @@ class Runs:
         time_s, current_A = self._store.profiles.points(order.profile_id)
         capacity_Ah = bench.config.capacity_Ah
         admit(time_s, current_A, limits, dt_s=order.dt_s, initial_soc=order.initial_soc, capacity_Ah=capacity_Ah)
+        self._storage.refuse(math.ceil(float(time_s[-1]) / order.dt_s))
         observer = None
         if order.model_id is not None:
             start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
@@ -161,6 +188,7 @@ class Runs:
             initial_soc=order.initial_soc,
             observer=observer,
             settle_s=bench.config.settle_s,
+            finish_alone=order.finish_alone,
         )
 
     def _refuse_offline(self, bench: Bench) -> None:
@@ -201,6 +229,7 @@ class Runs:
                 observer_initial_soc=order.observer_initial_soc,
                 seed=order.seed,
                 campaign_id=order.campaign_id,
+                continues=order.continues,
             ),
         )
 
@@ -249,6 +278,7 @@ class Runs:
     def _forget(self, run_id: str) -> None:
         self._to_stop.pop(run_id, None)
         self._on_bench.pop(run_id, None)
+        self._paused.discard(run_id)
         self._ends.pop(run_id, None)
         if run_id in self._open:
             self._open.pop(run_id).set()

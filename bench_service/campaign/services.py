@@ -13,8 +13,10 @@ from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.runs import Runs
+from bench_service.campaign.storage import Storage
 from bench_service.config import ServiceConfig
 from bench_service.jobs.runner import JobRunner
+from bench_service.jobs.screening import Screen
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.samples import SampleReader
 
@@ -34,9 +36,11 @@ class Services:
     benches: Benches
     runs: Runs
     jobs: JobRunner
+    screen: Screen
     modelling: Modelling
     diagnosing: Diagnosing
     designing: Designing
     campaigns: CampaignRunner
     live: Broadcaster
     recorder_state: Callable[[], str]
+    storage: Storage

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from bench_service.campaign.benches import Bench
 from bench_service.jobs.counting import counted_soc
+from bench_service.store.integrity import Expected, damage_of
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import OPEN_RUN_STATES, RunRecord
 from bench_service.store.samples import SampleReader
@@ -33,7 +34,7 @@ def last_standing(bench: Bench, store: MetadataStore, samples: SampleReader) -> 
     if run is None or (bench.config.simulate is None and run.state != "completed"):
         return None
     data = samples.read(run.id)
-    if data.n == 0 or (bench.config.simulate is None and data.gaps):
+    if data.n == 0 or (bench.config.simulate is None and damage_of(Expected.of(run), data) is not None):
         return None
     columns = data.columns
     soc = float(counted_soc(columns["time_s"], columns["current_A"], run.initial_soc, run.capacity_Ah)[-1])
@@ -42,7 +43,7 @@ def last_standing(bench: Bench, store: MetadataStore, samples: SampleReader) -> 
 
 def _last_run(bench: Bench, store: MetadataStore) -> RunRecord | None:
     for run in store.runs.page(bench=bench.name, limit=_LATEST_RUNS):
-        if bench.cell_since_utc is not None and run.created_utc < bench.cell_since_utc:
+        if run.number <= bench.runs_before_cell:
             return None  # of another cell
         if run.state not in OPEN_RUN_STATES and run.n_samples != 0:
             return run

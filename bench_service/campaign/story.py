@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from typing import Any, cast
 
 from bench_service.campaign.designing import pauses_between_s, round_request
@@ -14,6 +14,7 @@ from bench_service.campaign.plan import CHANGED, CHANGED_VALIDATE, TRAIN, VALIDA
 from bench_service.campaign.playing import Playing
 from bench_service.campaign.progress import Progress, Round, campaign_result
 from bench_service.campaign.request import OBSERVER_OFFSET_SOC, CampaignRequest
+from bench_service.campaign.resuming import Policy
 from bench_service.campaign.runs import RunOrder
 from bench_service.campaign.stages import stages_of
 from bench_service.campaign.workshop import CampaignFailedError, Report, Workshop
@@ -24,6 +25,8 @@ from bench_service.store.records import Json, RunRecord
 from models.data.errors import ModelError
 
 _LOOK_S = 0.25
+# Verdicts that name an effect first, which is added.
+_NAMING = ("missing", "ambiguous")
 
 
 class Story:
@@ -36,18 +39,32 @@ class Story:
     request : CampaignRequest
     report : callable
         See `workshop.Report`.
+    done : Progress or None
+        What it has come to before it was cut off.
     """
 
-    def __init__(self, workshop: Workshop, campaign_id: str, request: CampaignRequest, report: Report) -> None:
+    def __init__(
+        self,
+        workshop: Workshop,
+        campaign_id: str,
+        request: CampaignRequest,
+        report: Report,
+        done: Progress | None = None,
+    ) -> None:
         self._workshop = workshop
         self._id = campaign_id
         self._request = request
         self._report = report
-        self._done = Progress()
-        self._playing = Playing(workshop, campaign_id, report)
+        self._done = done or Progress()
+        self._policy = Policy(request.on_interruption == "resume", request.retries)
+        self._playing = Playing(workshop, campaign_id, report, again=done is not None)
 
-    async def tell(self) -> Json:
-        """Go through all stages and return the campaign's result.
+    def done_json(self) -> Json:
+        """Return what a later service goes on from."""
+        return self._done.to_json()
+
+    async def tell(self, told: Collection[str] = ()) -> Json:
+        """Go through the stages that have not been told yet and return the campaign's result.
 
         Raises
         ------
@@ -66,6 +83,8 @@ class Story:
             "report": self._write_report,
         }
         for stage in stages_of(self._request):
+            if stage in told:
+                continue
             self._report(stage, 0.0, "")
             self._report(stage, 1.0, await stages[stage]())
         return self._done.result
@@ -76,7 +95,7 @@ class Story:
         if self._done.comparison is not None:
             # What failed may be what these figures need.
             with contextlib.suppress(ServiceError, ModelError):
-                soc = await self._workshop.modelling.soc_figures(self._done.runs[VALIDATE])
+                soc = await self._workshop.modelling.soc_figures(self._done.longest(VALIDATE))
         return campaign_result(self._done, soc)
 
     async def stop(self) -> None:
@@ -110,16 +129,19 @@ class Story:
 
     async def _fit_round(self, stage: str, role: str, design: Json | None = None) -> str:
         """Fit to all training runs so far, that of a new round with them."""
-        runs, number = self._done.runs, len(self._done.rounds) + 1
+        if any(each.role == role for each in self._done.rounds):
+            return "done before"
+        number, parts = len(self._done.rounds) + 1, self._done.parts
+        played = [run for each in self._done.rounds for run in parts[each.role]] + parts[role]
         order = FitOrder(
             name=f"{self._request.name}: model" + (f", round {number}" if number > 1 else ""),
-            train=[*self._done.learned, runs[role].id],
+            train=[run.id for run in played],
             validate=[],
             capacity_Ah=self._request.capacity_Ah,
             structure=self._request.structure,
             seed=self._request.seed,
             campaign_id=self._id,
-            pauses_s=pauses_between_s([runs[each.role] for each in self._done.rounds] + [runs[role]], self._lock_step),
+            pauses_s=pauses_between_s(played, self._lock_step),
         )
         found: FitAnswer = await self._watched(stage, await self._workshop.modelling.start_fit(order))
         metrics = found["metrics"]
@@ -140,21 +162,29 @@ class Story:
         told = ""
         for number in range(2, self._request.rounds + 1):
             role, last = f"{TRAIN}_{number}", self._done.runs[self._done.rounds[-1].role]
+            if role in {each.role for each in self._done.rounds}:
+                continue
             soc = await self._playing.soc_after(last)
-            bench = self._workshop.benches.get(self._request.bench)
-            asked = round_request(self._request, bench.limits, self._done.model_id, soc, number)
-            job = await self._workshop.designing.start(f"{self._request.name}: {role}", asked)
             try:
-                made = await self._watched("rounds", job)
+                await self._design_round(role, soc, number)
             except CampaignFailedError as error:
                 # What was learnt so far stands; that a sequence cannot be had within the limits is a result.
                 told = f"{told}; " * bool(told) + f"no round {number}: {error}"
                 break
-            self._done.profiles[role] = made["profile_id"]
             await self._play("rounds", role, soc)
-            told = f"round {number}: {await self._fit_round('rounds', role, made['figures'])}"
+            told = f"round {number}: {await self._fit_round('rounds', role, self._done.designs[role])}"
         await self._plan(await self._playing.soc_after(self._done.runs[self._done.rounds[-1].role]))
         return told
+
+    async def _design_round(self, role: str, soc: float, number: int) -> None:
+        if role in self._done.designs:
+            return
+        bench = self._workshop.benches.get(self._request.bench)
+        asked = round_request(self._request, bench.limits, self._done.model_id, soc, number)
+        job = await self._workshop.designing.start(f"{self._request.name}: {role}", asked)
+        made = await self._watched("rounds", job)
+        self._done.profiles[role], self._done.designs[role] = made["profile_id"], made["figures"]
+        self._report("rounds", 0.0, f"round {number} is designed")
 
     async def _observe(self) -> str:
         """Play another run with the observer live, started far from the truth."""
@@ -166,9 +196,7 @@ class Story:
     async def _compare(self) -> str:
         """Judge the model of every round on the run that none of them has seen."""
         for each in self._done.rounds:
-            record = await self._workshop.modelling.compare(
-                each.model_id, [self._done.runs[VALIDATE].id], None, self._id
-            )
+            record = await self._workshop.modelling.compare(each.model_id, self._done.ids(VALIDATE), None, self._id)
             result = cast(ComparisonResult, record.result)
             each.held_out = result["overall"]
             self._done.comparison_id, self._done.comparison = record.id, result
@@ -189,30 +217,33 @@ class Story:
         """Ask what is missing, and where the answer is one effect, add it and see what that is worth."""
         mode, diagnosing = self._request.diagnose, self._workshop.diagnosing
         assert mode is not None
-        runs = self._done.runs
+        ids = self._done.ids
         changed = mode == "change"
-        learn = [runs[CHANGED].id] if changed else self._done.learned
-        judge = runs[CHANGED_VALIDATE if changed else VALIDATE].id
+        learn = ids(CHANGED) if changed else self._done.learned
+        judge = ids(CHANGED_VALIDATE if changed else VALIDATE)
         order = DiagnosisOrder(
             model_id=self._done.model_id,
-            run_ids=[runs[CHANGED].id, runs[CHANGED_VALIDATE].id] if mode == "change" else [runs[VALIDATE].id],
+            run_ids=ids(CHANGED) + ids(CHANGED_VALIDATE) if changed else ids(VALIDATE),
             train_run_ids=self._done.learned,
             mode=mode,
         )
         found = await self._watched("diagnose", await diagnosing.start_diagnosis(order))
         record = await asyncio.to_thread(self._workshop.store.diagnoses.get, found["diagnosis_id"])
         self._done.diagnosis = {"diagnosis_id": record.id} | record.result
-        if record.result["verdict"] != "missing":
-            return f"verdict: {record.result['verdict'].replace('_', ' ')}"
-        effect = record.result["findings"][0]["effect"]
-        addition = await diagnosing.start_addition(self._done.model_id, effect, learn, [judge])
+        verdict, findings = record.result["verdict"], record.result["findings"]
+        if verdict not in _NAMING or not findings:
+            return f"verdict: {verdict.replace('_', ' ')}"
+        effect = findings[0]["effect"]
+        addition = await diagnosing.start_addition(self._done.model_id, effect, learn, judge)
         added: VersionAnswer = await self._watched("diagnose", addition)
         self._done.addition = added
         before, after = added["error_before_mV"], added["error_after_mV"]
-        return f"{effect} is missing; added, the held-out error falls from {before:.2f} to {after:.2f} mV"
+        rivals = ", ".join(findings[0]["confounded_with"])
+        named = f"{effect} is missing" if verdict == "missing" else f"{effect}, or {rivals or 'another'}, is missing"
+        return f"{named}; {effect} added, the held-out error falls from {before:.2f} to {after:.2f} mV"
 
     async def _write_report(self) -> str:
-        soc = await self._workshop.modelling.soc_figures(self._done.runs[VALIDATE])
+        soc = await self._workshop.modelling.soc_figures(self._done.longest(VALIDATE))
         self._done.result = campaign_result(self._done, soc)
         return "done"
 
@@ -241,8 +272,9 @@ class Story:
             seed=request.seed,
             campaign_id=self._id,
         )
-        run = self._done.runs[role] = await self._playing.play(stage, role, order)
-        return run
+        parts = await self._playing.play(stage, role, order, self._policy, self._done.parts.get(role, ()))
+        self._done.parts[role] = parts
+        return parts[-1]
 
     async def _watched(self, stage: str, job: Job) -> Any:
         """Wait for a job and report its progress; its result, or the end of the campaign."""

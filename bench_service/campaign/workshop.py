@@ -25,6 +25,12 @@ class CampaignFailedError(ServiceError):
     code = "campaign_failed"
 
 
+class CampaignStoppedError(ServiceError):
+    """A person has stopped what the campaign was doing."""
+
+    code = "campaign_stopped"
+
+
 @dataclass(frozen=True, slots=True)
 class Workshop:
     """What a campaign works with."""

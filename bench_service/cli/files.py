@@ -135,8 +135,9 @@ def _refuse_constant(token: str) -> NoReturn:
 
 
 def write_document(path: Path, document: dict[str, Any]) -> None:
-    """Write a document as JSON, whole or not at all."""
+    """Write a model's document as JSON with the hash of its content, whole or not at all."""
     # Lazy: numpy takes 70 ms.
     from bench_service.exchange.atomic import write_atomically
+    from models.data.seal import sealed
 
-    write_atomically(path, (json.dumps(document, allow_nan=False) + "\n").encode())
+    write_atomically(path, (json.dumps(sealed(document), allow_nan=False) + "\n").encode())

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from bench_service.cli.errors import UsageError
 from bench_service.client import BenchClient
+from bench_service.config.token import read_token
 from bench_service.store.metadata import MetadataStore
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def connected(config: ServiceConfig, bench: str) -> Iterator[BenchClient]:
     """
     holder = MetadataStore.holder(config.data_dir)
     if holder is not None and holder.url is not None:
-        with BenchClient(holder.url) as client:
+        with BenchClient(holder.url, token=read_token(config.data_dir)) as client:
             _await_bench(client, bench)
             yield client
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self, Unpack
@@ -9,6 +10,7 @@ from typing import Self, Unpack
 from bench_service.client.connection import API, Connection, Record, part
 from bench_service.client.model_calls import ModelCalls
 from bench_service.client.run_options import RunOptions
+from bench_service.client.stop_ports import StopPorts
 from bench_service.client.waiting import ENDED_CAMPAIGN_STATES, ENDED_RUN_STATES, LOOK_S, Look, wait_until
 
 
@@ -21,11 +23,14 @@ class BenchClient:
         Address that the service printed, for example ``http://127.0.0.1:8000``.
     timeout_s : float
         Longest wait for one answer.
+    token : str, optional
+        Of a service that listens beyond its own machine; by default what ``BENCH_TOKEN`` says.
     """
 
-    def __init__(self, url: str, timeout_s: float = 30.0) -> None:
+    def __init__(self, url: str, timeout_s: float = 30.0, *, token: str | None = None) -> None:
         self.url = url.rstrip("/")
-        self._connection = Connection(self.url, timeout_s)
+        self._connection = Connection(self.url, timeout_s, token or os.environ.get("BENCH_TOKEN"))
+        self._stop_ports = StopPorts(self.url, self._connection)
         # One flat list of calls for whoever writes a script; these are in a file of their own.
         models = ModelCalls(self._connection)
         self.fit = models.fit
@@ -76,8 +81,16 @@ class BenchClient:
         return self._connection.get(f"{API}/benches/{part(name)}")
 
     def stop_bench(self, name: str) -> Record:
-        """Stop the bench's run, if there is one."""
-        return self._connection.post(f"{API}/benches/{part(name)}/stop")
+        """Stop the bench's run, if there is one; past the service where this client has started one there."""
+        return self._stop_ports.stop(name) or self._connection.post(f"{API}/benches/{part(name)}/stop")
+
+    def pause_bench(self, name: str) -> Record:
+        """Hold the bench's run: output off, the profile waits."""
+        return self._connection.post(f"{API}/benches/{part(name)}/pause")
+
+    def resume_bench(self, name: str) -> Record:
+        """Let the bench's run go on."""
+        return self._connection.post(f"{API}/benches/{part(name)}/resume")
 
     def open_seal(self, name: str) -> Record:
         """Tell which effect is hidden in a bench's simulated cell: ``{"sha256", "opened"}``."""
@@ -108,7 +121,9 @@ class BenchClient:
         """Start a run; give its record, with state ``running``. Options are those of `RunOptions`."""
         stated = {"bench": bench, "profile_id": profile_id, "dt_s": float(dt_s), "initial_soc": float(initial_soc)}
         given = {key: value for key, value in options.items() if value is not None}
-        return self._connection.post(f"{API}/runs", stated | given)
+        run = self._connection.post(f"{API}/runs", stated | given)
+        self._stop_ports.learn(bench)
+        return run
 
     def runs(self, **filters: object) -> list[Record]:
         """Runs, newest first; filters are bench, state, campaign_id, limit, offset."""
@@ -151,10 +166,14 @@ class BenchClient:
         from_s: float | None = None,
         to_s: float | None = None,
         max_points: int | None = None,
+        damaged: str | None = None,
     ) -> Record:
-        """Columns of a run's samples, or with ``stream="observer"`` of its observer; None is a missing value."""
+        """Columns of a run's samples, or with ``stream="observer"`` of its observer; None is a missing value.
+
+        A damaged run is refused, unless ``damaged="include"`` asks for what is left.
+        """
         address = f"{API}/runs/{part(run_id)}/{part(stream)}"
-        return self._connection.get(address, from_s=from_s, to_s=to_s, max_points=max_points)
+        return self._connection.get(address, from_s=from_s, to_s=to_s, max_points=max_points, damaged=damaged)
 
     def export(self, run_id: str, format: str = "bdf") -> bytes:  # noqa: A002  # the option's public name
         """Give the run as the bytes of a file."""
@@ -182,6 +201,10 @@ class BenchClient:
     def stop_campaign(self, campaign_id: str) -> Record:
         """Stop a campaign and the run that it has started."""
         return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/stop")
+
+    def resume_campaign(self, campaign_id: str) -> Record:
+        """Go on with a campaign that was cut off, from the last stored sample."""
+        return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/resume")
 
     def wait_campaign(
         self,

@@ -43,11 +43,14 @@ class Connection:
         Address of the service.
     timeout_s : float
         Longest wait for one answer.
+    token : str or None
+        Of a service that wants one.
     """
 
-    def __init__(self, url: str, timeout_s: float) -> None:
+    def __init__(self, url: str, timeout_s: float, token: str | None = None) -> None:
+        headers = {} if token is None else {"Authorization": f"Bearer {token}"}
         # trust_env=False: a proxy from the environment must not stand between a client and its bench.
-        self._http = httpx.Client(base_url=url, timeout=timeout_s, trust_env=False)
+        self._http = httpx.Client(base_url=url, timeout=timeout_s, trust_env=False, headers=headers)
 
     def close(self) -> None:
         """Close the connections."""

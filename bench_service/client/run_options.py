@@ -11,7 +11,7 @@ class RunOptions(TypedDict, total=False):
     """Options of a run; what is left out or None the service decides.
 
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting at
-    ``observer_initial_soc``.
+    ``observer_initial_soc``. With ``finish_alone`` the run plays on where the service is gone; else it comes to rest.
     """
 
     limits: Record | None
@@ -19,3 +19,4 @@ class RunOptions(TypedDict, total=False):
     observer_initial_soc: float | None
     name: str | None
     seed: int | None
+    finish_alone: bool

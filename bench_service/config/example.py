@@ -12,6 +12,9 @@ _EXAMPLE = """\
 # Where runs, samples and models are kept. The environment variable BENCH_DATA_DIR wins over this line.
 data_dir = "bench-data"
 
+# Room in MB that must be left on the disk when a run has been stored; a run that would leave less is refused.
+free_floor_MB = 200.0
+
 # Worker processes for fits and comparisons, and how much they give way to other programs: 19 most, 0 not at all. On a
 # machine that others keep busy, 19 gets them hardly any time. The environment variable BENCH_WORKER_NICE wins.
 workers = 1

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 
 from bench_service.config.bench import BenchConfig
 from bench_service.config.simulate import SimulateConfig
-from bench_service.config.table import Table
+from bench_service.config.table import NotNegative, Table
 
 _BENCH_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"
 
@@ -19,6 +19,8 @@ class ServiceConfig(Table):
 
     data_dir: Path = Path("bench-data")
     workers: int = Field(default=1, ge=1, le=64, strict=True)
+    # Below it no run is taken: a bench that fills the disk takes the record of its own end with it.
+    free_floor_MB: NotNegative = 200.0
     worker_nice: int = Field(default=19, ge=0, le=19, strict=True)
     bench: dict[Annotated[str, Field(pattern=_BENCH_NAME)], BenchConfig] = {
         "sim": BenchConfig(simulate=SimulateConfig())

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench_service.jobs.modelling import RunInput, plain
+from bench_service.jobs.modelling import plain
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.results import DesignResult, Document
-from bench_service.jobs.series import read_series
+from bench_service.jobs.series import RunInput, read_series
 
 
 def design_profile(
@@ -53,7 +53,7 @@ def design_profile(
     cycle_A, cycle_dt_s = (None, 1.0) if cycle is None else even_cycle(np.array(cycle[0]), np.array(cycle[1]))
     material = Material(
         network=None if document is None else LocalModelNetwork.from_json(document),
-        runs=tuple(read_series(data_dir, [run.run_id for run in runs])),
+        runs=tuple(read_series(data_dir, runs)),
         runs_soc=tuple(run.initial_soc for run in runs),
         cycle_A=cycle_A,
         cycle_dt_s=cycle_dt_s,

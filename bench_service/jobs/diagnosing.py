@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from bench_service.jobs.modelling import RunInput, plain
+from bench_service.jobs.modelling import plain
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.results import DesignResult, Document, VersionResult
-from bench_service.jobs.series import noise_floor_mV, read_series
+from bench_service.jobs.series import RunInput, noise_floor_mV, read_series
 from bench_service.store.records import Json
+from models.data.seal import sealed
 
 
 def diagnose_runs(
@@ -93,7 +94,7 @@ def add_effect_to(
     }
     return plain(
         {
-            "document": network.to_json(),
+            "document": sealed(plain(network.to_json())),
             "structure": network.structure.name,
             "capacity_Ah": network.cell.capacity_Ah,
             "metrics": metrics,
@@ -159,7 +160,7 @@ def map_errors(report: Reporter, data_dir: Path, document: Document, runs: Seque
 
 
 def _read(data_dir: Path, runs: Sequence[RunInput]) -> list[Any]:
-    return read_series(data_dir, [run.run_id for run in runs]) if runs else []
+    return read_series(data_dir, runs) if runs else []
 
 
 def _soc(runs: Sequence[RunInput]) -> list[float]:

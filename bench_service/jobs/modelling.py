@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,23 +20,17 @@ from bench_service.jobs.counting import counted_soc
 from bench_service.jobs.joining import joined
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.results import ComparisonResult, Document, FitResult, RunCurves, SocFigures
-from bench_service.jobs.series import read_series
+from bench_service.jobs.series import RunInput, read_series
 from bench_service.store.decimation import kept_rows
+from bench_service.store.integrity import Expected, read_whole
 from bench_service.store.records import Json
 from bench_service.store.samples import SampleReader
 from bench_service.streams import OBSERVER
+from models.data.seal import sealed
 
 if TYPE_CHECKING:
     from models.comparison.simulated_runs import RunComparison
     from models.data.timeseries import TimeSeries
-
-
-@dataclass(frozen=True, slots=True)
-class RunInput:
-    """A stored run and the state of charge, 0..1, at its start."""
-
-    run_id: str
-    initial_soc: float
 
 
 def fit(
@@ -68,7 +61,7 @@ def fit(
     from models.pipeline.fit import fit_network
 
     report(0.0, "reading samples")
-    train_runs = read_series(data_dir, [run.run_id for run in train])
+    train_runs = read_series(data_dir, train)
     if pauses_s:
         train_runs, train = [joined(train_runs, pauses_s)], train[:1]
     result = fit_network(
@@ -76,7 +69,7 @@ def fit(
         capacity_Ah=capacity_Ah,
         structure=structure,
         without=tuple(without),
-        validate=read_series(data_dir, [run.run_id for run in validate]) or None,
+        validate=read_series(data_dir, validate) or None,
         initial_soc=[run.initial_soc for run in train],
         validate_soc=[run.initial_soc for run in validate] or None,
         initial_soc_std=initial_soc_std,
@@ -97,7 +90,7 @@ def fit(
         "runs": {"train": result.train_runs, "validation": result.validation_runs},
     }
     network = with_tuned_observer(result.network, train_runs, result.initial_soc)
-    return plain({"document": network.to_json(), "metrics": metrics})
+    return plain({"document": sealed(plain(network.to_json())), "metrics": metrics})
 
 
 def compare_runs(report: Reporter, data_dir: Path, document: Document, runs: Sequence[RunInput]) -> ComparisonResult:
@@ -106,7 +99,7 @@ def compare_runs(report: Reporter, data_dir: Path, document: Document, runs: Seq
     from models.comparison.figures import compare
     from models.network.local_model_network import LocalModelNetwork
 
-    series = read_series(data_dir, [run.run_id for run in runs])
+    series = read_series(data_dir, runs)
     return plain(compare(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs]))
 
 
@@ -141,7 +134,7 @@ def compare_series(
     from models.comparison.placed_runs import place_runs
     from models.network.local_model_network import LocalModelNetwork
 
-    series = read_series(data_dir, [run.run_id for run in runs])
+    series = read_series(data_dir, runs)
     compared = place_runs(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs])
     pairs = zip(series, compared, strict=True)
     return plain({"runs": [_curves(each, beside, max_points) for each, beside in pairs]})
@@ -155,7 +148,7 @@ def compare_table(
     from models.comparison.series import series_columns
     from models.network.local_model_network import LocalModelNetwork
 
-    series = read_series(data_dir, [run.run_id for run in runs])
+    series = read_series(data_dir, runs)
     return plain(series_columns(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs]))
 
 
@@ -176,7 +169,8 @@ def observer_figures(report: Reporter, data_dir: Path, run: RunInput, capacity_A
     from models.observer.tuning.accuracy import soc_figures
 
     with closing(SampleReader(data_dir)) as reader:
-        samples, estimate = reader.read(run.run_id).columns, reader.read(run.run_id, OBSERVER).columns
+        expected = Expected(run.run_id, run.n_samples, run.sha256)
+        samples, estimate = read_whole(reader, expected).columns, reader.read(run.run_id, OBSERVER).columns
     if not samples or not estimate:
         raise BadRequestError("no observer ran in the run", ("run", run.run_id))
     reference = counted_soc(samples["time_s"], samples["current_A"], run.initial_soc, capacity_Ah)

@@ -8,10 +8,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench_service.jobs.modelling import RunInput, plain
+from bench_service.jobs.modelling import plain
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.results import Document, VersionResult
-from bench_service.jobs.series import noise_floor_mV, read_series
+from bench_service.jobs.series import RunInput, noise_floor_mV, read_series
+from models.data.seal import sealed
 
 if TYPE_CHECKING:
     from models.data.timeseries import TimeSeries
@@ -68,7 +69,7 @@ def refit_to(
     from models.network.local_model_network import LocalModelNetwork
 
     report(0.02, "reading samples")
-    learned, judged = (read_series(data_dir, [run.run_id for run in runs]) for runs in (train, validate))
+    learned, judged = (read_series(data_dir, runs) for runs in (train, validate))
     learned_soc, judged_soc = ([run.initial_soc for run in runs] for runs in (train, validate))
     parent = LocalModelNetwork.from_json(document)
     report(0.1, "refitting to the training runs")
@@ -83,5 +84,10 @@ def refit_to(
     }
     structure, capacity_Ah = network.structure.name, network.cell.capacity_Ah
     return plain(
-        {"document": network.to_json(), "structure": structure, "capacity_Ah": capacity_Ah, "metrics": metrics}
+        {
+            "document": sealed(plain(network.to_json())),
+            "structure": structure,
+            "capacity_Ah": capacity_Ah,
+            "metrics": metrics,
+        }
     )

@@ -213,7 +213,7 @@ class JobRunner:
 def _new_worker(nice: int) -> ProcessPoolExecutor:
     # spawn: a fork of a process with threads and an event loop can hang in a lock it copied.
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(1, mp_context=context, initializer=_settle_worker, initargs=(nice,))
+    return ProcessPoolExecutor(1, mp_context=context, initializer=settle_worker, initargs=(nice,))
 
 
 def _kill(pid: int) -> None:
@@ -221,7 +221,8 @@ def _kill(pid: int) -> None:
         os.kill(pid, signal.SIGKILL)
 
 
-def _settle_worker(nice: int) -> None:
+def settle_worker(nice: int) -> None:
+    """Make a worker process polite, and end it with the service."""
     os.nice(nice)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the service ends its workers
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from bench_service.errors import BadRequestError
+from bench_service.store.integrity import Expected, read_whole
 from bench_service.store.samples import SampleReader
 from models.data.metrics import noise_floor_V
 from models.data.resampling import to_grid
@@ -17,20 +19,33 @@ from models.data.timeseries import TimeSeries
 _FEWEST_SAMPLES = 2
 
 
-def read_series(data_dir: Path, run_ids: Sequence[str]) -> list[TimeSeries]:
+@dataclass(frozen=True, slots=True)
+class RunInput:
+    """A stored run, the state of charge, 0..1, at its start, and what must be there of its samples."""
+
+    run_id: str
+    initial_soc: float
+    n_samples: int | None = None
+    sha256: str | None = None
+
+
+def read_series(data_dir: Path, runs: Sequence[RunInput]) -> list[TimeSeries]:
     """Read the samples of runs; the name of each series is the run's id.
 
     Raises
     ------
     BadRequestError
         A run has too few samples to be used.
+    DamagedError
+        Samples of a run are missing or not those that were recorded.
     """
     with closing(SampleReader(data_dir)) as reader:
-        return [_series(reader, run_id) for run_id in run_ids]
+        return [_series(reader, run) for run in runs]
 
 
-def _series(reader: SampleReader, run_id: str) -> TimeSeries:
-    data = reader.read(run_id)
+def _series(reader: SampleReader, run: RunInput) -> TimeSeries:
+    run_id = run.run_id
+    data = read_whole(reader, Expected(run_id, run.n_samples, run.sha256))
     if data.n < _FEWEST_SAMPLES:
         raise BadRequestError("the run has too few samples to be used", ("run", run_id), value=data.n)
     columns = data.columns

@@ -5,13 +5,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Row, Select, Table
+from sqlalchemy import Connection, Engine, Row, Select, Table, func, select
 from sqlalchemy.exc import DBAPIError, IntegrityError, StatementError
 
 from bench_service.errors import ConflictError, NotFoundError, StoreError
 from bench_service.store import engine as engines
 from bench_service.store.engine import WriterLock
-from bench_service.store.migrate import upgrade
+from bench_service.store.migrate import check_revision, upgrade
+from bench_service.store.private import make_private_directory, make_private_file
 
 FILE = "meta.sqlite"
 LOCK_FILE = "meta.lock"
@@ -23,7 +24,7 @@ class MetadataFile:
     Every method raises `StoreError` where the database fails.
     """
 
-    def __init__(self, lock: WriterLock, writer: Engine, reader: Engine) -> None:
+    def __init__(self, lock: WriterLock | None, writer: Engine, reader: Engine) -> None:
         self.lock = lock
         self._writer = writer
         self._reader = reader
@@ -37,11 +38,9 @@ class MetadataFile:
         StoreError
             Another process writes it (the message names it), or it cannot be opened.
         """
-        try:
-            data_dir.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise StoreError(f"cannot create data directory {data_dir}: {error.strerror}") from error
+        make_private_directory(data_dir, FILE)
         lock = WriterLock.acquire(data_dir / LOCK_FILE, lock_timeout_s)
+        make_private_file(data_dir / FILE)
         writer = engines.open_writer(data_dir / FILE)
         try:
             with _reported(f"open {data_dir / FILE}"):
@@ -52,11 +51,28 @@ class MetadataFile:
             raise
         return cls(lock, writer, engines.open_reader(data_dir / FILE))
 
+    @classmethod
+    def look(cls, data_dir: Path) -> "MetadataFile":
+        """Open the file for reading alone, also while another process writes it.
+
+        Raises
+        ------
+        StoreError
+            It is not there, or of another version than this one.
+        """
+        if not (data_dir / FILE).exists():
+            raise StoreError(f"nothing is stored in {data_dir}")
+        reader = engines.open_reader(data_dir / FILE)
+        with _reported(f"open {data_dir / FILE}"):
+            check_revision(reader, "meta")
+        return cls(None, reader, reader)
+
     def close(self) -> None:
         """Close the file and give the lock back."""
         self._reader.dispose()
         self._writer.dispose()
-        self.lock.close()
+        if self.lock is not None:
+            self.lock.close()
 
     @contextmanager
     def write(self) -> Iterator[Connection]:
@@ -71,7 +87,10 @@ class MetadataFile:
             yield link
 
     def insert(self, table: Table, values: dict[str, Any]) -> Any:
-        """Insert one row; return its key."""
+        """Insert one row; return its key. Where rows are numbered it gets the next number."""
+        if "number" in table.c:
+            last = select(func.coalesce(func.max(table.c.number), 0)).scalar_subquery()
+            values = values | {"number": last + 1}
         with self.write() as link:
             key = link.execute(table.insert().values(values)).inserted_primary_key
         return key[0] if key else None
@@ -91,8 +110,8 @@ class MetadataFile:
         return row
 
     def page(self, table: Table, query: Select[*tuple[Any, ...]], limit: int, offset: int) -> Sequence[Row[Any]]:
-        """Return rows of `query`, newest first."""
-        ordered = query.order_by(table.c.created_utc.desc(), table.c.id.desc())
+        """Return rows of `query`, what was inserted last first."""
+        ordered = query.order_by(table.c.number.desc())
         with self.read() as link:
             return link.execute(ordered.limit(limit).offset(offset)).all()
 

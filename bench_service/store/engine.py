@@ -16,6 +16,7 @@ import os
 import sqlite3
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,7 @@ class WriterLock:
             Another process holds it, or the file cannot be written.
         """
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         except OSError as error:
             raise StoreError(f"cannot create lock file {path}: {error.strerror}") from error
         # A probe by `lock_holder` holds the file for an instant and is no reason to give up.
@@ -128,6 +129,16 @@ def open_reader(path: Path, pool_size: int = 4) -> Engine:
     event.listen(engine, "connect", _set_up_reader)
     event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN"))
     return engine
+
+
+def faults_of(path: Path) -> list[str]:
+    """Return what SQLite finds wrong with the structure of a file; nothing where it is sound."""
+    try:
+        with closing(_connect(f"{path.absolute().as_uri()}?mode=ro")) as connection:
+            told = [str(row[0]) for row in connection.execute("PRAGMA quick_check(5)")]
+    except sqlite3.DatabaseError as error:
+        return [str(error)]
+    return [] if told == ["ok"] else told
 
 
 def check_sqlite() -> str:

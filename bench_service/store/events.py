@@ -1,6 +1,6 @@
 """Events of one data directory, for the people at the benches."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from sqlalchemy import select
 
@@ -30,6 +30,21 @@ class EventTable:
         values: Json = {"created_utc": self._now(), "severity": severity, "code": code, "text": text}
         values |= {"bench": bench, "run_id": run_id, "campaign_id": campaign_id}
         return EventRecord(id=self._file.insert(schema.event, values), **values)
+
+    def last(
+        self, codes: Sequence[str] | None, *, bench: str | None = None, run_id: str | None = None
+    ) -> EventRecord | None:
+        """Return the newest event with one of these codes (None: any), of a bench or a run where that is given."""
+        table = schema.event
+        query = select(table).order_by(table.c.id.desc()).limit(1)
+        for column, wanted in ((table.c.bench, bench), (table.c.run_id, run_id)):
+            if wanted is not None:
+                query = query.where(column == wanted)
+        if codes is not None:
+            query = query.where(table.c.code.in_(codes))
+        with self._file.read() as link:
+            row = link.execute(query).one_or_none()
+        return None if row is None else rows.event(row)
 
     def page(self, run_id: str | None = None, limit: int = 100, offset: int = 0) -> list[EventRecord]:
         """Return events, of one run where that is given."""

@@ -73,6 +73,11 @@ class MetadataStore:
         store.announce(url)
         return store
 
+    @classmethod
+    def look(cls, data_dir: Path) -> "MetadataStore":
+        """Open the metadata for reading alone, also while a service writes them; raises `StoreError`."""
+        return cls(MetadataFile.look(data_dir), lambda: datetime.now(UTC))
+
     @staticmethod
     def holder(data_dir: Path) -> LockHolder | None:
         """Return which process has the metadata open for writing, and its address; None where none has."""
@@ -80,7 +85,8 @@ class MetadataStore:
 
     def announce(self, url: str | None) -> None:
         """Tell other processes the address at which this service answers."""
-        self._file.lock.announce(url)
+        if self._file.lock is not None:
+            self._file.lock.announce(url)
 
     def close(self) -> None:
         """Close the file and give the lock back."""

@@ -1,13 +1,12 @@
 """Models of one data directory, and the family of a model: every version that descends from the same first one."""
 
-import hashlib
-import json
 import uuid
 from collections.abc import Callable
 from dataclasses import asdict
 
 from sqlalchemy import select
 
+from bench_service.errors import StoreError
 from bench_service.store import rows, schema
 from bench_service.store.access import MetadataFile
 from bench_service.store.records import Json, ModelOrigin, ModelRecord
@@ -22,7 +21,6 @@ class ModelTable:
 
     def add(self, document: Json, origin: ModelOrigin) -> ModelRecord:
         """Store a model with its document (MODEL.json)."""
-        text = json.dumps(document, sort_keys=True, separators=(",", ":"))
         record = ModelRecord(
             id=uuid.uuid4().hex,
             name=origin.name,
@@ -33,7 +31,7 @@ class ModelTable:
             train=tuple(origin.train),
             validate=tuple(origin.validate),
             metrics=origin.metrics,
-            sha256=hashlib.sha256(text.encode()).hexdigest(),
+            sha256=rows.document_hash(document),
             created_utc=self._now(),
             campaign_id=origin.campaign_id,
             code_version=origin.code_version,
@@ -46,8 +44,17 @@ class ModelTable:
         return rows.model(self._file.one(schema.model, rows.MODEL, model_id))
 
     def document(self, model_id: str) -> Json:
-        """Return a model's document (MODEL.json)."""
-        return self._file.one(schema.model, select(schema.model.c.document), model_id).document
+        """Return a model's document (MODEL.json).
+
+        Raises
+        ------
+        StoreError
+            It is not the one that was stored.
+        """
+        found = self._file.one(schema.model, select(schema.model.c.document, schema.model.c.sha256), model_id)
+        if rows.document_hash(found.document) != found.sha256:
+            raise StoreError(f"model {model_id} is damaged in the store: its document has another hash")
+        return found.document
 
     def page(self, limit: int = 100, offset: int = 0) -> list[ModelRecord]:
         """Return models without their documents."""
@@ -64,11 +71,11 @@ class ModelTable:
         found = self.get(model_id)
         while found.parent_id is not None:
             found = self.get(found.parent_id)
-        members, generation = [found], [found.id]
+        members, generation = [(0, found)], [found.id]
         with self._file.read() as link:
             while generation:
                 query = rows.MODEL.where(schema.model.c.parent_id.in_(generation))
-                children = [rows.model(row) for row in link.execute(query)]
+                children = [(row.number, rows.model(row)) for row in link.execute(query)]
                 members += children
-                generation = [child.id for child in children]
-        return sorted(members, key=lambda member: (member.parent_id is not None, member.created_utc, member.id))
+                generation = [child.id for _, child in children]
+        return [member for _, member in sorted(members, key=lambda each: each[0])]

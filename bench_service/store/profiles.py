@@ -31,7 +31,7 @@ class ProfileTable:
 
     def points(self, profile_id: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return times in s and currents in A of a profile, each of shape (n,)."""
-        return rows.profile_points(self._file.one(schema.profile, select(schema.profile), profile_id))
+        return rows.checked_points(self._file.one(schema.profile, select(schema.profile), profile_id))
 
     def page(self, limit: int = 100, offset: int = 0) -> list[ProfileRecord]:
         """Return profiles without their points."""

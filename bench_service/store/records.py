@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Literal, TypedDict
 
-RunState = Literal["created", "running", "completed", "stopped", "fault", "interrupted"]
+RunState = Literal["created", "running", "paused", "completed", "stopped", "fault", "interrupted"]
 CampaignState = Literal["running", "completed", "failed", "stopped", "interrupted"]
 Severity = Literal["info", "warning", "error"]
 Json = dict[str, Any]
 
-OPEN_RUN_STATES: tuple[RunState, ...] = ("created", "running")
+OPEN_RUN_STATES: tuple[RunState, ...] = ("created", "running", "paused")
 
 
 def utc_text(moment: datetime) -> str:
@@ -69,13 +69,31 @@ class RunIntent:
     observer_initial_soc: float | None = None
     seed: int | None = None
     campaign_id: str | None = None
+    continues: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
-    """A run: what was decided before it started, and what has become of it."""
+    """A run: what was decided before it started, and what has become of it.
+
+    Attributes
+    ----------
+    number : int
+        Rises from run to run, whatever the clock does.
+    elapsed_s : float or None
+        From start to end by a clock that nobody sets; None where one process did not see both.
+    continues : str or None
+        The run whose profile it takes up again where that was interrupted.
+    damage : str or None
+        What is missing of its samples, where reading them has shown that something is.
+    repaired_utc : str or None
+        When a damaged run was repaired: count and hash are since then those of what is left, `damage` says what is not.
+    removed_utc : str or None
+        When its samples were given up, by the rule of retention.
+    """
 
     id: str
+    number: int = 0
     name: str | None = None
     bench: str
     profile_id: str
@@ -96,6 +114,11 @@ class RunRecord:
     seed: int | None = None
     campaign_id: str | None = None
     code_version: str
+    continues: str | None = None
+    elapsed_s: float | None = None
+    damage: str | None = None
+    repaired_utc: str | None = None
+    removed_utc: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,6 +201,7 @@ class CampaignRecord:
     created_utc: str
     ended_utc: str | None = None
     code_version: str
+    done: Json | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

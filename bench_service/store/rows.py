@@ -1,6 +1,7 @@
 """Rows of the metadata tables to records, and back where the two differ."""
 
 import hashlib
+import json
 from dataclasses import asdict
 from typing import Any, cast, get_args
 
@@ -40,7 +41,7 @@ def new_profile(
     record = ProfileRecord(
         id=profile_id,
         name=name,
-        sha256=hashlib.sha256(times.tobytes() + currents.tobytes()).hexdigest(),
+        sha256=_points_hash(times, currents),
         n_points=block.n,
         duration_s=float(times[-1] - times[0]),
         current_A=(float(currents.min()), float(currents.max())),
@@ -68,6 +69,18 @@ def profile_points(row: Row[Any]) -> tuple[NDArray[np.float64], NDArray[np.float
     return points["time_s"], points["current_A"]
 
 
+def checked_points(row: Row[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times and currents of a profile that are proved to be those that were stored; raises `StoreError`."""
+    time_s, current_A = profile_points(row)
+    if _points_hash(time_s, current_A) != row.sha256:
+        raise StoreError(f"profile {row.id} is damaged in the store: its points have another hash")
+    return time_s, current_A
+
+
+def _points_hash(time_s: NDArray[np.float64], current_A: NDArray[np.float64]) -> str:
+    return hashlib.sha256(np.asarray(time_s, "<f8").tobytes() + np.asarray(current_A, "<f8").tobytes()).hexdigest()
+
+
 def profile(row: Row[Any]) -> ProfileRecord:
     """Return a profile."""
     return ProfileRecord(
@@ -84,7 +97,7 @@ def profile(row: Row[Any]) -> ProfileRecord:
 
 def run(row: Row[Any]) -> RunRecord:
     """Return a run."""
-    return RunRecord(**fields(row))
+    return RunRecord(**fields(row), number=row.number)
 
 
 def run_state(text: str) -> RunState:
@@ -119,11 +132,17 @@ def event(row: Row[Any]) -> EventRecord:
     return EventRecord(**fields(row))
 
 
+def document_hash(document: Json) -> str:
+    """Return the SHA-256 of a document in canonical JSON."""
+    return hashlib.sha256(json.dumps(document, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
 def references(data: list[Json]) -> tuple[RunReference, ...]:
     """Return runs with their hashes."""
     return tuple(RunReference(**item) for item in data)
 
 
 def fields(row: Row[Any]) -> Json:
-    """Return a row's values by column."""
-    return {str(name): value for name, value in row._mapping.items()}  # noqa: SLF001 (SQLAlchemy's public name)
+    """Return a row's values by column, without the number that orders rows."""
+    values = row._mapping.items()  # noqa: SLF001 (SQLAlchemy's public name)
+    return {str(name): value for name, value in values if name != "number"}

@@ -1,10 +1,11 @@
 """Runs of one data directory: the intent before, the end after."""
 
+import time
 import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
-from sqlalchemy import select, update
+from sqlalchemy import case, func, select, update
 
 from bench_service.errors import ConflictError, NotFoundError
 from bench_service.store import rows, schema
@@ -17,14 +18,19 @@ from bench_service.store.records import (
     RunReference,
     RunState,
 )
+from bench_service.store.run_states import before
 
 
 class RunTable:
     """Stores runs, moves them from state to state and finds them; see `MetadataStore`."""
 
-    def __init__(self, file: MetadataFile, now: Callable[[], str]) -> None:
+    def __init__(
+        self, file: MetadataFile, now: Callable[[], str], monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
         self._file = file
         self._now = now
+        self._monotonic = monotonic
+        self._started_s: dict[str, float] = {}
 
     def add(self, intent: RunIntent) -> RunRecord:
         """Store the intent of a run, in state ``created``, before the bench hears of it.
@@ -36,7 +42,7 @@ class RunTable:
         """
         record = RunRecord(id=uuid.uuid4().hex, state="created", created_utc=self._now(), **asdict(intent))
         self._file.insert(schema.run, asdict(record))
-        return record
+        return self.get(record.id)
 
     def start(self, run_id: str) -> RunRecord:
         """Note that a created run plays now.
@@ -46,7 +52,9 @@ class RunTable:
         ConflictError
             It is not in state ``created``.
         """
-        return self._move(run_id, ("created",), {"state": "running", "started_utc": self._now()})
+        started = self._move(run_id, ("created",), {"state": "running", "started_utc": self._now()})
+        self._started_s[run_id] = self._monotonic()
+        return started
 
     def end(
         self,
@@ -60,14 +68,64 @@ class RunTable:
     ) -> RunRecord:
         """Note how a created or running run ended.
 
+        Its length is measured, not taken from the clock, which may have been set meanwhile; no run ends before it
+        began.
+
         Raises
         ------
         ConflictError
             It has ended already; its first end stays.
         """
-        end = {"state": state, "reason": reason, "ended_utc": self._now()}
+        began_s, now_utc = self._started_s.get(run_id), self._now()
+        elapsed_s = None if began_s is None else self._monotonic() - began_s
+        began_utc = func.coalesce(schema.run.c.started_utc, schema.run.c.created_utc)
+        ended_utc = case((began_utc > now_utc, began_utc), else_=now_utc)
+        end: Json = {"state": state, "reason": reason, "ended_utc": ended_utc, "elapsed_s": elapsed_s}
         counts = {"n_samples": n_samples, "missed_ticks": missed_ticks, "sha256": sha256}
-        return self._move(run_id, OPEN_RUN_STATES, end | counts)
+        ended = self._move(run_id, OPEN_RUN_STATES, end | counts)
+        self._started_s.pop(run_id, None)
+        return ended
+
+    def ended(self) -> list[RunRecord]:
+        """Return the runs that have ended and whose samples are kept, the newest first."""
+        table = schema.run
+        query = select(table).where(table.c.state.not_in(OPEN_RUN_STATES), table.c.removed_utc.is_(None))
+        with self._file.read() as link:
+            return [rows.run(row) for row in link.execute(query.order_by(table.c.number.desc()))]
+
+    def note_damage(self, run_id: str, damage: str | None) -> bool:
+        """Note what is missing of a run's samples, or that nothing is any more; return whether that is news."""
+        table = schema.run
+        same = table.c.damage.is_(None) if damage is None else func.coalesce(table.c.damage, "") == damage
+        with self._file.write() as link:
+            changed = link.execute(update(table).where(table.c.id == run_id, ~same).values(damage=damage))
+        return bool(changed.rowcount)
+
+    def settle(self, run_id: str, n_samples: int, sha256: str) -> None:
+        """Note count and hash of a run whose recorder did not live to give them."""
+        table = schema.run
+        unsettled = (table.c.id == run_id, table.c.sha256.is_(None))
+        with self._file.write() as link:
+            link.execute(update(table).where(*unsettled).values(n_samples=n_samples, sha256=sha256))
+
+    def correct(self, run_id: str, n_samples: int, sha256: str | None, loss: str) -> None:
+        """Note what is there of a run's samples once what was damaged has been taken out, and what is lost."""
+        table = schema.run
+        values = {"n_samples": n_samples, "sha256": sha256, "damage": loss, "repaired_utc": self._now()}
+        with self._file.write() as link:
+            link.execute(update(table).where(table.c.id == run_id).values(values))
+
+    def last_number(self) -> int:
+        """Return the number of the newest run, 0 where there is none."""
+        with self._file.read() as link:
+            return int(link.execute(select(func.coalesce(func.max(schema.run.c.number), 0))).scalar_one())
+
+    def n_damaged(self) -> int:
+        """Return how many runs have damage that no repair has written down."""
+        table = schema.run
+        with self._file.read() as link:
+            query = select(func.count()).where(table.c.damage.is_not(None), table.c.repaired_utc.is_(None))
+            return int(link.execute(query).scalar_one())
 
     def get(self, run_id: str) -> RunRecord:
         """Return a run."""
@@ -87,6 +145,14 @@ class RunTable:
             if wanted is not None:
                 query = query.where(schema.run.c[column] == wanted)
         return [rows.run(row) for row in self._file.page(schema.run, query, limit, offset)]
+
+    def pause(self, run_id: str) -> RunRecord:
+        """Note that somebody holds a running run; raises as `start`."""
+        return self._move(run_id, before("paused"), {"state": "paused"})
+
+    def resume(self, run_id: str) -> RunRecord:
+        """Note that a run that was held goes on; raises as `start`."""
+        return self._move(run_id, ("paused",), {"state": "running"})
 
     def references(self, run_ids: Sequence[str]) -> tuple[RunReference, ...]:
         """Return runs with their content hashes, as the inputs of a model or a comparison."""

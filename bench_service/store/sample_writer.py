@@ -22,6 +22,7 @@ from bench_service.store import engine as engines
 from bench_service.store.blocks import BlockError, decode, encode
 from bench_service.store.engine import WriterLock
 from bench_service.store.migrate import upgrade
+from bench_service.store.private import make_private_directory, make_private_file
 from bench_service.store.samples import (
     FILE,
     LOCK_FILE,
@@ -31,12 +32,15 @@ from bench_service.store.samples import (
     describe,
     read_closed,
     read_stream,
+    time_range,
 )
 from bench_service.store.schema import chunk, closed_run
+from bench_service.store.watch import RESERVE_BYTES, FolderWatch
 from bench_service.streams import SAMPLES, Columns, Layout, content_hash
 
 SEALED_ROWS = 100_000
 SEALED_S = 3600.0
+_UNTIL_IN_ORDER = "nothing more is recorded until the disk is in order"
 _LOG = logging.getLogger(__name__)
 
 
@@ -73,9 +77,10 @@ class SampleWriter:
     by `close`, which would write back the log.
     """
 
-    def __init__(self, lock: WriterLock, engine: Engine) -> None:
+    def __init__(self, lock: WriterLock, engine: Engine, watch: FolderWatch) -> None:
         self._lock = lock
         self._engine = engine
+        self._watch = watch
         self._fresh: dict[tuple[str, str], _Fresh] = {}
 
     @classmethod
@@ -87,11 +92,9 @@ class SampleWriter:
         StoreError
             Another process writes them, or the file cannot be opened.
         """
-        try:
-            data_dir.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise StoreError(f"cannot create data directory {data_dir}: {error.strerror}") from error
+        make_private_directory(data_dir, FILE)
         lock = WriterLock.acquire(data_dir / LOCK_FILE, lock_timeout_s)
+        make_private_file(data_dir / FILE)
         engine = engines.open_writer(data_dir / FILE)
         try:
             upgrade(engine, "samples")
@@ -102,7 +105,7 @@ class SampleWriter:
             engine.dispose()
             lock.close()
             raise
-        return cls(lock, engine)
+        return cls(lock, engine, FolderWatch(data_dir, FILE))
 
     def next_seq(self, run_id: str, stream: str) -> int:
         """Return the sequence number after the last stored row, 0 where there is none."""
@@ -122,19 +125,31 @@ class SampleWriter:
         Raises
         ------
         StoreError
-            Nothing of the batch is stored, and nothing more can be.
+            Nothing of the batch is stored, and nothing more can be: the disk is full or has failed, or the file that
+            is written is not the one in the directory any more.
         """
         filled = [rows for rows in batch if rows.n]
         if not filled:
             return
+        self._check_folder()
+        if (room := self._watch.room(RESERVE_BYTES)).short:
+            raise StoreError(f"cannot store samples: the disk is full ({room.in_words()}); {_UNTIL_IN_ORDER}")
         insert = engines.insert_new(self._engine, chunk, ("run_id", "stream", "seq0"))
         with _reported("store samples"), self._engine.begin() as link:
             link.execute(insert, [_record(rows, sealed=False) for rows in filled])
+        self._check_folder()
         for rows in filled:
             fresh = self._fresh.setdefault((rows.run_id, rows.stream), _Fresh())
-            t0, t1 = _time_range(rows.columns)
+            t0, t1 = time_range(rows.columns)
             fresh.rows += rows.n
             fresh.t0, fresh.t1 = min(fresh.t0, t0), max(fresh.t1, t1)
+
+    def _check_folder(self) -> None:
+        """A file without a name takes everything and keeps nothing; looked at before and after each commit."""
+        try:
+            self._watch.check()
+        except StoreError as error:
+            raise StoreError(f"cannot store samples: {error.message}; {_UNTIL_IN_ORDER}") from error
 
     def seal_due(self) -> None:
         """Seal the streams that have gathered a full chunk, so that closing a run of days takes no longer.
@@ -169,6 +184,7 @@ class SampleWriter:
             digest = None if data.damaged else content_hash(data.columns)
             closed = ClosedRun(run_id, state, reason, count_rows(link, run_id, SAMPLES), digest)
             link.execute(closed_run.insert().values(_closed_record(closed)))
+        self._check_folder()
         for key in [key for key in self._fresh if key[0] == run_id]:
             del self._fresh[key]
         return closed
@@ -185,10 +201,7 @@ def _reported(doing: str) -> Iterator[None]:
     try:
         yield
     except DBAPIError as error:
-        raise StoreError(
-            f"cannot {doing}: {error.orig}; nothing more is recorded until the disk is in order "
-            "and the service is started again"
-        ) from error
+        raise StoreError(f"cannot {doing}: {error.orig}; {_UNTIL_IN_ORDER}") from error
 
 
 def _seal_stream(link: Connection, run_id: str, stream: str) -> None:
@@ -239,7 +252,7 @@ def _merge(link: Connection, run_id: str, stream: str, group: list[Row[Any]]) ->
 
 def _record(rows: Rows, *, sealed: bool) -> dict[str, Any]:
     block = encode(rows.seq0, rows.layout, rows.columns)
-    t0, t1 = _time_range(rows.columns)
+    t0, t1 = time_range(rows.columns)
     return {
         "run_id": rows.run_id,
         "stream": rows.stream,
@@ -264,8 +277,3 @@ def _closed_record(closed: ClosedRun) -> dict[str, Any]:
         "sha256": closed.sha256,
         "closed_utc": now,
     }
-
-
-def _time_range(columns: Columns) -> tuple[float, float]:
-    time_s = columns["time_s"]
-    return float(np.min(time_s)), float(np.max(time_s))

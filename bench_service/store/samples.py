@@ -1,12 +1,14 @@
 """Reading samples: any process may do this, while the recorder writes."""
 
 import logging
+import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
 from sqlalchemy import Connection, Engine, Row, Select, func, select
 from sqlalchemy.exc import DBAPIError
 
@@ -15,7 +17,8 @@ from bench_service.store import engine as engines
 from bench_service.store.blocks import Block, BlockError, decode
 from bench_service.store.reading import Assembler, StreamData
 from bench_service.store.schema import chunk, closed_run
-from bench_service.streams import SAMPLES, content_hash
+from bench_service.store.watch import file_identity
+from bench_service.streams import SAMPLES, Columns, content_hash
 
 FILE = "samples.sqlite"
 LOCK_FILE = "samples.lock"
@@ -48,6 +51,8 @@ class SampleReader:
     def __init__(self, data_dir: Path) -> None:
         self._path = data_dir / FILE
         self._engine: Engine | None = None
+        self._file: tuple[int, int] | None = None
+        self._opening = threading.Lock()
 
     def __enter__(self) -> Self:
         """Return self."""
@@ -78,6 +83,11 @@ class SampleReader:
         """Return how many rows of a stream are stored."""
         return self._query(0, lambda link: count_rows(link, run_id, stream))
 
+    def counts(self) -> dict[str, int]:
+        """Return how many samples of each run are stored."""
+        query = select(chunk.c.run_id, func.sum(chunk.c.n)).where(chunk.c.stream == SAMPLES).group_by(chunk.c.run_id)
+        return self._query({}, lambda link: {run_id: int(n) for run_id, n in link.execute(query)})
+
     def content_hash(self, run_id: str) -> str:
         """Return the content hash of a run's samples, computed anew from what is stored.
 
@@ -102,16 +112,26 @@ class SampleReader:
             self._engine = None
 
     def _query(self, absent: Any, query: Any) -> Any:
-        # Before the first recorder there is no file: that is an empty store, no error.
-        if self._engine is None:
-            if not self._path.exists():
-                return absent
-            self._engine = engines.open_reader(self._path)
+        if (engine := self._present()) is None:
+            return absent
         try:
-            with self._engine.begin() as link:
+            with engine.begin() as link:
                 return query(link)
         except DBAPIError as error:
             raise StoreError(f"cannot read {self._path}: {error.orig}") from error
+
+    def _present(self) -> Engine | None:
+        """Return the engine of the file that is there now; one that has been removed reads well for ever."""
+        found = file_identity(self._path)
+        if found is None:
+            if self._engine is not None:
+                raise StoreError(f"{self._path} is gone; put the data folder back, or end the service")
+            return None  # before the first recorder there is no file: that is an empty store, no error
+        with self._opening:
+            if self._engine is None or found != self._file:
+                self.close()
+                self._engine, self._file = engines.open_reader(self._path), found
+            return self._engine
 
 
 def read_stream(
@@ -155,19 +175,33 @@ def describe(run_id: str, stream: str, row: Row[Any], error: BlockError) -> str:
 
 
 def _chunks() -> Select[*tuple[Any, ...]]:
-    return select(chunk.c.id, chunk.c.seq0, chunk.c.n, chunk.c.codec, chunk.c.crc, chunk.c.data)
+    names = ("id", "seq0", "n", "t0", "t1", "codec", "crc", "data")
+    return select(*(chunk.c[name] for name in names))
 
 
 def _assemble(assembler: Assembler, rows: Iterable[Row[Any]], run_id: str, stream: str) -> None:
     for row in rows:
         try:
             layout, columns = decode(block_of(row))
+            _check_times(row, columns)
         except BlockError as error:
             text = describe(run_id, stream, row, error)
             _LOG.error("damaged chunk: %s", text)
             assembler.add_damaged(row.seq0, row.n, text)
         else:
             assembler.add(row.seq0, row.n, layout, columns)
+
+
+def time_range(columns: Columns) -> tuple[float, float]:
+    """Return the earliest and the latest time of rows."""
+    time_s = columns["time_s"]
+    return float(np.min(time_s)), float(np.max(time_s))
+
+
+def _check_times(row: Row[Any], columns: Columns) -> None:
+    """Times stand beside a chunk, outside its checksum; by them it is found."""
+    if time_range(columns) != (row.t0, row.t1):
+        raise BlockError(f"it is listed as {row.t0:g} to {row.t1:g} s, its rows are of other times")
 
 
 def _damage(data: StreamData) -> str:

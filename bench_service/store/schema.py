@@ -35,6 +35,11 @@ _UTC = String(32)
 _SHA256 = String(64)
 
 
+def _number() -> Column[int]:
+    """Rising in the order of insertion: what came last is told by this, never by a clock that may have been set."""
+    return Column("number", BigInteger, nullable=False, server_default="0", index=True)
+
+
 def _json(name: str, *, nullable: bool = True) -> Column[object]:
     return Column(name, JSON(none_as_null=True), nullable=nullable)
 
@@ -43,6 +48,7 @@ profile = Table(
     "profile",
     META,
     Column("id", _ID, primary_key=True),
+    _number(),
     Column("name", Text, nullable=False),
     Column("sha256", _SHA256, nullable=False),
     Column("n_points", Integer, nullable=False),
@@ -62,6 +68,7 @@ campaign = Table(
     "campaign",
     META,
     Column("id", _ID, primary_key=True),
+    _number(),
     Column("name", Text, nullable=False),
     Column("bench", Text, nullable=False),
     Column("state", String(16), nullable=False, index=True),
@@ -74,12 +81,14 @@ campaign = Table(
     Column("created_utc", _UTC, nullable=False, index=True),
     Column("ended_utc", _UTC),
     Column("code_version", Text, nullable=False),
+    _json("done"),
 )
 
 model = Table(
     "model",
     META,
     Column("id", _ID, primary_key=True),
+    _number(),
     Column("name", Text, nullable=False),
     Column("structure", Text, nullable=False),
     Column("capacity_Ah", Float(53), nullable=False),
@@ -99,6 +108,7 @@ run = Table(
     "run",
     META,
     Column("id", _ID, primary_key=True),
+    _number(),
     Column("name", Text),
     Column("bench", Text, nullable=False, index=True),
     Column("profile_id", _ID, ForeignKey("profile.id"), nullable=False),
@@ -119,12 +129,19 @@ run = Table(
     Column("seed", BigInteger),
     Column("campaign_id", _ID, ForeignKey("campaign.id"), index=True),
     Column("code_version", Text, nullable=False),
+    Column("damage", Text),
+    Column("elapsed_s", Float(53)),
+    # No foreign key: a run may be kept longer than the one that it goes on from.
+    Column("continues", _ID),
+    Column("repaired_utc", _UTC),
+    Column("removed_utc", _UTC),
 )
 
 comparison = Table(
     "comparison",
     META,
     Column("id", _ID, primary_key=True),
+    _number(),
     Column("model_id", _ID, ForeignKey("model.id"), nullable=False, index=True),
     _json("runs", nullable=False),
     Column("initial_soc", Float(53)),
@@ -138,6 +155,7 @@ diagnosis = Table(
     "diagnosis",
     META,
     Column("id", _ID, primary_key=True),
+    _number(),
     Column("model_id", _ID, ForeignKey("model.id"), nullable=False, index=True),
     _json("runs", nullable=False),
     _json("train", nullable=False),

@@ -31,7 +31,16 @@ _static = StaticFiles(directory=_HERE / "static")
 async def page(request: Request) -> Response:
     """Return the page; everything that changes reaches it through the API."""
     context = {"version": request.app.version, "openapi_url": request.app.openapi_url}
-    return _templates.TemplateResponse(request, "bench.html", context, headers=SECURITY_HEADERS)
+    return _templates.TemplateResponse(request, "bench.html", context, headers=_page_headers(request))
+
+
+def _page_headers(request: Request) -> dict[str, str]:
+    """Let the page reach the benches' stop ports too, and nothing else beside this service."""
+    benches = getattr(request.app.state.services, "benches", ())
+    ports = [bench.supervisor.stop_endpoint for bench in benches]
+    own = " ".join(["'self'", *(port.ticket.url for port in ports if port is not None)])
+    policy = SECURITY_HEADERS["Content-Security-Policy"].replace("connect-src 'self'", f"connect-src {own}")
+    return SECURITY_HEADERS | {"Content-Security-Policy": policy}
 
 
 @router.get("/static/{path:path}", response_class=Response)

@@ -15,6 +15,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.signals.filters import slow_current_A
 from models.uncertainty.bands import PredictionBand, prediction_band
 from models.uncertainty.model_uncertainty import Uncertainty, uncertainty_of
+from models.uncertainty.soc_slip import slip_std_V
 
 
 def inside_by(network: CellModel, run: GridRun, soc: FloatArray, start: Start | None = None) -> dict[str, np.ndarray]:
@@ -83,7 +84,10 @@ def bands(network: CellModel, runs: list[GridRun], starts: list[Start]) -> list[
 def _band(network: LocalModelNetwork, run: GridRun, start: Start, uncertainty: Uncertainty) -> PredictionBand:
     found = put_in_front(network, run, start)
     band, kept = prediction_band(network, found.run, found.initial_soc, uncertainty), slice(found.n_before, None)
-    return PredictionBand(band.voltage_V[kept], band.parameter_std_V[kept], band.std_V[kept])
+    # Nobody fitted the state of charge of these runs: what is stated may be off.
+    slip_V = slip_std_V(network, found.run, found.initial_soc, band.std_V)
+    std_V = np.hypot(band.std_V, slip_V)
+    return PredictionBand(band.voltage_V[kept], band.parameter_std_V[kept], std_V[kept])
 
 
 def band_figures(

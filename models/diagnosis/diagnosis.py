@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.data.errors import ModelError, StructureError
+from models.data.errors import ModelError, NotIdentifiableError, StructureError
 from models.data.resampling import GridRun, to_grid
 from models.data.timeseries import TimeSeries
 from models.diagnosis.answer.change_answer import change_answer
@@ -33,6 +33,7 @@ from models.thermal.cell_temperature import thermal_of
 # Error of a temperature that a heat balance is taken to have where no training run tells, and what is left of the error
 # elsewhere where a network is held against itself.
 _OWN_K, _TRUST = 0.1, 0.01
+_FEWEST_SAMPLES = 100
 
 
 def diagnose(
@@ -69,6 +70,7 @@ def diagnose(
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
     grid = [to_grid(as_read(network.record, run), network.structure.dt_s) for run in train or []]
+    check_training(grid)
     catalogue = list(effects().values())
     if mode == "structure":
         every, soc = [*grid, *record.runs], [*(train_soc or []), *record.soc]
@@ -85,6 +87,22 @@ def diagnose(
     has_train = bool(grid) or memory is not None or network.record.diagnosis is not None
     analysis = analyse(known, record.runs, record.soc, soc_std, catalogue)
     return change_answer(analysis, record, started, has_train)
+
+
+def check_training(train: list[GridRun]) -> None:
+    """Refuse training runs that say nothing of the cell.
+
+    Raises
+    ------
+    NotIdentifiableError
+        They have hardly a sample with a voltage.
+    """
+    measured = sum(int(run.measured.sum()) for run in train)
+    if train and measured < _FEWEST_SAMPLES:
+        raise NotIdentifiableError(
+            f"diagnosis: the training runs have {measured} samples with a voltage; at least {_FEWEST_SAMPLES} are "
+            "needed: name other training runs, or none"
+        )
 
 
 def _known(network: LocalModelNetwork, record: Record, train: list[GridRun], train_soc: list[float]) -> KnownRuns:

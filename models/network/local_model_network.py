@@ -9,6 +9,7 @@ import numpy as np
 
 from models.data.errors import StructureError
 from models.data.resampling import GridRun
+from models.data.seal import check_seal
 from models.data.timeseries import FloatArray
 from models.network.model_record import ModelRecord
 from models.network.partition import Partition
@@ -99,6 +100,8 @@ class LocalModelNetwork:
         StructureError
             The document is no network, of another schema version, or contradicts itself.
         """
+        if isinstance(document, dict):
+            check_seal(document)
         if not isinstance(document, dict) or document.get("kind") != "local_model_network":
             raise StructureError("not a model document: its 'kind' must be 'local_model_network'")
         if document.get("schema_version") != SCHEMA_VERSION:

@@ -146,7 +146,7 @@ def _bounded(data: Training, without: tuple[str, ...], report: Progress, finer: 
         {"family": "bounded", **variant.to_json(), "held_out_rmse_mV": 1e3 * held.mean_mse(logs) ** 0.5}
         for variant, (held, logs) in trials.known.items()
     ]
-    return BoundedPlan(best, without, table, finer=finer)
+    return BoundedPlan(best, without, table, trials, finer=finer)
 
 
 def _search(data: Training, report: Progress) -> Search:

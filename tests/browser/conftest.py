@@ -37,19 +37,19 @@ def chromium() -> Iterator[Browser]:
 
 @pytest.fixture
 def open_page(chromium: Browser, address: str) -> Iterator[OpenPage]:
-    """Open the page; afterwards nothing may stand in its console, and nothing have gone to another host."""
+    """Open the page; afterwards nothing may stand in its console, and nothing have gone to another machine."""
     complaints: list[str] = []
     hosts: set[str] = set()
 
     def note(request: Request) -> None:
-        hosts.add(urlsplit(request.url).netloc)
+        hosts.add(urlsplit(request.url).hostname or "")
 
     def open_it(bench: str, viewport: dict[str, int] = DESKTOP, prepare: Callable[[Page], None] | None = None) -> Page:
         context = chromium.new_context(viewport=viewport, timezone_id="Europe/Berlin")  # pyright: ignore[reportArgumentType]
         context.set_default_timeout(1000 * PATIENCE_S)
         page = context.new_page()
         page.on("request", note)
-        page.on("websocket", lambda socket: hosts.add(urlsplit(socket.url).netloc))
+        page.on("websocket", lambda socket: hosts.add(urlsplit(socket.url).hostname or ""))
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
         if prepare:
@@ -61,4 +61,4 @@ def open_page(chromium: Browser, address: str) -> Iterator[OpenPage]:
     for context in list(chromium.contexts):
         context.close()
     assert [text for text in complaints if _REFUSAL not in text] == []
-    assert hosts == {urlsplit(address).netloc}
+    assert hosts == {urlsplit(address).hostname}

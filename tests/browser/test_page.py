@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import os
+import re
+import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from browser_rig import PHONE, OpenPage, served
@@ -24,9 +29,15 @@ lock_step = true
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the service is started."""
+    return tmp_path_factory.mktemp("service")
+
+
+@pytest.fixture(scope="module")
+def address(folder: Path) -> Iterator[str]:
     """Address of a service that runs until the module's last test has ended."""
-    with served(tmp_path_factory.mktemp("service"), _CONFIG) as found:
+    with served(folder, _CONFIG) as found:
         yield found
 
 
@@ -77,6 +88,25 @@ def test_stop_ends_a_run_at_once_and_shows_the_answer_on_a_phone(open_page: Open
     expect(page.locator("#runs-body tbody tr").first).to_contain_text("stopped")
     expect(page.locator("#campaign-body .campaign-head .chip")).to_have_text("failed")
     assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
+
+
+def test_stop_works_while_the_service_is_stopped(open_page: OpenPage, folder: Path) -> None:
+    page = open_page("slow")
+    _fill_campaign(page, "without a service")
+    with page.expect_response("**/stop-port"):
+        page.reload()  # the ways past the service are learnt with the page
+    _fill_campaign(page, "without a service")
+    page.get_by_role("button", name="Start campaign").click()
+    stop = page.get_by_role("button", name="STOP slow")
+    stop.wait_for()
+    pid = json.loads((folder / "bench-data" / "meta.lock").read_text())["pid"]
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        stop.click()
+        expect(page.locator(".answer")).to_contain_text("STOP: taken after")
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    expect(page.locator(".answer")).to_contain_text("Bench idle after")
 
 
 @pytest.mark.timeout(2 * LONG_S)
@@ -134,6 +164,8 @@ def test_page_forbids_foreign_sources(open_page: OpenPage) -> None:
     page = open_page("fast")
     policy = page.request.get(page.url).headers["content-security-policy"]
     assert "default-src 'none'" in policy
-    assert "unsafe" not in policy and "http" not in policy
+    assert "unsafe" not in policy
+    # Beside the service itself only the stop ports of its two benches.
+    assert len(re.findall(r" http://127\.0\.0\.1:\d+", policy)) == policy.count("http") == 2
     assert page.request.get(f"{page.url.split('?')[0]}static/../routes.py").status == 404
     assert page.request.get(f"{page.url.split('?')[0]}static/%2e%2e/routes.py").status == 404

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from bench_service.bench.direct.ticket import StopEndpoint
 from bench_service.bench.limits import Limits
 from bench_service.bench.listener import BenchStatus
 from bench_service.bench.request import RunRequest
@@ -149,12 +150,15 @@ def request(
 
 
 @contextlib.asynccontextmanager
-async def rig(data_dir: Path, *, lock_step: bool, initial_soc: float = 0.5, **changes: Any) -> AsyncIterator[Rig]:
+async def rig(
+    data_dir: Path, *, lock_step: bool, initial_soc: float = 0.5, origins: tuple[str, ...] = (), **changes: Any
+) -> AsyncIterator[Rig]:
     """Start everything, wait until the bench is idle, end everything by its own pid afterwards."""
     simulator = Simulator(lock_step=lock_step, initial_soc=initial_soc)
     recorder = RecorderProcess.start(data_dir, commit_period_s=0.2)
     heard = Listener()
-    supervisor = BenchSupervisor(settings(simulator, **changes), recorder.attach, heard)
+    stop = StopEndpoint(data_dir, "sim", origins)
+    supervisor = BenchSupervisor(settings(simulator, **changes), recorder.attach, heard, stop)
     bench = Rig(simulator, recorder, supervisor, heard, data_dir)
     try:
         await supervisor.start()

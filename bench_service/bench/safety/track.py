@@ -13,6 +13,9 @@ RESPONSE_TOLERANCES = 20
 LIVELY_SHARE = 0.9
 LIVELY_SAMPLES = 20
 REPEATS_DOUBTFUL = 3
+# After a step of the current the voltage moves by more than its noise for so long: already the same value once is
+# doubtful then.
+MOVING_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +45,10 @@ class Track:
         again.
     doubtful : bool
         Whether the voltage may be stuck: not enough to end the run, enough to mark the sample.
+    stepped_s : float
+        Time of the last step of the current.
+    remote_seen : bool
+        Whether the device has said in this run that it is remote-controlled.
     """
 
     sequence: int | None = None
@@ -60,6 +67,8 @@ class Track:
     changes: int = 0
     repeats: int = 0
     doubtful: bool = False
+    stepped_s: float = -math.inf
+    remote_seen: bool = False
 
     @property
     def lively(self) -> bool:
@@ -77,7 +86,7 @@ def follow(track: Track, rules: Rules, reading: Reading, time_s: float, commande
     allowed_A = rules.current_tolerance_A + CURRENT_GAIN_TOLERANCE * abs(commanded_A)
     follows = not settled or abs(reading.current_A - commanded_A) <= allowed_A
     first = track.sequence is None
-    seen = track if stale else _follow_voltage(track, rules, reading)
+    seen = track if stale else _follow_voltage(track, rules, reading, time_s)
     return replace(
         seen,
         sequence=reading.sequence,
@@ -91,13 +100,16 @@ def follow(track: Track, rules: Rules, reading: Reading, time_s: float, commande
         change_K=0.0 if math.isnan(track.temperature_degC) else reading.temperature_degC - track.temperature_degC,
         voltage_V=reading.voltage_V,
         temperature_degC=reading.temperature_degC,
+        remote_seen=track.remote_seen or "remote" in reading.status,
     )
 
 
-def _follow_voltage(track: Track, rules: Rules, reading: Reading) -> Track:
+def _follow_voltage(track: Track, rules: Rules, reading: Reading, time_s: float) -> Track:
     """Note whether the voltage of a fresh sample is alive."""
     same = track.sequence is not None and reading.voltage_V == track.voltage_V
-    moved_A = abs(reading.current_A - track.current_A) if same else 0.0
+    step_A = 0.0 if track.sequence is None else abs(reading.current_A - track.current_A)
+    moved_A = step_A if same else 0.0
+    stepped_s = time_s if step_A > 2 * rules.current_tolerance_A else track.stepped_s
     after = replace(
         track,
         samples=track.samples + 1,
@@ -108,4 +120,5 @@ def _follow_voltage(track: Track, rules: Rules, reading: Reading) -> Track:
     loaded = abs(reading.current_A) > 2 * rules.current_tolerance_A
     unproven = after.samples - after.repeats < LIVELY_SAMPLES and loaded
     dull = after.repeats >= REPEATS_DOUBTFUL and (after.lively or unproven)
-    return replace(after, doubtful=dull or (same and (track.doubtful or moved_A > 2 * rules.current_tolerance_A)))
+    moving = same and time_s - stepped_s <= MOVING_S
+    return replace(after, doubtful=dull or moving or (same and track.doubtful), stepped_s=stepped_s)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from bench_service.bench.plausibility.finding import Finding, PlausibilityCode
 from bench_service.bench.safety.rules import Rules
 from bench_service.bench.safety.track import Track
 
@@ -20,6 +21,10 @@ Code = Literal[
     "current_mismatch",
     "voltage_stuck",
     "temperature_jump",
+    "second_master",
+    "remote_lost",
+    "output_on",
+    PlausibilityCode,
 ]
 
 
@@ -53,6 +58,8 @@ class Context:
         From counting charge; None where the initial one is unknown.
     commanded_A : float
         Set-point in force before this sample.
+    held_s : float
+        For how long the run has been held so far: no part of its duration.
     """
 
     rules: Rules
@@ -60,6 +67,7 @@ class Context:
     now_s: float
     soc: float | None
     commanded_A: float
+    held_s: float = 0.0
 
 
 def outside(context: Context, code: Code, what: str, value: float, unit: str, window: tuple[float, float]) -> Trip:
@@ -77,3 +85,13 @@ def outside(context: Context, code: Code, what: str, value: float, unit: str, wi
 def trip(context: Context, code: Code, what: str, remedy: str) -> Trip:
     """Return a trip with its full sentence."""
     return Trip(code, f"{context.rules.bench} at {context.now_s:.3f} s: {what}; output switched off, {remedy}")
+
+
+def implausible(context: Context, finding: Finding) -> Trip:
+    """Return the trip of a finding."""
+    return trip(context, finding.code, finding.text, f"{finding.remedy}, acknowledge")
+
+
+def second_master(context: Context, difference: str) -> Trip:
+    """Return the trip of settings that somebody else has changed in the device."""
+    return trip(context, "second_master", difference, "find the other program, acknowledge")

@@ -56,6 +56,7 @@ def _export_stored(run_id: str, format_name: str, config: ServiceConfig) -> tupl
     """Read from the store; its metadata through the service that holds it, if there is one."""
     # Lazy: sqlalchemy, httpx and rich take 380 ms.
     from bench_service.client import BenchClient
+    from bench_service.config.token import read_token
     from bench_service.store.access import FILE
     from bench_service.store.metadata import MetadataStore
 
@@ -63,7 +64,7 @@ def _export_stored(run_id: str, format_name: str, config: ServiceConfig) -> tupl
         raise UsageError(f"{run_id}: no such file, and no runs are stored in {config.data_dir}; see --config")
     holder = MetadataStore.holder(config.data_dir)
     if holder is not None and holder.url is not None:
-        with BenchClient(holder.url) as client:
+        with BenchClient(holder.url, token=read_token(config.data_dir)) as client:
             run = client.run(run_id)
             return client.export(run_id, format_name), _answer(run)
     with closing(MetadataStore.open(config.data_dir)) as store:
@@ -73,10 +74,11 @@ def _export_stored(run_id: str, format_name: str, config: ServiceConfig) -> tupl
 
 def _encode(run: RunRecord, format_name: str, data_dir: Path) -> bytes:
     # Lazy: sqlalchemy takes 240 ms.
+    from bench_service.store.integrity import Expected, read_whole
     from bench_service.store.samples import SampleReader
 
     with SampleReader(data_dir) as reader:
-        data = reader.read(run.id)
+        data = read_whole(reader, Expected.of(run))
     if data.n == 0:
         raise UsageError(f"run {run.id} has no samples to export")
     started = None if run.started_utc is None else datetime.fromisoformat(run.started_utc).timestamp()

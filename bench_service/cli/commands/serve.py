@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from urllib.parse import quote
 
 from bench_service.cli.arguments import port
 from bench_service.cli.command import Command
@@ -21,16 +22,23 @@ def _run(options: Namespace, output: Output) -> int:
     from bench_service.app import serve
     from bench_service.cli.service import check_data_dir
     from bench_service.config import load_config
+    from bench_service.config.token import TOKEN_FILE, service_token
 
     config = load_config(options.config)
     check_data_dir(config.data_dir)
 
     def ready(address: str) -> None:
+        token = service_token(config.data_dir, options.host)
         answer = {"address": address, "data_dir": str(config.data_dir)}
-        output.result(
-            answer,
-            lambda console: console.print(f"serving {address}, data in {config.data_dir}; Ctrl-C ends it safely"),
-        )
+        lines = [f"serving {address}, data in {config.data_dir}; Ctrl-C ends it safely"]
+        if token is not None:
+            answer["login"] = f"{address}/login?token={quote(token)}"
+            lines += [
+                f"open the page with {answer['login']}",
+                f"programs send 'Authorization: Bearer TOKEN'; the token is in {config.data_dir / TOKEN_FILE}",
+                "anybody who has the link may start, stop and acknowledge; it travels unencrypted",
+            ]
+        output.result(answer, lambda console: console.print("\n".join(lines), soft_wrap=True, markup=False))
 
     serve(config, options.host, options.port, ready)
     return 0

@@ -1,8 +1,7 @@
 // Commands to the service and what came of them.
 import { api } from "./api.js";
 import { duration } from "./format.js";
-
-const inMotion = (bench) => bench?.state === "running" || bench?.state === "stopping";
+import { inMotion } from "./words.js";
 
 /** After a STOP, say once when the bench has left its motion: that is what the person waits for. */
 export function confirmRest(state, name) {
@@ -20,7 +19,7 @@ export async function stopBench(state, name) {
   try {
     await api.stopBench(name);
     const took_ms = Math.round(performance.now() - asked);
-    state.setAnswer(name, { ok: true, stopAsked: asked, text: `STOP: taken by the service after ${took_ms} ms.` });
+    state.setAnswer(name, { ok: true, stopAsked: asked, text: `STOP: taken after ${took_ms} ms.` });
     if (!inMotion(state.benches.get(name))) confirmRest(state, name);
   } catch (error) {
     // 4xx: the service is there and says why; anything else: nobody has confirmed that the current is off.

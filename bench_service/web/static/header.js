@@ -2,7 +2,7 @@
 import { stopBench } from "./actions.js";
 import { el, setText } from "./dom.js";
 import { duration, percent } from "./format.js";
-import { wordFor } from "./words.js";
+import { inMotion, wordFor } from "./words.js";
 
 export function header(state, { reconnect }) {
   const service = document.getElementById("service");
@@ -22,6 +22,9 @@ function serviceWords(state) {
   if (state.link.state === "connecting" && !state.failed) return ["neutral", "Connecting …"];
   if (!state.connected) return ["bad", "Disconnected"];
   if (!state.health) return ["warn", "Live, health unknown"];
+  const storage = state.health.storage ?? { state: "ok", damaged_runs: 0 };
+  if (storage.state !== "ok") return ["bad", "Live, nothing can be stored"];
+  if (storage.damaged_runs) return ["warn", `Live, ${storage.damaged_runs} run${storage.damaged_runs > 1 ? "s" : ""} damaged`];
   if (state.health.status !== "ok") return ["warn", `Live, service ${state.health.status}`];
   if (state.health.recorder && state.health.recorder !== "running") return ["bad", `Live, recorder ${state.health.recorder}`];
   return ["good", "Live, service ok"];
@@ -31,7 +34,7 @@ function drawService(state, node) {
   const [tone, word] = serviceWords(state);
   node.firstElementChild.dataset.tone = tone;
   setText(node.lastElementChild, word);
-  node.title = state.health ? `recorder ${state.health.recorder ?? "?"}, version ${state.health.version ?? "?"}` : "";
+  node.title = state.health ? `recorder ${state.health.recorder ?? "?"}, storage ${state.health.storage?.state ?? "?"}, version ${state.health.version ?? "?"}` : "";
 }
 
 function drawBanner(state, banner, text) {
@@ -52,7 +55,7 @@ export function stopButtons(state) {
   const entries = new Map();
   const draw = () => {
     for (const [name, bench] of state.benches) {
-      const moving = bench.state === "running" || bench.state === "stopping";
+      const moving = inMotion(bench);
       if (moving && !entries.has(name)) entries.set(name, addEntry(state, box, name));
       if (!moving && entries.has(name)) {
         entries.get(name).node.remove();

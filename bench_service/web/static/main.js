@@ -49,7 +49,7 @@ async function loadAll() {
   checkHealth();
   const load = async (ask, take) => { try { take(await ask); } catch (error) { console.warn(error.message); } };
   await Promise.all([
-    load(api.benches(), (benches) => state.setBenches(benches)),
+    load(api.benches(), (benches) => { state.setBenches(benches); api.learnStopPorts(benches.map((bench) => bench.name)); }),
     load(api.campaigns(), (campaigns) => state.setCampaigns(campaigns)),
     load(api.events(50), (events) => { state.events = events; }),
     loadRuns(),

@@ -36,7 +36,8 @@ function row(run, formats) {
   const test_s = Number.isFinite(run.n_samples * run.dt_s) && run.n_samples ? run.n_samples * run.dt_s : NaN;
   const cells = [
     el("span", { title: run.id }, run.name ?? `run ${String(run.id).slice(0, 8)}`), run.bench,
-    el("span", {}, chip(tone, word), run.reason ? el("span", { class: "about block", text: run.reason }) : null),
+    el("span", {}, chip(tone, word), run.reason ? el("span", { class: "about block", text: run.reason }) : null,
+      run.damage ? el("span", { class: "block" }, chip("bad", "damaged"), el("span", { class: "about block", text: run.damage })) : null),
     timeElement(run.started_utc ?? run.created_utc),
     el("span", { title: Number.isFinite(length_s(run)) ? `took ${duration(length_s(run))}` : null, text: duration(test_s) }),
     count(run.n_samples), count(run.missed_ticks), links(run, formats),
@@ -46,7 +47,7 @@ function row(run, formats) {
 
 function links(run, formats) {
   if (!run.n_samples) return el("span", { text: MISSING });
-  const name = run.name ?? run.id;
+  const name = run.damage ? `what is left of ${run.name ?? run.id}` : run.name ?? run.id;
   return el("span", { class: "links" }, formats.map((format) =>
-    el("a", { href: api.exportUrl(run.id, format.name), download: "", title: format.title, "aria-label": `${format.name.toUpperCase()} of ${name}` }, format.name.toUpperCase())));
+    el("a", { href: api.exportUrl(run.id, format.name, run.damage), download: "", title: format.title, "aria-label": `${format.name.toUpperCase()} of ${name}` }, format.name.toUpperCase())));
 }

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench_service.jobs import diagnosing, refitting
-from bench_service.jobs.modelling import RunInput
+from bench_service.jobs.series import RunInput
 from models.network.local_model_network import LocalModelNetwork
 from models.pipeline.fit import fit_network
 from simulators.catalogue import CELLS
@@ -36,7 +36,7 @@ def document() -> dict[str, Any]:
 @pytest.fixture(autouse=True)
 def stored(monkeypatch: pytest.MonkeyPatch) -> None:
     for jobs in (diagnosing, refitting):
-        monkeypatch.setattr(jobs, "read_series", lambda directory, ids: [series(name) for name in ids])
+        monkeypatch.setattr(jobs, "read_series", lambda directory, runs: [series(run.run_id) for run in runs])
 
 
 class Reports:

@@ -27,12 +27,12 @@ class NamedOnly:
     name = "b"
 
 
-def bench(since_utc: str | None = None, *, real: bool = False) -> Bench:
+def bench(runs_before: int = 0, *, real: bool = False) -> Bench:
     stated = LimitsConfig(voltage_V=(2.5, 4.2), current_A=(-10.0, 5.0), temperature_degC=(-20.0, 60.0))
     url = "modbus-tcp://127.0.0.1:1"
     config = BenchConfig(url=url, limits=stated, capacity_Ah=2.0) if real else BenchConfig(simulate=SimulateConfig())
     limits = Limits.from_json(config.limits.model_dump())
-    return Bench(config, url, limits, cast(BenchSupervisor, NamedOnly()), since_utc)
+    return Bench(config, url, limits, cast(BenchSupervisor, NamedOnly()), runs_before)
 
 
 class Files:
@@ -111,9 +111,9 @@ def test_a_run_that_goes_on_tells_nothing(files: Files) -> None:
 
 def test_runs_before_the_simulated_cell_was_there_are_another_cells(files: Files) -> None:
     before = files.run("completed", [0.0, 0.4])
-    assert files.standing(bench(before.ended_utc)) is None
+    assert files.standing(bench(before.number)) is None
     after = files.run("completed", [0.0, -0.4])
-    assert files.standing(bench(before.ended_utc)) == (pytest.approx(0.45), f"the end of run {after.id}")
+    assert files.standing(bench(before.number)) == (pytest.approx(0.45), f"the end of run {after.id}")
 
 
 def test_counting_never_leaves_what_a_fraction_can_be(files: Files) -> None:

@@ -150,6 +150,7 @@ def run_record(**changes: Any) -> RunRecord:
     """A run that was completed."""
     fields: dict[str, Any] = {
         "id": "r1",
+        "number": 1,
         "bench": "sim",
         "profile_id": "p1",
         "state": "completed",

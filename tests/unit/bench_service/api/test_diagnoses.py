@@ -77,7 +77,7 @@ def test_stored_ones_are_given_with_the_ids_of_their_runs() -> None:
 def experiment(body: dict[str, Any], *, simulated: bool = False, played: bool = False) -> tuple[Any, AsyncPart]:
     """Ask for the next experiment on a bench whose last run, if any, has taken a tenth of the charge out."""
     config = SimpleNamespace(simulate=SimpleNamespace(initial_soc=0.9) if simulated else None)
-    bench = SimpleNamespace(name="sim", limits="the bench's limits", config=config, cell_since_utc=None)
+    bench = SimpleNamespace(name="sim", limits="the bench's limits", config=config, runs_before_cell=0)
     time_s = np.array([0.0, 360.0])
     data = SimpleNamespace(n=2, gaps=(), columns={"time_s": time_s, "current_A": np.array([0.0, -2.0])})
     diagnosing = AsyncPart(start_experiment=JOB)

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from fastapi import APIRouter, Query
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from bench_service.api.errors import error_response
 from bench_service.campaign.live import TooManyReadersError
@@ -110,3 +111,16 @@ def _two_numbers(first: int, second: int) -> dict[str, Any]:
 def test_text_that_is_no_utf8_is_shown_with_replacements() -> None:
     answer = error_response(422, "bad_request", "key \ud800", ["a\udfff", 3])
     assert answer.body == b'{"error":{"code":"bad_request","message":"key ?","where":["a?",3]}}'
+
+
+def test_an_upload_that_is_given_up_is_no_error_of_the_service(caplog: pytest.LogCaptureFixture) -> None:
+    """Raised through, it was one line and forty of a traceback in the log for each."""
+    router = APIRouter()
+
+    @router.post("/take")
+    async def take() -> None:
+        raise ClientDisconnect
+
+    client = client_of(router)
+    assert client.post("/take").status_code == 400
+    assert caplog.text == ""

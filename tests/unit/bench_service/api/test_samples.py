@@ -9,8 +9,8 @@ import pytest
 from bench_service.api import samples
 from bench_service.errors import NotFoundError
 from bench_service.exchange.write import export_formats
-from bench_service.store.reading import StreamData
-from bench_service.streams import OBSERVER, SAMPLES, STREAMS
+from bench_service.store.reading import Gap, StreamData
+from bench_service.streams import OBSERVER, SAMPLES, STREAMS, content_hash
 from tests.unit.bench_service.api.route_rig import Part, Store, client_of, error_of, run_record
 
 
@@ -23,9 +23,10 @@ def stream(n: int, name: str = SAMPLES, **columns: Any) -> StreamData:
 
 
 def rig(data: StreamData, **run: Any) -> tuple[Any, Part]:
-    reader = Part(read=data)
     store = Store(runs={"get": run_record(**run)})
-    return client_of(samples.router, store=store, samples=reader), reader
+    reader = Part(read=data, n_rows=data.n)
+    storage = Part(note_damage=None)
+    return client_of(samples.router, store=store, samples=reader, storage=storage), reader
 
 
 def test_all_columns_with_their_sequence_numbers() -> None:
@@ -127,3 +128,54 @@ def test_an_unknown_format_and_an_empty_run_are_refused() -> None:
     assert (answer.status_code, error_of(answer)["code"]) == (422, "bad_file")
     empty, _ = rig(StreamData.empty())
     assert empty.get("/runs/r1/export").status_code == 409
+
+
+def damaged_stream() -> StreamData:
+    """Rows 5, 6 and 7, of 0 to 9."""
+    whole = stream(3)
+    return StreamData(whole.layout, whole.columns, whole.seq, (Gap(0, 5, "missing"), Gap(8, 2, "chunk 4: checksum")))
+
+
+@pytest.mark.parametrize("address", ["samples", "observer", "export", "samples?from_s=1", "samples?max_points=2"])
+def test_what_cannot_be_read_is_told_by_the_status_and_refused(address: str) -> None:
+    client, _ = rig(damaged_stream(), n_samples=10)
+    answer = client.get(f"/runs/r1/{address}")
+    assert (answer.status_code, error_of(answer)["code"]) == (409, "damaged")
+    assert "7 of 10 samples cannot be read (rows 0 to 4: missing; rows 8 to 9: chunk 4" in error_of(answer)["message"]
+    assert "damaged=include" in error_of(answer)["message"]
+
+
+def test_what_is_left_of_a_damaged_run_is_given_to_who_asks_for_it_with_what_is_missing() -> None:
+    client, _ = rig(damaged_stream(), n_samples=10)
+    answer = client.get("/runs/r1/samples?damaged=include")
+    document = answer.json()
+    assert answer.status_code == 206 and document["n"] == 3
+    assert document["gaps"] == [
+        {"seq": 0, "n": 5, "reason": "missing"},
+        {"seq": 8, "n": 2, "reason": "chunk 4: checksum"},
+    ]
+    assert document["damage"].startswith("7 of 10 samples")
+    exported = client.get("/runs/r1/export?damaged=include")
+    assert exported.status_code == 206 and "run-r1-damaged.bdf.csv" in exported.headers["content-disposition"]
+
+
+@pytest.mark.parametrize("address", ["samples", "observer", "export", "samples?to_s=1"])
+def test_a_run_that_claims_more_than_is_stored_is_refused(address: str) -> None:
+    """As from a file of samples that was emptied: it reads well, and there is nothing in it."""
+    client, _ = rig(stream(3) if "?" in address else StreamData.empty(), n_samples=100)
+    answer = client.get(f"/runs/r1/{address}")
+    assert (answer.status_code, error_of(answer)["code"]) == (409, "damaged")
+    assert "of 100 samples are stored" in error_of(answer)["message"]
+
+
+def test_samples_that_are_not_those_that_were_recorded_are_refused() -> None:
+    client, _ = rig(stream(3), n_samples=3, sha256="0" * 64)
+    assert "their hash is another" in error_of(client.get("/runs/r1/samples"))["message"]
+    whole = stream(3)
+    client, _ = rig(whole, n_samples=3, sha256=content_hash(whole.columns))
+    assert client.get("/runs/r1/samples").status_code == 200
+
+
+def test_a_run_that_goes_on_has_as_many_samples_as_it_has() -> None:
+    client, _ = rig(stream(3), state="running")
+    assert client.get("/runs/r1/samples").status_code == 200

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from bench_service.bench import judging
 from bench_service.bench.clock import LockStepClock, WallClock
 from bench_service.bench.limits import Limits
 from bench_service.bench.links import FrameLink
@@ -38,6 +39,8 @@ class FakeCycler:
     reading: Reading = AT_REST
     applied: list[float] = field(default_factory=list)
     safe_calls: int = 0
+    verified: int = 0
+    foreign: bool = False
 
     async def connect(self) -> Capabilities:
         raise NotImplementedError
@@ -55,7 +58,8 @@ class FakeCycler:
     async def apply(self, current_A: float) -> None:
         self.applied.append(current_A)
         sequence = self.reading.sequence + 1
-        self.reading = replace(self.reading, sequence=sequence, current_A=current_A, setpoint_in_force_A=current_A)
+        told = {"current_A": current_A, "setpoint_in_force_A": current_A, "voltage_V": 3.7 + 0.02 * current_A}
+        self.reading = replace(self.reading, sequence=sequence, **told)
 
     async def safe(self) -> None:
         self.safe_calls += 1
@@ -63,6 +67,10 @@ class FakeCycler:
         if self.safe_calls <= self.unsafe:
             raise CyclerTimeoutError("no answer")
         self.reading = replace(self.reading, output_on=False, current_A=0.0, setpoint_in_force_A=0.0)
+
+    async def verify(self) -> str | None:
+        self.verified += 1
+        return "'watchdog' reads 60 s where 1 s was written" if self.foreign else None
 
     async def clear_fault(self) -> None:
         raise NotImplementedError
@@ -177,7 +185,7 @@ async def test_stop_ends_before_the_next_command(bench: Bench) -> None:
     cycler = FakeCycler(at(4, lambda reading: bench.stop.give("stopped", "enough") or reading))
     end = await bench.loop(cycler).play()
     assert (end.state, end.reason) == ("stopped", "enough")
-    assert len(cycler.applied) == 5 and cycler.safe_calls == 1
+    assert len(cycler.applied) == 4 and cycler.safe_calls == 1
 
 
 async def test_a_stop_that_is_older_than_the_run_never_switches_the_output_on(bench: Bench) -> None:
@@ -270,3 +278,97 @@ async def test_an_observer_that_diverges_is_told_once_and_the_run_goes_on(bench:
     end = await bench.loop(FakeCycler(), observer=DivergingObserver()).play()
     assert end.state == "completed"
     assert [(severity, code) for severity, code, _ in bench.notes] == [("warning", "observer")]
+
+
+async def test_settings_are_read_back_now_and_then(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(judging, "_VERIFY_PERIOD_S", 0.0)
+    cycler = FakeCycler()
+    end = await bench.loop(cycler).play()
+    assert end.state == "completed" and cycler.verified >= 9
+    end = await bench.loop(FakeCycler(foreign=True)).play()
+    assert (end.state, end.code, end.at_rest) == ("fault", "second_master", True)
+    assert "reads 60 s" in (end.reason or "")
+
+
+async def test_a_run_is_held_and_goes_on_where_it_was(bench: Bench) -> None:
+    """On the wall clock: samples go on while the output is off, the profile waits."""
+    loop: RunLoop | None = None
+    states: list[bool] = []
+
+    class Held(FakeCycler):
+        async def output(self, on: bool) -> None:
+            states.append(on)
+            await super().output(on)
+
+        async def sample(self) -> Reading:
+            if loop is not None:
+                loop._parts.pause.wanted = 4 <= self.reading.sequence < 9
+            return replace(await super().sample(), monotonic_s=time.monotonic())
+
+    cycler = Held()
+    loop = bench.loop(cycler, clock=WallClock())
+    end = await loop.play()
+    assert (end.state, end.code) == ("completed", "completed"), end
+    assert states == [True, False, True]
+    # All ten set-points of the profile, in their order, around those of the pause.
+    assert [value for value in cycler.applied if value] == [2.0] * 10
+    assert cycler.applied.count(0.0) == len(cycler.applied) - 10 >= 3
+    assert bench.recording.n_rows == len(cycler.applied) + 1
+    assert [code for _, code, _ in bench.notes] == ["paused", "resumed"]
+
+
+async def test_simulated_time_stands_still_while_a_run_is_held(bench: Bench) -> None:
+    looks = 0
+
+    class Held(FakeCycler):
+        async def sample(self) -> Reading:
+            nonlocal looks
+            if not self.reading.output_on and self.reading.sequence:
+                looks += 1
+            loop._parts.pause.wanted = self.reading.sequence == 4 and looks < 3
+            return await super().sample()
+
+    cycler = Held()
+    loop = bench.loop(cycler)
+    end = await loop.play()
+    assert end.state == "completed" and cycler.applied == [2.0] * 10 and bench.recording.n_rows == 11
+
+
+async def test_a_stop_ends_a_run_that_is_held(bench: Bench) -> None:
+    class Held(FakeCycler):
+        async def sample(self) -> Reading:
+            loop._parts.pause.wanted = self.reading.sequence >= 2
+            if loop._parts.pause.active:
+                bench.stop.give("stopped", "enough")
+            return await super().sample()
+
+    cycler = Held()
+    loop = bench.loop(cycler)
+    end = await loop.play()
+    assert (end.state, end.reason, end.at_rest) == ("stopped", "enough", True)
+    assert not cycler.reading.output_on
+
+
+async def test_an_output_that_comes_on_in_a_pause_is_a_fault(bench: Bench) -> None:
+    class Held(FakeCycler):
+        async def sample(self) -> Reading:
+            loop._parts.pause.wanted = self.reading.sequence >= 2
+            reading = replace(await super().sample(), monotonic_s=time.monotonic())
+            return replace(reading, output_on=True) if loop._parts.pause.active else reading
+
+    loop = bench.loop(Held(), clock=WallClock())
+    end = await loop.play()
+    assert (end.state, end.code) == ("fault", "output_on")
+
+
+async def test_a_wired_button_stops_the_run(bench: Bench) -> None:
+    cycler = FakeCycler(at(4, lambda reading: replace(reading, status=frozenset({"stop_input"}))))
+    end = await bench.loop(cycler).play()
+    assert (end.state, end.at_rest) == ("stopped", True) and "stop input" in (end.reason or "")
+    assert len(cycler.applied) == 4 and bench.recording.n_rows == 5
+
+
+async def test_a_wired_button_that_is_pressed_keeps_the_output_off(bench: Bench) -> None:
+    cycler = FakeCycler(lambda reading: replace(reading, status=frozenset({"stop_input"})))
+    end = await bench.loop(cycler).play()
+    assert end.state == "stopped" and cycler.applied == [] and bench.recording.n_rows == 0

@@ -23,7 +23,12 @@ def ended(**changes: Any) -> Progress:
         Round("train 2", "m2", {"train": {"rmse_mV": 3.0}}, {"seed": 1}, {"rmse_mV": 5.0}),
     ]
     comparison = {"overall": {"rmse_mV": 5.0}, "noise_floor_mV": 1.0}
-    fields: dict[str, Any] = {"runs": runs, "rounds": rounds, "comparison_id": "k1", "comparison": comparison}
+    fields: dict[str, Any] = {
+        "parts": {role: [run] for role, run in runs.items()},
+        "rounds": rounds,
+        "comparison_id": "k1",
+        "comparison": comparison,
+    }
     return Progress(**(fields | changes))
 
 
@@ -98,5 +103,5 @@ def test_what_a_failed_stage_did_not_reach_is_left_out() -> None:
     assert without_observer == {key: value for key, value in whole.items() if key != "soc"}
     fitted = campaign_result(ended(comparison=None), None)
     assert fitted["model_id"] == "m2" and "validation" not in fitted and "model_chain" not in fitted
-    played = campaign_result(Progress(runs=ended().runs), None)
+    played = campaign_result(Progress(parts=ended().parts), None)
     assert played["samples"] == 300 and "model_id" not in played

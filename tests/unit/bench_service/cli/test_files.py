@@ -11,6 +11,7 @@ import pytest
 from bench_service.cli.errors import UsageError
 from bench_service.cli.files import read_model, read_module, read_runs, read_structure, write_document
 from bench_service.cli.output import Output
+from models.data.seal import sealed
 from models.network.structure import minimal_structure
 from tests.unit.models.hand_network import everything
 
@@ -88,5 +89,5 @@ def test_a_document_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     write_document(path, {"a": 1})
     with pytest.raises(ValueError):
         write_document(path, {"a": float("nan")})
-    assert json.loads(path.read_text()) == {"a": 1}
+    assert json.loads(path.read_text()) == sealed({"a": 1})
     assert [each.name for each in tmp_path.iterdir()] == ["out.json"]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from bench_service.jobs import modelling
-from bench_service.jobs.modelling import RunInput
+from bench_service.jobs.series import RunInput
 from models.data.errors import ModelError
 from tests.unit.models.diagnosis.cells import SOC
 from tests.unit.models.pipeline.bounded_cell import CELL, run
@@ -18,7 +18,7 @@ def silent(fraction: float, message: str = "") -> None:
 
 
 def fit(without: list[str], monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.setattr(modelling, "read_series", lambda _directory, ids: [run(int(each)) for each in ids])
+    monkeypatch.setattr(modelling, "read_series", lambda _directory, runs: [run(int(each.run_id)) for each in runs])
     train, capacity_Ah = [RunInput("2", SOC), RunInput("4", SOC)], CELL.capacity_Ah
     return modelling.fit(silent, Path(), train, [], capacity_Ah, "bounded", without=without)  # pyright: ignore[reportArgumentType]
 

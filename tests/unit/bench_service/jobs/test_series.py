@@ -1,10 +1,16 @@
-"""The noise floor of several stored runs."""
+"""Stored runs as series, and the noise floor of several."""
+
+from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench_service.jobs.series import noise_floor_mV
+from bench_service.errors import DamagedError
+from bench_service.jobs.series import RunInput, noise_floor_mV, read_series
+from bench_service.store.sample_writer import SampleWriter
 from models.data.timeseries import TimeSeries
+from tests.unit.bench_service.store.sample_rig import commit
 
 
 def still(n: int, noise_V: float, seed: int = 0) -> TimeSeries:
@@ -22,3 +28,14 @@ def test_runs_that_cannot_tell_do_not_count() -> None:
     assert noise_floor_mV([still(10, 5e-3), still(5000, 1e-3)], 1.0) == pytest.approx(1.0, rel=0.05)
     assert noise_floor_mV([still(10, 5e-3)], 1.0) is None
     assert noise_floor_mV([], 1.0) is None
+
+
+@pytest.mark.parametrize(("n_samples", "sha256"), [(51, None), (50, "0" * 64)])
+def test_a_run_that_is_not_what_it_claims_is_no_input(tmp_path: Path, n_samples: int, sha256: str | None) -> None:
+    with closing(SampleWriter.open(tmp_path)) as writer:
+        commit(writer, "r1", 0, 50)
+        closed = writer.close_run("r1", "completed", None)
+    whole = RunInput("r1", 0.5, closed.n_samples, closed.sha256)
+    assert [len(each) for each in read_series(tmp_path, [whole])] == [50]
+    with pytest.raises(DamagedError, match="run r1 is damaged"):
+        read_series(tmp_path, [RunInput("r1", 0.5, n_samples, sha256)])
