@@ -1,7 +1,7 @@
 """Which physical effect is missing in a model, or new in its cell, with evidence."""
 
 from models.diagnosis.answer.findings import Diagnosis, Finding
-from models.diagnosis.diagnosis import diagnose, memory_of
+from models.diagnosis.diagnosis import diagnose, memory_of, own_variant
 from models.diagnosis.known.record import to_json as memory_to_json
 
-__all__ = ["Diagnosis", "Finding", "diagnose", "memory_of", "memory_to_json"]
+__all__ = ["Diagnosis", "Finding", "diagnose", "memory_of", "memory_to_json", "own_variant"]

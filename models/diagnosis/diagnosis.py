@@ -25,6 +25,7 @@ from models.diagnosis.structure.structure import analyse_structure
 from models.diagnosis.thermal.heat_balance import HeatBalance
 from models.effects import Effect, effects
 from models.effects.input_correction import as_read
+from models.identification.bounded.variants import Variant, variant_of
 from models.network.local_model_network import LocalModelNetwork
 from models.network.signals import parse_signal
 from models.network.structure import Structure
@@ -83,10 +84,18 @@ def diagnose(
         return structure_answer(found, reference, record, started, refits)
     if mode != "change":
         raise ModelError(f"mode {mode!r} is unknown; use change or structure")
-    known = memory if memory is not None else _known(network, record, grid, train_soc or [])
     has_train = bool(grid) or memory is not None or network.record.diagnosis is not None
-    analysis = analyse(known, record.runs, record.soc, soc_std, catalogue)
-    return change_answer(analysis, record, started, has_train)
+    try:
+        known = memory if memory is not None else _known(network, record, grid, train_soc or [])
+        analysis = analyse(known, record.runs, record.soc, soc_std, catalogue)
+        return change_answer(analysis, record, started, has_train)
+    except ModelError:
+        raise
+    except (ArithmeticError, IndexError, ValueError) as error:
+        raise ModelError(
+            f"diagnosis: these runs cannot be weighed ({str(error).splitlines()[0][:100]}); look at them for outliers, "
+            "missing columns and hardly any samples, or name other training runs"
+        ) from error
 
 
 def check_training(train: list[GridRun]) -> None:
@@ -108,7 +117,7 @@ def check_training(train: list[GridRun]) -> None:
 def _known(network: LocalModelNetwork, record: Record, train: list[GridRun], train_soc: list[float]) -> KnownRuns:
     """Of the training runs; else as the model's document has it; else of the network's own voltage."""
     if train:
-        return memory_of(train, train_soc, network.cell.capacity_Ah)
+        return memory_of(train, train_soc, network.cell.capacity_Ah, own_variant(network, train))
     return known_in(network) or network_memory(network, record)
 
 
@@ -137,9 +146,16 @@ def _own_balance(network: LocalModelNetwork) -> HeatBalance | None:
     return HeatBalance(1.0 / transfer, tau_s, float(np.mean(found[0].dU_dT_V_per_K)), _OWN_K**2)
 
 
-def memory_of(runs: list[GridRun], soc: list[float], capacity_Ah: float) -> KnownRuns:
+def memory_of(runs: list[GridRun], soc: list[float], capacity_Ah: float, variant: Variant | None = None) -> KnownRuns:
     """What a diagnosis needs to know of training runs; `to_json` of it goes into a model's record as `diagnosis`."""
-    return know(runs, soc, capacity_Ah, list(effects().values()))
+    return know(runs, soc, capacity_Ah, list(effects().values()), variant)
+
+
+def own_variant(network: LocalModelNetwork, train: list[GridRun]) -> Variant | None:
+    """Form of a bounded network, which need not be chosen again; None where it is another network."""
+    choices = network.record.choices or {}
+    known = not any(np.isnan(run.temperature_degC).any() for run in train)
+    return variant_of(choices) if known and choices.get("family") == "bounded" else None
 
 
 def _has(network: LocalModelNetwork, effect: Effect) -> bool:

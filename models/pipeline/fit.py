@@ -15,7 +15,7 @@ from models.data.errors import ModelError
 from models.data.metrics import Metrics, RunMetrics, metrics
 from models.data.start_soc import start_soc
 from models.data.timeseries import TimeSeries
-from models.diagnosis import memory_of, memory_to_json
+from models.diagnosis import memory_of, memory_to_json, own_variant
 from models.identification.excitation import fit_reservations
 from models.identification.progress import Progress, part_of, silent
 from models.network.lineage import document_sha256, with_version
@@ -208,7 +208,7 @@ def _with_figures(network: LocalModelNetwork, data: Training, built: Built, judg
 def _with_memory(network: LocalModelNetwork, data: Training) -> LocalModelNetwork:
     """With what a diagnosis needs to know of the training runs, where they can carry its reference model."""
     try:
-        memory = memory_of(data.fit_grid, data.fit_soc, data.cell.capacity_Ah)
+        memory = memory_of(data.fit_grid, data.fit_soc, data.cell.capacity_Ah, own_variant(network, data.grid))
     except (ModelError, np.linalg.LinAlgError):
         return network
     return _noting(network, diagnosis=memory_to_json(memory))

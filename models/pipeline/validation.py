@@ -11,7 +11,7 @@ import numpy as np
 from models.data.errors import ModelError, StructureError
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
-from models.diagnosis.evidence.memory import memory_in
+from models.diagnosis.known.record import known_in
 from models.identification.stored_sums import sums_of
 from models.network.free_run import free_run_V
 from models.network.lineage import version_of
@@ -77,7 +77,7 @@ _READERS: dict[str, Callable[[LocalModelNetwork], Any]] = {
     "tables": _table_parts,
     "thermal": _thermal_parts,
     "sums": sums_of,
-    "diagnosis": memory_in,
+    "diagnosis": known_in,
     "version": version_of,
 }
 
