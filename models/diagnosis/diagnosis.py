@@ -86,9 +86,10 @@ def diagnose(
         raise ModelError(f"mode {mode!r} is unknown; use change or structure")
     has_train = bool(grid) or memory is not None or network.record.diagnosis is not None
     try:
-        known = memory if memory is not None else _known(network, record, grid, train_soc or [])
-        analysis = analyse(known, record.runs, record.soc, soc_std, catalogue)
-        return change_answer(analysis, record, started, has_train)
+        with np.errstate(over="raise"):
+            known = memory if memory is not None else _known(network, record, grid, train_soc or [])
+            analysis = analyse(known, record.runs, record.soc, soc_std, catalogue)
+            return change_answer(analysis, record, started, has_train)
     except ModelError:
         raise
     except (ArithmeticError, IndexError, ValueError) as error:
