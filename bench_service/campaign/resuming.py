@@ -130,7 +130,7 @@ def left_to_resume(store: MetadataStore, bench: str) -> CampaignRecord | None:
     One that somebody has stopped, or that has failed, never does.
     """
     for campaign in store.campaigns.page(limit=1000):
-        if bench in (campaign.bench, campaign.request.get("changed_bench")):
+        if campaign.state != "queued" and bench in (campaign.bench, campaign.request.get("changed_bench")):
             cut_off = campaign.state in ("running", "interrupted")
             goes_on = cut_off and campaign.done is not None and campaign.request.get("on_interruption") == "resume"
             return campaign if goes_on else None

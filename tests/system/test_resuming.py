@@ -78,13 +78,25 @@ def test_one_that_has_not_declared_it_stands_still_until_somebody_says_so(tmp_pa
         service.idle("sim")
         campaign = service.client.start_campaign(SHORT | {"structure": "minimal"})
         played(service, campaign, 1)
+        told = service.client.estimate_campaign(SHORT)
+        assert (told["runs"], told["test_s"]) == (2, 2 * SHORT["duration_s"])
+        waits = service.client.start_campaign(SHORT | {"name": "next", "queue": True, "initial_soc": 0.5})
+        assert waits["state"] == "queued"
         kill(service, "bench_service.bench ")
         failed = service.client.wait_campaign(campaign["id"], timeout_s=LONG_S)
         assert (failed["state"], failed["stage"]) == ("failed", "run") and "interrupted" in failed["message"]
+        # What waits behind it waits on, over a restart of the service too.
+        queue = until(lambda: (q := service.client.queue("sim"))["held"] and q, "the queue waits")
+        assert [each["name"] for each in queue["waiting"]] == ["next"] and "'short' ended as failed" in queue["held"]
         resumed = service.client.resume_campaign(campaign["id"])
         assert resumed["state"] == "running"
         played(service, campaign, 2)
         assert service.client.runs(campaign_id=campaign["id"])[0]["continues"]
         assert service.client.stop_campaign(campaign["id"])["state"] == "stopped"
+        assert service.client.campaign(waits["id"])["state"] == "queued"
+        service.client.start_queue("sim")
+        until(lambda: service.client.campaign(waits["id"])["state"] == "running", "somebody lets the queue go on")
+        assert service.client.stop_campaign(waits["id"])["state"] == "stopped"
+        assert service.client.campaign(campaign["id"])["state"] == "stopped"
     finally:
         service.end()
