@@ -10,7 +10,7 @@ from drivers.can_codec import CanCodec
 from drivers.can_dialogue import CanDialogue
 from drivers.can_link import CanLink
 from drivers.can_map import CanMap, SignalName
-from drivers.can_plan import CanPlan, limit_arguments
+from drivers.can_plan import CanPlan, Outgoing, limit_arguments
 from drivers.cycler import Capabilities, DeviceLimits, Reading
 from drivers.errors import (
     CyclerError,
@@ -45,6 +45,7 @@ class CanCycler:
         self._output = False
         self._current_A = 0.0
         self._voltage_V: tuple[float, float] | None = None  # limits of the run
+        self._settings: list[Outgoing] = []  # that the device repeats when asked
 
     # --- opening -------------------------------------------------------------------------------------------
     async def connect(self) -> Capabilities:
@@ -114,6 +115,7 @@ class CanCycler:
         await self._verify_output(on=False)
         for outgoing in [*before, *(o for o in settings if o not in before)]:
             await self._dialogue.command(outgoing)
+        self._settings = [outgoing for outgoing in settings if outgoing.command.ask is not None]
         self._tick = None if lock_step_period_s is None else 0
         await self._run("tick")
         self._sequence = (await self._dialogue.sample(self._sequence)).sequence
@@ -172,6 +174,17 @@ class CanCycler:
             self._forget_setpoints()
         await self._run("output")
         await self._verify_output(on=on)
+
+    async def verify(self) -> str | None:
+        """See `Cycler.verify`. A second master on the bus shows by itself: its frames are seen."""
+        if self._watch is None or not self._settings:
+            return None
+        outgoing = self._settings.pop(0)
+        self._settings.append(outgoing)
+        difference = await self._dialogue.asked_difference(outgoing)
+        if difference is None:
+            return None
+        return f"{self._link.address}: {difference}: another program writes to this device; only one must steer it"
 
     # --- safety --------------------------------------------------------------------------------------------
     async def safe(self) -> None:

@@ -128,6 +128,14 @@ class CanDialogue:
         if command.echo is not None:
             await self._verify_echo(outgoing, command.echo, what, refusals)
 
+    async def asked_difference(self, outgoing: Outgoing) -> str | None:
+        """Ask what the device has of a command that it took before; None where it is the same."""
+        command = outgoing.command
+        if command.ask is None or command.echo is None:
+            return None
+        await self.ask(self._map.asks[command.ask])
+        return self.connected_plan().echoes(outgoing, self._newest(command.echo)[1])
+
     async def _verify_echo(self, outgoing: Outgoing, echo: str, what: str, refusals: tuple[str, ...]) -> None:
         """See that the echo repeats a command; where it is asked for, until the device has had time to take it."""
         ask = self._map.asks[outgoing.command.ask] if outgoing.command.ask is not None else None

@@ -121,6 +121,13 @@ class Cycler(Protocol):
         """
         ...
 
+    async def verify(self) -> str | None:
+        """Read back one part of what `acquire` has set (limits, watchdog, heartbeat): each call the next one.
+
+        None where it is as it was set, or cannot be read back; else in words what differs: somebody else writes.
+        """
+        ...
+
     async def clear_fault(self) -> None:
         """Acknowledge the device's alarms; raises if some stay."""
         ...

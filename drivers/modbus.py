@@ -16,6 +16,7 @@ from drivers.modbus_plan import DevicePlan
 from drivers.read_plan import ReadPlan
 from drivers.rest import Step, check_cleared, come_to_rest, wait_for_output
 from drivers.setpoint_watch import SetPointWatch
+from drivers.settings_watch import SettingsWatch, foreign
 
 
 class ModbusCycler:
@@ -38,6 +39,7 @@ class ModbusCycler:
         self._tick: int | None = None  # None: wall clock
         self._sequence = 0
         self._voltage_V = (0.0, 0.0)  # limits of the run
+        self._settings_watch = SettingsWatch()
         self._read_ahead: tuple[float, list[int]] | None = None  # the next sample, if the last message brought it
 
     # --- opening -------------------------------------------------------------------------------------------
@@ -117,6 +119,7 @@ class ModbusCycler:
             await self._verify_readback(write.first, write.values, write.label)
         self._sequence = (await self._read_sample(plan)).sequence
         self._watch = SetPointWatch(exact=lock_step_period_s is not None)
+        self._settings_watch = SettingsWatch(settings, plan.heartbeat)
 
     async def _settings(
         self, plan: DevicePlan, limits: DeviceLimits, watchdog_s: float, period_s: float | None
@@ -198,6 +201,15 @@ class ModbusCycler:
         if not on:
             self._forget_setpoints()
         await self._verify_output(plan, on=on)
+
+    async def verify(self) -> str | None:
+        """See `Cycler.verify`."""
+        plan = self._connected_plan()
+        write = self._settings_watch.next(self._heartbeat)
+        if self._watch is None or write is None:
+            return None
+        found = await self._link.read_registers("holding", write.first, len(write.values), write.label)
+        return foreign(self._link.address, plan.differences(write, found))
 
     # --- safety --------------------------------------------------------------------------------------------
     async def safe(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from drivers.codec import bind_all
 from drivers.cycler import Capabilities, DeviceLimits
@@ -74,6 +74,29 @@ class DevicePlan:
         for group, label in contiguous(registers, single=self.map.single_writes):
             words = tuple(word for r in group for word in self.codecs[r.name].encode(values[r.name]))
             result.append(Write(group[0].address, words, label))
+        return result
+
+    @property
+    def heartbeat(self) -> Write | None:
+        """The heartbeat's register, with a value still to be put in; None where the map does not have it read back."""
+        register = self.map.by_role("heartbeat")
+        if register is None or not register.readable or register.verify.kind != "readback":
+            return None
+        return Write(register.address, (0,) * register.words, f"'{register.name}'")
+
+    def differences(self, write: Write, found: Sequence[int]) -> list[str]:
+        """Say which registers of a message that was written read otherwise."""
+        result = []
+        for register in self.map.registers.values():
+            first = register.address - write.first
+            if register.space != "holding" or not register.readable or not 0 <= first < len(write.values):
+                continue
+            told, reads = write.values[first : first + register.words], tuple(found[first : first + register.words])
+            if told != reads:
+                values = (self.codecs[register.name].decode(words) for words in (reads, told))
+                shown = [f"{value:g}" if isinstance(value, float | int) else repr(value) for value in values]
+                unit = f" {register.unit}" if register.unit else ""
+                result.append(f"'{register.name}' reads {shown[0]}{unit} where {shown[1]}{unit} was written")
         return result
 
     def capabilities(self, serial: str, *, lock_step: bool) -> Capabilities:

@@ -11,7 +11,7 @@ from collections import deque
 from typing import Any, Literal
 
 from bench_service.bench.admission import RefusedError
-from bench_service.bench.cycler_keeper import CyclerKeeper
+from bench_service.bench.cycler_keeper import OTHER_DEVICE, CyclerKeeper
 from bench_service.bench.direct.messages import Guard, Order
 from bench_service.bench.direct.orders import DirectOrders
 from bench_service.bench.idle import IdleWatch
@@ -285,6 +285,8 @@ class BenchControl:
         return "offline" if self._keeper.cycler is None else "idle"
 
     def _cycler_changed(self, severity: str, code: str, text: str) -> None:
+        if code == OTHER_DEVICE:
+            self._latched = text
         self._event(severity, code, text)
         self._tell_state()
 

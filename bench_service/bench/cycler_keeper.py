@@ -12,6 +12,7 @@ from drivers.factory import open_cycler
 _FIRST_RETRY_S = 0.2
 _LAST_RETRY_S = 5.0
 _CONNECT_TIMEOUT_S = 10.0
+OTHER_DEVICE = "other_device"  # an event's code: the bench waits for a person
 
 
 class CyclerKeeper:
@@ -39,6 +40,7 @@ class CyclerKeeper:
         self.capabilities: Capabilities | None = None
         self.offline_reason: str | None = "not connected yet"
         self.retry_s = 0.0
+        self._serial: str | None = None
 
     async def connect(self) -> None:
         """Connect, identify, make safe; on failure leave a longer wait before the next attempt."""
@@ -57,6 +59,10 @@ class CyclerKeeper:
             return
         self.cycler, self.capabilities = cycler, capabilities
         self.offline_reason, self.retry_s = None, 0.0
+        known, self._serial = self._serial, capabilities.serial
+        if known is not None and known != capabilities.serial:
+            text = f"{settings.name}: the cycler's serial number is {capabilities.serial!r}, before it was {known!r}"
+            self._on_change("error", OTHER_DEVICE, f"{text}; see that it is the right device, acknowledge")
         self._on_change("info", "connected", f"{capabilities.name} {capabilities.serial} connected, at rest")
 
     async def disconnect(self, reason: str) -> None:

@@ -7,7 +7,9 @@ from bench_service.streams import Flag
 from drivers.cycler import Reading
 
 
-def sample_flags(reading: Reading, track: Track, *, settling: bool, gap: bool, suspect: bool) -> int:
+def sample_flags(
+    reading: Reading, track: Track, *, settling: bool, gap: bool, suspect: bool, paused: bool = False
+) -> int:
     """Return the flags of a sample.
 
     Parameters
@@ -21,6 +23,8 @@ def sample_flags(reading: Reading, track: Track, *, settling: bool, gap: bool, s
         Ticks were missed before it.
     suspect : bool
         A safety rule or the driver objects to it.
+    paused : bool
+        Somebody holds the run.
     """
     flags = 0
     if math.isnan(reading.voltage_V):
@@ -35,6 +39,8 @@ def sample_flags(reading: Reading, track: Track, *, settling: bool, gap: bool, s
         flags |= Flag.SETTLING.value
     if "current_limited" in reading.status:
         flags |= Flag.DEVICE_CURRENT_LIMIT.value
+    if paused:
+        flags |= Flag.PAUSED.value
     if gap:
         flags |= Flag.GAP_BEFORE.value
     if suspect or track.mismatched or track.doubtful:

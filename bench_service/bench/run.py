@@ -1,12 +1,13 @@
 """What a run is made of, and how it ends."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from bench_service.bench.clock import Clock
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.observer_link import ObserverLink
+from bench_service.bench.pause import PauseSwitch
 from bench_service.bench.player import Player
 from bench_service.bench.recording import Recording
 from bench_service.bench.request import RunRequest
@@ -50,6 +51,7 @@ class RunParts:
     observer : ObserverLink or None
     notify : callable
         Takes severity, code and text of an event.
+    pause : PauseSwitch
     """
 
     cycler: Cycler
@@ -59,6 +61,7 @@ class RunParts:
     stop: StopSignal
     observer: ObserverLink | None
     notify: Callable[[str, str, str], None]
+    pause: PauseSwitch = field(default_factory=PauseSwitch)
 
 
 @dataclass(frozen=True, slots=True)

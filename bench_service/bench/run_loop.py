@@ -8,13 +8,23 @@ import logging
 import math
 
 from bench_service.bench.clock import Tick
+from bench_service.bench.holding import Holding
+from bench_service.bench.judging import PlausibilityJudge, SettingsJudge
 from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverRow
-from bench_service.bench.plausibility import Sample, Watch, band_of, observe
 from bench_service.bench.quality import sample_flags
 from bench_service.bench.recording import RecorderError
 from bench_service.bench.rest import bring_to_rest, uncancelled
 from bench_service.bench.run import EndState, RunEnd, RunParts, RunPlan
-from bench_service.bench.safety import Context, Track, Trip, check, check_age, check_at_rest, follow, implausible
+from bench_service.bench.safety import (
+    Context,
+    Track,
+    Trip,
+    check,
+    check_age,
+    check_at_rest,
+    check_held,
+    follow,
+)
 from bench_service.bench.soc import count_charge
 from bench_service.streams import OBSERVER, SAMPLES
 from drivers.cycler import CyclerError, DeviceLimits, Reading, SetPointRefusedError
@@ -40,13 +50,13 @@ class RunLoop:
         self._parts = parts
         self._limits = plan.request.limits
         self._track = Track()
-        self._watch = Watch()
-        self._band = band_of(plan.request.capacity_Ah, plan.request.limits.voltage_V)
-        self._warned = set[str]()
+        self._plausibility = PlausibilityJudge(plan, parts.notify)
+        self._settings = SettingsJudge(parts.cycler)
         self._soc = plan.request.initial_soc
         self._commanded_A = 0.0
         self._settled_from_s = -math.inf
         self._missed = 0
+        self._holding = Holding(plan.rules.bench, parts)
         self._gap = False
         self._next_record = 0
         self._observer = parts.observer
@@ -105,7 +115,9 @@ class RunLoop:
                 return stop.order.state, "stop", stop.order.reason
             if tick is None:
                 raise RuntimeError("the clock was interrupted without a stop order")
-            if await self._tick(tick):
+            if await self._holding.follow(tick):
+                self._commanded_A, self._gap = 0.0, not self._holding.active
+            if stop.order is None and await self._tick(tick):
                 return "completed", "completed", None
             if recording.full:
                 await self._queue_full()
@@ -136,12 +148,14 @@ class RunLoop:
             raise TripError(trip)
         if refused is not None:
             raise refused
-        setpoint_A = self._plan.player.setpoint(tick.index)
+        setpoint_A = 0.0 if self._holding.active else self._plan.player.setpoint(self._holding.position(tick))
         if setpoint_A is None:
             return True
         # A stale reading is no ground for a heartbeat: the device's watchdog must see that we are blind.
         if self._track.stale == 0:
             await self._apply(tick, setpoint_A)
+            if trip := await self._settings.judge(lambda: self._context(tick)):
+                raise TripError(trip)
         return False
 
     async def _sample(self) -> tuple[Reading, SetPointRefusedError | None]:
@@ -159,29 +173,21 @@ class RunLoop:
         self._track = follow(self._track, plan.rules, reading, time_s, self._commanded_A, settled)
         if self._soc is not None:
             self._soc = count_charge(self._soc, reading.current_A, self._track.interval_s, plan.request.capacity_Ah)
-        now_s = clock.elapsed_s(tick)
-        context = Context(plan.rules, self._track, now_s, self._soc, self._commanded_A)
-        return check(reading, context) or self._judge_plausibility(reading, context)
+        context = self._context(tick)
+        rule = check_held if self._holding.active else check
+        return rule(reading, context) or self._plausibility.judge(reading, context)
 
-    def _judge_plausibility(self, reading: Reading, context: Context) -> Trip | None:
-        if self._track.stale:
-            return None
-        sample = Sample(self._track.time_s, reading.voltage_V, reading.current_A, reading.temperature_degC)
-        self._watch, finding = observe(self._watch, self._band, sample, self._plan.rules.current_tolerance_A)
-        if finding is None:
-            return None
-        if finding.stage == "trip":
-            return implausible(context, finding)
-        if finding.code not in self._warned:
-            self._warned.add(finding.code)
-            text = f"{context.rules.bench} at {context.now_s:.3f} s: {finding.text}; {finding.remedy}"
-            self._parts.notify("warning", finding.code, text)
-        return None
+    def _context(self, tick: Tick) -> Context:
+        now_s = self._parts.clock.elapsed_s(tick)
+        held_s = (tick.index - self._holding.position(tick)) * self._plan.player.dt_s
+        return Context(self._plan.rules, self._track, now_s, self._soc, self._commanded_A, held_s)
 
     def _record(self, tick: Tick, reading: Reading, *, suspect: bool) -> None:
         parts, time_s = self._parts, self._track.time_s
         settling = time_s < self._settled_from_s - _TIME_TOLERANCE_S
         self._next_record = (tick.index // self._plan.every + 1) * self._plan.every
+        paused = self._holding.active
+        flags = sample_flags(reading, self._track, settling=settling, gap=self._gap, suspect=suspect, paused=paused)
         row = (
             time_s,
             reading.current_A,
@@ -190,7 +196,7 @@ class RunLoop:
             reading.ambient_degC,
             self._commanded_A,
             reading.sequence,
-            sample_flags(reading, self._track, settling=settling, gap=self._gap, suspect=suspect),
+            flags,
             tick.lateness_s,
         )
         parts.recording.put(SAMPLES, row)
@@ -226,14 +232,14 @@ class RunLoop:
             setpoint_A=self._commanded_A,
             soc=counted if self._parts.observer is None else self._observed.soc,
             soc_std=self._observed.soc_std,
-            progress=min(1.0, tick.index / n_ticks),
+            progress=min(1.0, self._holding.position(tick) / n_ticks),
             missed_ticks=self._missed,
         )
 
     async def _apply(self, tick: Tick, setpoint_A: float) -> None:
         now_s = self._parts.clock.elapsed_s(tick)
         # Whatever held the loop up since the sample (slow observer, stopped process): a heartbeat needs a fresh one.
-        if trip := check_age(Context(self._plan.rules, self._track, now_s, self._soc, self._commanded_A)):
+        if trip := check_age(self._context(tick)):
             raise TripError(trip)
         change_A = abs(setpoint_A - self._commanded_A)
         if change_A > 0:

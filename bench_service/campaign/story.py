@@ -25,6 +25,8 @@ from bench_service.store.records import Json, RunRecord
 from models.data.errors import ModelError
 
 _LOOK_S = 0.25
+# Verdicts that name an effect first, which is added.
+_NAMING = ("missing", "ambiguous")
 
 
 class Story:
@@ -228,14 +230,17 @@ class Story:
         found = await self._watched("diagnose", await diagnosing.start_diagnosis(order))
         record = await asyncio.to_thread(self._workshop.store.diagnoses.get, found["diagnosis_id"])
         self._done.diagnosis = {"diagnosis_id": record.id} | record.result
-        if record.result["verdict"] != "missing":
-            return f"verdict: {record.result['verdict'].replace('_', ' ')}"
-        effect = record.result["findings"][0]["effect"]
+        verdict, findings = record.result["verdict"], record.result["findings"]
+        if verdict not in _NAMING or not findings:
+            return f"verdict: {verdict.replace('_', ' ')}"
+        effect = findings[0]["effect"]
         addition = await diagnosing.start_addition(self._done.model_id, effect, learn, judge)
         added: VersionAnswer = await self._watched("diagnose", addition)
         self._done.addition = added
         before, after = added["error_before_mV"], added["error_after_mV"]
-        return f"{effect} is missing; added, the held-out error falls from {before:.2f} to {after:.2f} mV"
+        rivals = ", ".join(findings[0]["confounded_with"])
+        named = f"{effect} is missing" if verdict == "missing" else f"{effect}, or {rivals or 'another'}, is missing"
+        return f"{named}; {effect} added, the held-out error falls from {before:.2f} to {after:.2f} mV"
 
     async def _write_report(self) -> str:
         soc = await self._workshop.modelling.soc_figures(self._done.longest(VALIDATE))

@@ -25,6 +25,8 @@ _LARGEST_CURRENT_A = 1000.0
 # Loggers write two rows with one time at the edge of a step; more than this share is a clock that is too coarse.
 _DUPLICATE_SHARE = 0.02
 _DUPLICATES_ALWAYS_ALLOWED = 3
+# What loggers write where there is no value: the largest number of 32 bits, give or take its last digits.
+_SENTINEL = 1e37
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,7 @@ def read_run_file(path: Path | str, current_sign: CurrentSign | None = None) -> 
     warnings: list[str] = []
     _check_time(path, columns["time_s"])
     columns = _without_duplicates(path, columns, warnings)
+    columns = {own: _without_sentinels(path, own, values, warnings) for own, values in columns.items()}
     _check_values(path, columns, warnings)
     _settle_sign(path, columns, current_sign, warnings)
     _settle_temperature(path, columns, warnings)
@@ -145,6 +148,17 @@ def _without_duplicates(
         raise RunFileError(f"{path}: {what}; the time column is too coarse or the rows are doubled")
     warnings.append(f"{path}: {what}; left out")
     return {name: values[keep] for name, values in columns.items()}
+
+
+def _without_sentinels(path: Path, own: str, values: NDArray[np.float64], warnings: list[str]) -> NDArray[np.float64]:
+    """Take what stands for no value as missing."""
+    sentinel = np.isfinite(values) & (np.abs(values) >= _SENTINEL)
+    n = int(sentinel.sum())
+    if n == 0:
+        return values
+    first = int(np.argmax(sentinel))
+    warnings.append(f"{path}: {own} is {values[first]:.3g} in {n} row(s), first at row {_row(first)}: taken as missing")
+    return np.where(sentinel, np.nan, values)
 
 
 def _check_values(path: Path, columns: dict[str, NDArray[np.float64]], warnings: list[str]) -> None:

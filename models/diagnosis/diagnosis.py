@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from models.data.errors import ModelError, StructureError
+from models.data.errors import ModelError, NotIdentifiableError, StructureError
 from models.data.resampling import GridRun, to_grid
 from models.data.timeseries import TimeSeries
 from models.diagnosis.answer.change_answer import change_answer
@@ -26,6 +26,7 @@ from models.network.structure import Structure
 
 # How much better than one more run like the diagnosed ones a network is taken to know its parameters.
 _TRUST = 100.0
+_FEWEST_SAMPLES = 100
 
 
 def diagnose(
@@ -60,6 +61,7 @@ def diagnose(
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
     grid = [to_grid(as_read(network.record, run), network.structure.dt_s) for run in train or []]
+    check_training(grid)
     catalogue = list(effects().values())
     if mode == "structure":
         every, soc = [*grid, *record.runs], [*(train_soc or []), *record.soc]
@@ -76,6 +78,22 @@ def diagnose(
     analysis = analyse_change(known, record.runs, record.soc, catalogue)
     has_train = bool(grid) or memory is not None or network.record.diagnosis is not None
     return change_answer(analysis, record, started, has_train)
+
+
+def check_training(train: list[GridRun]) -> None:
+    """Refuse training runs that say nothing of the cell.
+
+    Raises
+    ------
+    NotIdentifiableError
+        They have hardly a sample with a voltage.
+    """
+    measured = sum(int(run.measured.sum()) for run in train)
+    if train and measured < _FEWEST_SAMPLES:
+        raise NotIdentifiableError(
+            f"diagnosis: the training runs have {measured} samples with a voltage; at least {_FEWEST_SAMPLES} are "
+            "needed: name other training runs, or none"
+        )
 
 
 def _memory(network: LocalModelNetwork, record: Record, train: list[GridRun], train_soc: list[float]) -> Memory:

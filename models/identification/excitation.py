@@ -63,6 +63,8 @@ def check_series(runs: list[TimeSeries], dt_s: float, capacity_Ah: float) -> lis
                 f"{run.name}: {len(run)} samples lie {run.duration_s:g} s apart from first to last, {points:.3g} times "
                 f"the sampling time of {dt_s:g} s: its time stamps jump. Split the run there or give the sampling time"
             )
+        if np.isnan(run.voltage_V).all():
+            raise NotIdentifiableError(f"{run.name}: no sample has a voltage; leave this run out of the fit")
         missing = float(np.isnan(run.current_A).mean())
         if missing > _MOST_MISSING_CURRENT:
             raise NotIdentifiableError(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from models.data.errors import NotIdentifiableError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.network import signals
@@ -122,7 +123,10 @@ def _bounds(name: str, parts: list[FloatArray]) -> tuple[float, float]:
     """Range of 0..1; a constant signal gets a range of 1 unit around it."""
     if name == "hysteresis":
         return -1.0, 1.0
-    low, high = min(float(p.min()) for p in parts), max(float(p.max()) for p in parts)
+    known = [p for p in parts if len(p)]
+    if not known:
+        raise NotIdentifiableError(f"no run has a value of {name}: the log lacks that column, or it is empty")
+    low, high = min(float(p.min()) for p in known), max(float(p.max()) for p in known)
     return (low, high) if high - low > 1e-9 * max(1.0, abs(low)) else (low - 0.5, low + 0.5)
 
 

@@ -7,6 +7,7 @@ from typing import TypedDict, Unpack
 
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
+from models.diagnosis.diagnosis import check_training
 from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.reference.samples import visible
@@ -82,6 +83,7 @@ def add_effect(
     chosen = effect(name)
     before = make_record(network, validate, validate_soc)
     own = make_record(network, train, train_soc)
+    check_training(own.runs)
     if chosen.regressors is not None and not visible(chosen, own.runs):
         raise ModelError(f"{name}: the training runs cannot show it, their temperature is missing or hardly moves")
     train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))

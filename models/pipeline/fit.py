@@ -23,9 +23,10 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
 from models.pipeline.choosing import Chosen, choose
 from models.pipeline.fit_request import FitOptions, FitRequest
-from models.pipeline.plans import Built
+from models.pipeline.plans import BoundedNetwork, Built
 from models.pipeline.run_starts import with_starts
 from models.pipeline.training import Training, training
+from models.readouts.possible_cell import made_possible
 from models.readouts.tables import read_out
 from models.thermal.cell_temperature import thermal_record
 
@@ -169,7 +170,10 @@ def _choices(built: Built, chosen: Chosen) -> Json:
 def _read_out(built: Built, data: Training, report: Progress) -> LocalModelNetwork:
     """What the network does not know, then its tables with their bands, then the heat balance that needs them."""
     report(0.9, "estimating what the model does not know")
-    network = _noting(built.network, uncertainty=built.uncertainty().to_json())
+    uncertainty, network = built.uncertainty(), built.network
+    if not isinstance(built, BoundedNetwork):
+        network = made_possible(network, uncertainty.parameters.theta_factor)
+    network = _noting(network, uncertainty=uncertainty.to_json())
     report(0.95, "reading out tables")
     network = _noting(network, tables=dict(read_out(network)))
     heat = thermal_record(network, data.grid, data.soc)

@@ -211,3 +211,24 @@ async def test_another_device_is_left_alone(transport, tmp_path):
         with pytest.raises(CyclerError, match="another device"):
             await other.safe()
         await other.close()
+
+
+async def test_settings_that_somebody_else_has_changed_are_named():
+    async with rig("modbus-tcp", lock_step=False) as made:
+        await made.running(1.0)
+        assert [await made.driver.verify() for _ in range(4)] == [None] * 4
+        made.device.cycler.limits["voltage_high"] = 6.0
+        made.device.cycler.watchdog_s = 60.0
+        made.device.publish()
+        told = " ".join(filter(None, [await made.driver.verify() for _ in range(4)]))
+        assert "'limit_voltage_high' reads 6 V where 4.25 V was written" in told
+        assert "'watchdog' reads 60 s where" in told and "another program" in told
+        await made.driver.safe()
+
+
+@every
+async def test_what_is_as_it_was_set_is_said_to_be(transport):
+    async with rig(transport, lock_step=False) as made:
+        await made.running(1.0)
+        assert [await made.driver.verify() for _ in range(4)] == [None] * 4
+        await made.driver.safe()

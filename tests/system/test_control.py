@@ -373,3 +373,16 @@ async def test_ctrl_c_on_the_terminal_reaches_neither_control_nor_recorder(lock_
     # A terminal signals the group in its foreground; both must hear of the end from the service alone.
     for pid in (lock_step.supervisor.pid, lock_step.recorder.pid):
         assert pid is not None and os.getpgid(pid) == pid != os.getpgrp()
+
+
+async def test_a_second_master_is_noticed_in_the_middle_of_a_run(wall: Rig) -> None:
+    wall.begin(request(*LONG, dt_s=0.05))
+    await wall.running(0.2)
+    other = open_cycler(wall.simulator.url, "generic", 0.5)
+    await other.connect()
+    await other._write("watchdog", 60.0)  # pyright: ignore[reportAttributeAccessIssue]
+    await other.close()
+    ended = await wall.end_of("run-1")
+    assert ended["state"] == "fault" and wall.heard.codes("error") == ["second_master"]
+    assert "'watchdog' reads 60 s where 1 s was written" in ended["reason"]
+    assert not (await wall.reading()).output_on

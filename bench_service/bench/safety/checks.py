@@ -32,6 +32,14 @@ def check(reading: Reading, context: Context) -> Trip | None:
     )
 
 
+def check_held(reading: Reading, context: Context) -> Trip | None:
+    """Return the first rule that is violated while somebody holds the run: all but that the output is off."""
+    if reading.output_on:
+        remedy = "find out who switched it on, acknowledge"
+        return trip(context, "output_on", "the cycler's output is on though the run is paused", remedy)
+    return _check_values(reading, context) or _check_alarms(reading, context) or _check_freshness(reading, context)
+
+
 def check_at_rest(reading: Reading, context: Context) -> Trip | None:
     """Return why the output must not be switched on at all; None if it may."""
     return _check_values(reading, context) or _check_alarms(reading, context)
@@ -53,7 +61,7 @@ def _check_values(reading: Reading, context: Context) -> Trip | None:
     soc = context.soc
     if soc is not None and not (low - SOC_TOLERANCE <= soc <= high + SOC_TOLERANCE):
         return outside(context, "soc_limit", "counted state of charge", soc, "", (low, high))
-    if not (context.now_s <= limits.duration_s + rules.tick_s):
+    if not (context.now_s - context.held_s <= limits.duration_s + rules.tick_s):
         return trip(
             context,
             "duration_limit",
@@ -77,6 +85,13 @@ def _check_output(reading: Reading, context: Context) -> Trip | None:
             "output_off",
             "the cycler's output is off though the run has it switched on",
             "check the cycler's panel, interlock and watchdog, acknowledge",
+        )
+    if context.track.remote_seen and "remote" not in reading.status:
+        return trip(
+            context,
+            "remote_lost",
+            "the cycler is no longer in remote control",
+            "find out who took it over at its panel or over another link, acknowledge",
         )
     return None
 

@@ -47,6 +47,8 @@ class Track:
         Whether the voltage may be stuck: not enough to end the run, enough to mark the sample.
     stepped_s : float
         Time of the last step of the current.
+    remote_seen : bool
+        Whether the device has said in this run that it is remote-controlled.
     """
 
     sequence: int | None = None
@@ -66,6 +68,7 @@ class Track:
     repeats: int = 0
     doubtful: bool = False
     stepped_s: float = -math.inf
+    remote_seen: bool = False
 
     @property
     def lively(self) -> bool:
@@ -97,6 +100,7 @@ def follow(track: Track, rules: Rules, reading: Reading, time_s: float, commande
         change_K=0.0 if math.isnan(track.temperature_degC) else reading.temperature_degC - track.temperature_degC,
         voltage_V=reading.voltage_V,
         temperature_degC=reading.temperature_degC,
+        remote_seen=track.remote_seen or "remote" in reading.status,
     )
 
 

@@ -21,6 +21,8 @@ Code = Literal[
     "current_mismatch",
     "voltage_stuck",
     "temperature_jump",
+    "second_master",
+    "remote_lost",
     "output_on",
     PlausibilityCode,
 ]
@@ -56,6 +58,8 @@ class Context:
         From counting charge; None where the initial one is unknown.
     commanded_A : float
         Set-point in force before this sample.
+    held_s : float
+        For how long the run has been held so far: no part of its duration.
     """
 
     rules: Rules
@@ -63,6 +67,7 @@ class Context:
     now_s: float
     soc: float | None
     commanded_A: float
+    held_s: float = 0.0
 
 
 def outside(context: Context, code: Code, what: str, value: float, unit: str, window: tuple[float, float]) -> Trip:
@@ -85,3 +90,8 @@ def trip(context: Context, code: Code, what: str, remedy: str) -> Trip:
 def implausible(context: Context, finding: Finding) -> Trip:
     """Return the trip of a finding."""
     return trip(context, finding.code, finding.text, f"{finding.remedy}, acknowledge")
+
+
+def second_master(context: Context, difference: str) -> Trip:
+    """Return the trip of settings that somebody else has changed in the device."""
+    return trip(context, "second_master", difference, "find the other program, acknowledge")

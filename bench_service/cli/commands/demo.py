@@ -28,6 +28,9 @@ _MAPS = {"modbus-tcp": "generic", "modbus-rtu": "generic", "can": "generic_can"}
 _BAUDS = (19_200, 115_200, 921_600)  # at 115200 the line alone takes five minutes for 60 000 samples
 # As the service has it; known here without loading the service.
 _MOST_ROUNDS = 5
+# Charge is counted on the capacity that the cell had: with 15 % less of it, the most that is hidden, the cell must stay
+# inside its voltage limits.
+_HIDDEN_SOC = [0.15, 0.8]
 
 
 def _arguments(parser: ArgumentParser) -> None:
@@ -137,6 +140,7 @@ def _request(options: Namespace, hidden: HiddenEffect | None) -> dict[str, Any]:
         # What a diagnosis stands on: the model must be closer to the cell than the effect is large.
         request |= {"diagnose": options.mode, "structure": "auto" if options.mode == "change" else "full"}
         request |= {"changed_bench": _CHANGED_BENCH} if options.mode == "change" else {}
+        request["soc"] = _HIDDEN_SOC
     return request
 
 

@@ -19,7 +19,8 @@ _NEWTON_STEPS = 4
 _GRID_SAMPLES = 1_500
 
 
-@dataclass(frozen=True)
+# Compared by identity: two candidates are never the same one by their numbers.
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """One effect with what it explains.
 

@@ -8,12 +8,14 @@ to swallow a change, what they left open may.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 
 _FOLDS = 5
@@ -22,6 +24,8 @@ _RIDGE = 1e-6
 # What the other blocks hardly show of a regressor is not to be judged by.
 _HELD_OUT_RIDGE = 1e-3
 _TINY = 1e-150
+# What rounding leaves below zero where samples tell nothing of some coefficients, over their size: tried in turn.
+_ROUNDING = (0.0, 1e-12, 1e-10, 1e-8)
 
 
 @dataclass(frozen=True)
@@ -79,12 +83,12 @@ class Evidence:
 
     @cached_property
     def _factor(self):  # noqa: ANN202
-        return cho_factor(np.sum(self._xx, axis=0) + self.information)
+        return _factored(np.sum(self._xx, axis=0) + self.information)
 
     @cached_property
     def _fold_factors(self):  # noqa: ANN202
         total = np.sum(self._xx, axis=0) + self.information
-        return [cho_factor(total - xx) for xx in self._xx]
+        return [_factored(total - xx) for xx in self._xx]
 
     @cached_property
     def cost(self) -> float:
@@ -158,3 +162,22 @@ class Evidence:
             d = solved[:, k] - solved[:, :k] @ b
             out[part] = y[part] - z[part] @ b - a[part] @ d
         return out
+
+
+def _factored(matrix: FloatArray):  # noqa: ANN202
+    """Cholesky factor of a matrix that is positive but for rounding.
+
+    Raises
+    ------
+    ModelError
+        It is not: the runs have numbers in them that no cell makes.
+    """
+    size = np.diag(matrix)
+    if np.isfinite(matrix).all() and (size >= 0.0).all():
+        for share in _ROUNDING:
+            with contextlib.suppress(np.linalg.LinAlgError):
+                return cho_factor(matrix + np.diag(share * size + share * float(size.mean())))
+    raise ModelError(
+        "diagnosis: the runs cannot be held against the model, their numbers are too far apart: look for outliers in "
+        "current and temperature, and for runs without current"
+    )

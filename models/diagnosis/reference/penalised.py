@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.data.errors import NotIdentifiableError
 from models.data.timeseries import FloatArray
 
 # Every fifth short stretch is held out, so that what is left goes through the same states of charge.
@@ -23,6 +24,7 @@ _FACTORS = (0.1, 10.0)
 _ALIKE = 5.0
 _PASSES = 2
 _RIDGE = 1e-12
+_TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ def penalised_fit(
     penalty = _weighted(forms, strengths) * n
     total = sums.xx.sum(axis=0)
     right = sums.xy.sum(axis=0)
-    b = np.linalg.solve(total + penalty, right)
+    b = _solved(total + penalty, right)
     own = max(float(sums.yy.sum() - 2.0 * b @ right + b @ total @ b), 0.0) / n
     return PenalisedFit(b, penalty, own, held_out, n, strengths)
 
@@ -124,7 +126,7 @@ class _Total:
     def log_likelihood(self, penalty: FloatArray) -> float:
         """Of the values, the coefficients integrated out, with the most likely variance of the noise (MacKay 1992)."""
         information = self.xx + penalty * self.count
-        left = self.yy - float(np.linalg.solve(information, self.xy) @ self.xy)
+        left = self.yy - float(_solved(information, self.xy) @ self.xy)
         grown = np.linalg.slogdet(information)[1] - np.linalg.slogdet(penalty * self.count)[1]
         return -0.5 * (self.count / _ALIKE * np.log(max(left, 1e-300)) + float(grown))
 
@@ -138,6 +140,27 @@ def _held_out(sums: _Sums, penalty: FloatArray) -> float:
     whole_xx, whole_xy, whole = sums.xx.sum(axis=0), sums.xy.sum(axis=0), sums.count.sum()
     total = 0.0
     for xx, xy, yy, count in zip(sums.xx, sums.xy, sums.yy, sums.count, strict=True):
-        b = np.linalg.solve(whole_xx - xx + penalty * (whole - count), whole_xy - xy)
+        b = _solved(whole_xx - xx + penalty * (whole - count), whole_xy - xy)
         total += max(float(yy - 2.0 * b @ xy + b @ xx @ b), 0.0)
     return total / float(whole)
+
+
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve for coefficients of very different sizes.
+
+    Raises
+    ------
+    NotIdentifiableError
+        Regressors or values are not finite, or some are nothing but a sum of others and no penalty holds them.
+    """
+    scale = np.sqrt(np.maximum(np.diag(matrix), _TINY))
+    try:
+        found = np.linalg.solve(matrix / np.outer(scale, scale), right / scale) / scale
+    except np.linalg.LinAlgError:
+        found = np.full(len(right), np.nan)
+    if not np.isfinite(found).all():
+        raise NotIdentifiableError(
+            "diagnosis: these runs do not determine a model of the cell: look for outliers in current and voltage, "
+            "for a temperature that is missing or wrong, or name runs with more steps of current"
+        )
+    return found

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.data.errors import ModelError
+from models.data.errors import ModelError, NotIdentifiableError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.reference.layout import EXCHANGE_C_RATES, OCV_BUMPS, TRANSFER_S, Block, Layout, Shape
@@ -29,6 +29,8 @@ _SEARCH_SAMPLES, _FIT_SAMPLES = 6_000, 25_000
 _WORTH = 0.998
 # Temperatures that differ by less cannot show what temperature does.
 _TEMPERATURE_RANGE_K = 3.0
+# Fewer samples, or a smaller movement of the state of charge, leave everything to the penalties.
+_FEWEST_SAMPLES, _LEAST_SOC = 100, 0.002
 
 
 @dataclass(frozen=True)
@@ -123,8 +125,14 @@ def fit_reference(
     initial_soc : of each run
     capacity_Ah : of the cell
     shape : of the model; None: chosen on held-out blocks
+
+    Raises
+    ------
+    NotIdentifiableError
+        Too few samples, or a state of charge that hardly moves.
     """
     soc = [s + run.charge_Ah / capacity_Ah for run, s in zip(runs, initial_soc, strict=True)]
+    _check(runs, soc)
     temperature = np.concatenate([run.temperature_degC for run in runs])
     known = not bool(np.isnan(temperature).any())
     soc_range = (float(min(s.min() for s in soc)), float(max(s.max() for s in soc)))
@@ -151,6 +159,18 @@ def fit_reference(
         domain["temperature_degC"] = _span([run.temperature_degC for run in runs])
     rms = (float(np.sqrt(fit.own_mse)), float(np.sqrt(fit.held_out_mse)))
     return Reference(layout, fit.coefficients, fit.penalty / fit.n_samples, domain, *rms)
+
+
+def _check(runs: list[GridRun], soc: list[FloatArray]) -> None:
+    """Refuse runs that cannot carry a model of any shape."""
+    samples = sum(int(run.measured.sum()) for run in runs)
+    moved = max(float(s.max()) for s in soc) - min(float(s.min()) for s in soc)
+    if samples < _FEWEST_SAMPLES or not moved >= _LEAST_SOC:
+        raise NotIdentifiableError(
+            f"diagnosis: {samples} samples with a voltage, over {100 * moved:.2g} % of the state of charge, are too "
+            f"little to hold a cell against; at least {_FEWEST_SAMPLES} over {100 * _LEAST_SOC:g} % are needed: name "
+            "longer runs"
+        )
 
 
 def _best_shape(error: Callable[[Shape], float], start: Shape, warm: bool) -> Shape:

@@ -20,6 +20,8 @@ _ITERATIONS = 12
 _HALVINGS = 8
 # Least error that is worth a finding: absolute, and relative to that on the training runs.
 _LEAST_K, _LEAST_RATIO = 0.25, 2.0
+# Fewer tell nothing of a heat balance.
+_FEWEST_SAMPLES = 100
 
 
 @dataclass(frozen=True)
@@ -97,9 +99,11 @@ def compare_temperature(
 
     Returns
     -------
-    None where ambient temperature is missing or there is no heat balance.
+    None where ambient temperature is missing, there is no heat balance, or there are too few samples.
     """
     if balance is None or not all(has_temperature(run) for run in runs):
+        return None
+    if sum(len(run) for run in runs) < _FEWEST_SAMPLES:
         return None
     views = tuple(
         replace(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.data.errors import NotIdentifiableError
 from models.data.timeseries import FloatArray
 
 # Knots crowd towards empty and full, where curves of all chemistries bend most.
@@ -13,6 +14,8 @@ _CROWDING = 0.05
 _RIM = 0.02
 # Distance of the outermost knots, which only continue what the last trained ones say.
 _BEYOND = 0.5
+# A range of the state of charge that is smaller is rounding.
+_LEAST_RANGE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,16 @@ def make_knots(low: float, high: float, n_curve: int, n_gain: int, n_slope: int)
     ----------
     low, high : trained range
     n_curve, n_gain, n_slope : how many over the whole range 0..1; a smaller one gets fewer, but at least 4, 2 and 2
+
+    Raises
+    ------
+    NotIdentifiableError
+        The state of charge does not move.
     """
+    if not high - low >= _LEAST_RANGE:
+        raise NotIdentifiableError(
+            f"the state of charge hardly moves ({low:.4f} to {high:.4f}): a curve needs runs that charge or discharge"
+        )
     first, last = min(0.0, low), max(1.0, high)
     fine = np.linspace(low, high, 4001)
     share = (fine - first) / (last - first)

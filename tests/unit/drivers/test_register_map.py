@@ -83,7 +83,7 @@ CURRENT_RANGE = 'range = ["-i_nom", "i_nom"]'
         ('i_nom = "nominal_current"', 'i_nom = "watchdogs"', "const.i_nom", "not a register"),
         ('register = "device_class"', 'register = "klass"', "identity.register", "'klass'"),
         ("equals = 0x4254", "equals = true", "identity.equals", "number or a string"),
-        ('verify = "readback"', 'verify = "hope"', "reg.watchdog.verify", "'hope'"),
+        ('"60"]\nverify = "readback"', '"60"]\nverify = "hope"', "reg.watchdog.verify", "'hope'"),
         ("readback:setpoint_in_force", "readback:set_point", "reg.set_current.verify", "'set_point'"),
         ('"readback:setpoint_in_force"', '"echo"', "reg.set_current.verify", "one word"),
         ("invalid = [0x8000]", "invalid = [0x18000]", "reg.temperature.invalid", "within 0 and 65535"),
@@ -150,9 +150,9 @@ def test_reads_do_not_cross_blocks_or_gaps(tmp_path):
     # 114..119 lie in the block of 110..134, but belong to no register
     assert planned(device_map, "watchdog", "ramp") == [(110, 1), (132, 2)]
     assert planned(device_map, "watchdog", "lock_step_period") == [(110, 4)]
-    write_only = load_map(
-        write(tmp_path, ('type = "u16"\naccess = "rw"\nrole = "heartbeat"', 'type = "u16"\naccess = "w"'))
-    )
+    heartbeat = ('type = "u16"\naccess = "rw"\nrole = "heartbeat"', 'type = "u16"\naccess = "w"')
+    not_read = ('verify = "readback"                  # another value', "# another value")
+    write_only = load_map(write(tmp_path, heartbeat, not_read))
     assert planned(write_only, "set_current", "lock_step") == [(100, 2), (103, 2)]
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from bench_service.bench import judging
 from bench_service.bench.clock import LockStepClock, WallClock
 from bench_service.bench.limits import Limits
 from bench_service.bench.links import FrameLink
@@ -38,6 +39,8 @@ class FakeCycler:
     reading: Reading = AT_REST
     applied: list[float] = field(default_factory=list)
     safe_calls: int = 0
+    verified: int = 0
+    foreign: bool = False
 
     async def connect(self) -> Capabilities:
         raise NotImplementedError
@@ -64,6 +67,10 @@ class FakeCycler:
         if self.safe_calls <= self.unsafe:
             raise CyclerTimeoutError("no answer")
         self.reading = replace(self.reading, output_on=False, current_A=0.0, setpoint_in_force_A=0.0)
+
+    async def verify(self) -> str | None:
+        self.verified += 1
+        return "'watchdog' reads 60 s where 1 s was written" if self.foreign else None
 
     async def clear_fault(self) -> None:
         raise NotImplementedError
@@ -271,3 +278,13 @@ async def test_an_observer_that_diverges_is_told_once_and_the_run_goes_on(bench:
     end = await bench.loop(FakeCycler(), observer=DivergingObserver()).play()
     assert end.state == "completed"
     assert [(severity, code) for severity, code, _ in bench.notes] == [("warning", "observer")]
+
+
+async def test_settings_are_read_back_now_and_then(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(judging, "_VERIFY_PERIOD_S", 0.0)
+    cycler = FakeCycler()
+    end = await bench.loop(cycler).play()
+    assert end.state == "completed" and cycler.verified >= 9
+    end = await bench.loop(FakeCycler(foreign=True)).play()
+    assert (end.state, end.code, end.at_rest) == ("fault", "second_master", True)
+    assert "reads 60 s" in (end.reason or "")

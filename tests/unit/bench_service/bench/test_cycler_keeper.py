@@ -1,5 +1,6 @@
 """A cycler comes and goes: made safe before it counts as there, waited for longer each time that it does not come."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -89,3 +90,22 @@ async def test_one_that_cannot_be_released_is_let_go(devices: list[Device]) -> N
     assert device.calls[-2:] == ["release", "close"]
     assert (keeper.cycler, keeper.capabilities, keeper.offline_reason) == (None, None, "release failed")
     assert events[-1] == ("warning", "offline", "left is offline: release failed")
+
+
+async def test_another_device_at_the_address_is_told(devices: list[Device]) -> None:
+    class Other(Device):
+        def __getattr__(self, name: str) -> Any:
+            async def call() -> Any:
+                return replace(CAPABILITIES, serial="18") if name == "connect" else None
+
+            return call
+
+    devices += [Device(), Device(), Other()]
+    keeper, events = keeper_of()
+    for _ in range(2):
+        await keeper.connect()
+        await keeper.disconnect("gone")
+    assert [code for _, code, _ in events] == ["connected", "offline", "connected", "offline"]
+    await keeper.connect()
+    assert ("error", "other_device") in [event[:2] for event in events]
+    assert any("'18', before it was '17'" in text for _, _, text in events)

@@ -58,6 +58,56 @@ def test_a_current_that_the_voltage_does_not_follow_is_unclear() -> None:
     assert judge_sign(current_A, 3.7 + 1e-3 * rng.standard_normal(len(time_s)), time_s).verdict == "unclear"
 
 
+def cc_cv(dt_s: float, rng: np.random.Generator) -> Arrays:
+    """A charge that begins in mid-log and ends in a held voltage, logged every `dt_s`."""
+    time_s = np.arange(0.0, 9000.0, dt_s)
+    current_A = np.where(time_s < 3000.0, 3.0, 3.0 * np.exp(-(time_s - 3000.0) / 900.0))
+    voltage_V = np.where(time_s < 3000.0, 4.0 + 0.2 * time_s / 3000.0, 4.2) + 2e-4 * rng.standard_normal(len(time_s))
+    return current_A, voltage_V, time_s
+
+
+def falling_stages(rng: np.random.Generator) -> Arrays:
+    """A flat curve charged in two stages, the second with less current: the voltage falls while charge goes in."""
+    return measured(np.repeat([3.0, 1.0], 600), rng)
+
+
+def late(rng: np.random.Generator) -> Arrays:
+    """A current that is another one at each sample, and a voltage that is logged one sample later."""
+    current_A, voltage_V, time_s = measured(rng.normal(0.0, 2.0, 400), rng)
+    return current_A, np.roll(voltage_V, 1), time_s
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("case", ["cv", "cv, 60 s", "stages", "late"])
+def test_a_right_sign_is_never_refused(case: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    columns = {
+        "cv": lambda: cc_cv(1.0, rng),
+        "cv, 60 s": lambda: cc_cv(60.0, rng),
+        "stages": lambda: falling_stages(rng),
+        "late": lambda: late(rng),
+    }[case]()
+    assert judge_sign(*columns).verdict != "discharge-positive"
+
+
+def test_steps_and_charge_that_contradict_each_other_are_unclear() -> None:
+    rng = np.random.default_rng(2)
+    current_A, voltage_V, time_s = measured(np.repeat(rng.normal(-1.0, 2.0, 120), 40), rng)
+    drifting = voltage_V - 2.0 * (voltage_V[-1] - voltage_V[0]) * time_s / time_s[-1]
+    assert judge_sign(current_A, drifting, time_s).verdict == "unclear"
+
+
+def test_what_a_logger_writes_for_no_value_is_missing(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    current_A, voltage_V, time_s = drive(rng)
+    current_A[0] = 3.4e38
+    columns = {"time_s": time_s, "current_A": current_A, "voltage_V": voltage_V}
+    write_run(tmp_path / "a.csv", columns | {"temperature_degC": np.full(len(time_s), 25.0)}, "csv")
+    read = read_run_file(tmp_path / "a.csv")
+    assert np.isnan(read.series.current_A[0]) and not np.isnan(read.series.current_A[1:]).any()
+    assert any("current_A is 3.4e+38 in 1 row(s), first at row 2: taken as missing" in each for each in read.warnings)
+
+
 def save(path: Path, sign: float = 1.0, rest: bool = False) -> Path:
     rng = np.random.default_rng(1)
     current_A, voltage_V, time_s = measured(np.zeros(100), rng) if rest else drive(rng)

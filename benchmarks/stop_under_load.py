@@ -1,0 +1,324 @@
+"""From the press of stop to the output off, while the service is flooded, starved or stopped (bar: p99 of 100 ms).
+
+    python -m benchmarks.stop_under_load --presses 100 [--rows stop.rows] [--loads fits,...] [--way direct|service]
+
+Each press ends a run of 10 Hz on a simulated cycler in a process of its own, whose clock tells when the output went
+off. Direct is the way that the page and `bench-service stop` try first: the control process's own port. With `--rows`
+a press that has been measured is not measured again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+
+from bench_service.client import BenchClient, ClientError
+from bench_service.stop_tickets import StopTicket, read_tickets
+
+LOADS = ("none", "json_flood", "uploads", "half_open", "descriptors", "fits", "api_stopped")
+TRANSPORTS = ("modbus-tcp", "can")
+DT_S = 0.1
+PATIENCE_S = 60.0
+HALF_OPEN = 1100
+FEW_DESCRIPTORS = 64
+_WARM_UP_S = 2.0
+
+
+def main() -> int:
+    """Measure, print a line for each load and one JSON object; the exit code says whether the bar is held."""
+    options = _arguments()
+    if options.simulator is not None:
+        return _simulate(options.simulator)
+    if options.load is not None:
+        return _load(options.load, options.url)
+    rows = _rows(options.rows)
+    for transport in options.transports:
+        for load in options.loads:
+            done = [
+                row for row in rows if (row["transport"], row["load"], row["way"]) == (transport, load, options.way)
+            ]
+            for row in _measure(transport, load, options.way, options.presses - len(done)):
+                rows.append(row)
+                if options.rows is not None:
+                    with options.rows.open("a") as file:
+                        file.write(json.dumps(row) + "\n")
+    table = [_line(rows, transport, load, options.way) for transport in options.transports for load in options.loads]
+    for line in table:
+        print(json.dumps(line))  # noqa: T201
+    return int(any(line["failures"] or line["p99_ms"] > 100.0 for line in table))
+
+
+def _of(rows: list[dict[str, Any]], *kind: str) -> list[dict[str, Any]]:
+    return [row for row in rows if (row["transport"], row["load"], row["way"]) == kind]
+
+
+def _line(rows: list[dict[str, Any]], transport: str, load: str, way: str) -> dict[str, Any]:
+    mine = _of(rows, transport, load, way)
+    off_ms = [1000.0 * row["off_s"] for row in mine if row["off_s"] is not None]
+    return {
+        "transport": transport,
+        "load": load,
+        "way": way,
+        "presses": len(mine),
+        "failures": len(mine) - len(off_ms),
+        "median_ms": round(float(np.median(off_ms)), 1) if off_ms else None,
+        "p99_ms": round(float(np.quantile(off_ms, 0.99)), 1) if off_ms else 1e9,
+        "max_ms": round(max(off_ms), 1) if off_ms else None,
+    }
+
+
+def _measure(transport: str, load: str, way: str, presses: int) -> Iterator[dict[str, Any]]:
+    if presses <= 0:
+        return
+    with tempfile.TemporaryDirectory(prefix="stop-") as folder, _Simulator(transport) as simulator:
+        with _service(Path(folder), simulator.url, transport) as (process, client, ticket):
+            with _under(load, client.url):
+                for _ in range(presses):
+                    off_s, ended = _press(process, client, ticket, simulator, load, way)
+                    yield {"transport": transport, "load": load, "way": way, "off_s": off_s, "ended": ended}
+
+
+def _press(
+    process: subprocess.Popen[str], client: BenchClient, ticket: StopTicket, simulator: _Simulator, load: str, way: str
+) -> tuple[float | None, str | None]:
+    """Start a run, press, and give how long the output stayed on, and how the run ended."""
+    profile = _insist(lambda: client.upload_profile("steady", [0.0, 600.0], [1.0, 0.0]))
+    run = _insist(lambda: client.start_run("cell", profile["id"], DT_S, 0.5))
+    simulator.await_output(True)
+    time.sleep(0.3 + float(np.random.default_rng().uniform(0.0, DT_S)))
+    with _at_the_press(process.pid, load):
+        pressed_s = time.monotonic()
+        try:
+            if way == "direct":
+                ticket.ask("stop", "benchmark")
+            else:
+                client.stop_bench("cell")
+        except (OSError, ClientError):
+            pass
+        off_at_s = simulator.await_output(False)
+    ended = _insist(lambda: client.wait_run(run["id"], timeout_s=PATIENCE_S))
+    return None if off_at_s is None else off_at_s - pressed_s, ended["state"]
+
+
+@contextlib.contextmanager
+def _at_the_press(pid: int, load: str) -> Iterator[None]:
+    """What would keep a run from being started too is there only for the moment."""
+    soft, hard = resource.prlimit(pid, resource.RLIMIT_NOFILE)
+    if load == "api_stopped":
+        os.kill(pid, signal.SIGSTOP)
+    if load == "descriptors":
+        resource.prlimit(pid, resource.RLIMIT_NOFILE, (FEW_DESCRIPTORS, hard))
+    try:
+        yield
+    finally:
+        if load == "api_stopped":
+            os.kill(pid, signal.SIGCONT)
+        resource.prlimit(pid, resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def _insist(call: Any) -> Any:
+    """Ask a flooded service until it has answered."""
+    end_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return call()
+        except ClientError:
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(0.1)
+
+
+# --- the parts ---------------------------------------------------------------------------------------------
+
+
+class _Simulator:
+    """A simulated cycler in a process of its own that tells when its output is switched."""
+
+    def __init__(self, transport: str) -> None:
+        self._switched: list[tuple[bool, float]] = []
+        self._process = _child("--simulator", transport, stdout=subprocess.PIPE)
+        assert self._process.stdout is not None
+        self.url = json.loads(self._process.stdout.readline())["address"]
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def __enter__(self) -> _Simulator:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            told = json.loads(line)
+            self._switched.append((told["output"], told["time_s"]))
+
+    def await_output(self, on: bool) -> float | None:
+        """Return when the output was last switched so; None if it is not within the patience."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not self._switched or self._switched[-1][0] is not on:
+            if time.monotonic() > end_s:
+                return None
+            time.sleep(0.001)
+        return self._switched[-1][1]
+
+
+def _simulate(transport: str) -> int:
+    import asyncio
+
+    from simulators.bench import SimulatorSettings, serve
+    from simulators.cycler import Cycler
+
+    switch = Cycler.set_output
+
+    def told(self: Cycler, on: bool) -> None:
+        before = self.output_on
+        switch(self, on)
+        if on != before:
+            print(json.dumps({"output": on, "time_s": time.monotonic()}), flush=True)  # noqa: T201
+
+    Cycler.set_output = told
+    device_map = "generic_can" if transport == "can" else "generic"
+    settings = SimulatorSettings(protocol=transport, map_name=device_map, lock_step=False, seed=7)
+    asyncio.run(serve(settings, lambda address: print(json.dumps({"address": address}), flush=True)))  # noqa: T201
+    return 0
+
+
+@contextlib.contextmanager
+def _service(folder: Path, url: str, transport: str) -> Iterator[tuple[subprocess.Popen[str], BenchClient, StopTicket]]:
+    device_map = "generic_can" if transport == "can" else "generic"
+    (folder / "bench.toml").write_text(
+        f"data_dir = '{folder / 'data'}'\n[bench.cell]\nurl = '{url}'\nmap = '{device_map}'\ncapacity_Ah = 2.5\n"
+        "limits = { voltage_V = [2.5, 4.2], current_A = [-10, 5], temperature_degC = [-20, 60], duration_s = 36000 }\n"
+    )
+    command = [sys.executable, "-m", "bench_service.cli", "serve", "--json", "--port", "0"]
+    with (folder / "log").open("w") as log:
+        process = subprocess.Popen(
+            [*command, "--config", str(folder / "bench.toml")], stdout=subprocess.PIPE, stderr=log, text=True
+        )
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line, (folder / "log").read_text()
+        with BenchClient(json.loads(line)["address"], timeout_s=PATIENCE_S) as client:
+            end_s = time.monotonic() + PATIENCE_S
+            while client.bench("cell")["state"] != "idle" and time.monotonic() < end_s:
+                time.sleep(0.05)
+            yield process, client, next(iter(read_tickets(folder / "data")))
+    finally:
+        process.terminate()
+        process.wait(PATIENCE_S)
+
+
+@contextlib.contextmanager
+def _under(load: str, url: str) -> Iterator[None]:
+    children = {"fits": os.cpu_count() or 1, "none": 0, "api_stopped": 0}.get(load, 1)
+    loads = [_child("--load", load, "--url", url) for _ in range(children)]
+    try:
+        if loads:
+            time.sleep(_WARM_UP_S)
+        yield
+    finally:
+        for child in loads:
+            child.kill()
+            child.wait()
+
+
+def _child(*arguments: str, stdout: int | None = subprocess.DEVNULL) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "benchmarks.stop_under_load", *arguments]
+    return subprocess.Popen(command, stdout=stdout, text=True)
+
+
+def _load(load: str, url: str) -> int:
+    """Flood until killed."""
+    if load == "fits":
+        os.nice(19)
+        matrix = np.random.default_rng(1).standard_normal((300, 300))
+        while True:
+            np.linalg.svd(matrix)
+    if load in ("half_open", "descriptors"):
+        return _half_open(url)
+    threads = [threading.Thread(target=_flood, args=(load, url)) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return 0
+
+
+def _flood(load: str, url: str) -> None:
+    if load == "json_flood":
+        address, kind, body = "/api/v1/models/import", "application/json", b"[" + b"0.123456789," * 1_500_000 + b"1]"
+    else:
+        rows = "".join(f"{k * 0.5},1.0\n" for k in range(1_600_000))[:19_900_000].rpartition("\n")[0]
+        address, kind, body = "/api/v1/profiles?name=long", "text/csv", f"time_s,current_A\n{rows}\n".encode()
+    with httpx.Client(timeout=PATIENCE_S, trust_env=False) as client:
+        while True:
+            with contextlib.suppress(httpx.HTTPError):
+                client.post(url + address, content=body, headers={"content-type": kind})
+
+
+def _half_open(url: str) -> int:
+    host, _, port = url.removeprefix("http://").partition(":")
+    socks: list[socket.socket] = []
+    while True:
+        while len(socks) < HALF_OPEN:
+            with contextlib.suppress(OSError):
+                socks.append(socket.create_connection((host, int(port)), 1.0))
+                socks[-1].sendall(b"POST /api/v1/profiles HTTP/1.1\r\nHost: ")
+                socks[-1].setblocking(False)
+        alive = []
+        for sock in socks:
+            try:
+                if sock.recv(1) != b"":
+                    alive.append(sock)
+                    continue
+            except BlockingIOError:
+                alive.append(sock)
+                continue
+            except OSError:
+                pass
+            sock.close()
+        socks = alive
+        time.sleep(0.05)
+
+
+def _rows(path: Path | None) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()] if path is not None and path.exists() else []
+
+
+def _arguments() -> Any:
+    def names(text: str) -> list[str]:
+        return text.split(",")
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--presses", type=int, default=100)
+    parser.add_argument("--rows", type=Path)
+    parser.add_argument("--loads", type=names, default=list(LOADS))
+    parser.add_argument("--transports", type=names, default=list(TRANSPORTS))
+    parser.add_argument("--way", choices=["direct", "service"], default="direct")
+    parser.add_argument("--simulator", help=argparse.SUPPRESS)
+    parser.add_argument("--load", help=argparse.SUPPRESS)
+    parser.add_argument("--url", help=argparse.SUPPRESS)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
