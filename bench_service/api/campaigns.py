@@ -44,7 +44,7 @@ async def start_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
 
 @router.post("/estimate")
 async def estimate_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
-    """Check a campaign and say how many hours of real time its runs take, without starting it."""
+    """Say how many hours of real time the runs of a campaign take, or why it would be refused, without starting it."""
     return await services.campaigns.estimate(body.model_dump())
 
 

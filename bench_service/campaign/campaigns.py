@@ -11,7 +11,7 @@ from functools import partial
 from bench_service.campaign.benches import Bench
 from bench_service.campaign.endings import campaign_json, note, note_end
 from bench_service.campaign.endings import ended as ended_as
-from bench_service.campaign.estimate import estimate
+from bench_service.campaign.estimate import NO_ESTIMATE, estimate
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.plan import check_plan
@@ -24,7 +24,7 @@ from bench_service.campaign.standing import Standing, last_standing
 from bench_service.campaign.story import Story
 from bench_service.campaign.telling import Telling
 from bench_service.campaign.workshop import CampaignStoppedError, Workshop
-from bench_service.errors import BenchBusyError, ServiceError
+from bench_service.errors import BadRequestError, BenchBusyError, ServiceError
 from bench_service.store.records import CampaignRecord, CampaignState, Json, Stage
 from models.data.errors import ModelError
 
@@ -75,11 +75,15 @@ class CampaignRunner:
         return await self._launched(bench, given, None)
 
     async def estimate(self, given: Json) -> Json:
-        """Check a campaign and say how long it takes, without starting it; raises as `start`."""
+        """Say how long a campaign takes, without starting it; ``refused`` says why it would not be taken."""
         bench = self._workshop.benches.get(given["bench"])
         stated = {name: value for name, value in given.items() if name != "queue"}
-        request = await asyncio.to_thread(self._admitted, bench, stated)
-        return (await asyncio.to_thread(estimate, request, bench, self._workshop.store)).to_json()
+        try:
+            request = await asyncio.to_thread(self._admitted, bench, stated)
+        except (BadRequestError, ModelError) as error:
+            return NO_ESTIMATE | {"refused": str(error)}
+        told = await asyncio.to_thread(estimate, request, bench, self._workshop.store)
+        return told.to_json() | {"refused": None}
 
     async def _enqueue(self, bench: Bench, given: Json) -> CampaignRecord:
         request = await asyncio.to_thread(self._admitted, bench, given)

@@ -10,6 +10,7 @@ from bench_service.campaign.request import CampaignRequest
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import CampaignRecord, Json, utc_text
 
+NO_ESTIMATE: Json = dict.fromkeys(("runs", "test_s", "real_s", "hours", "finish_utc", "basis"))
 _PLAYS = ("run", "rounds", "observe", "change")
 
 
