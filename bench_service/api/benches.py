@@ -30,6 +30,18 @@ async def stop_bench(name: PathId, services: ServicesOf) -> Answer:
     return {"state": bench.supervisor.status.state}
 
 
+@router.post("/{name}/pause")
+async def pause(name: PathId, services: ServicesOf) -> Answer:
+    """Hold the run on the bench: output off, the profile waits; 409 where nothing runs."""
+    return {"state": services.runs.hold(services.benches, name, on=True).supervisor.status.state}
+
+
+@router.post("/{name}/resume")
+async def resume(name: PathId, services: ServicesOf) -> Answer:
+    """Let a run that is held go on; 409 where nothing runs."""
+    return {"state": services.runs.hold(services.benches, name, on=False).supervisor.status.state}
+
+
 @router.get("/{name}/stop-port")
 async def stop_port(name: PathId, services: ServicesOf) -> Answer:
     """Tell a page or program on this machine how to stop the bench past this service; 404 where it cannot."""

@@ -58,10 +58,8 @@ async def running_services(
 
     Raises
     ------
-    StoreError
-        The recorder cannot start.
-    SimulationError
-        A simulator cannot start.
+    StoreError, SimulationError
+        Recorder or simulator cannot start.
     """
     code_version = version("bench-service")
     async with AsyncExitStack() as stack:

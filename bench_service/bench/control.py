@@ -1,7 +1,7 @@
 """The control process: owns the cycler, obeys the API, and is safe without either.
 
-States: `offline` (no cycler), `idle`, `running`, `stopping`, `fault` (latched until acknowledged). Reconnecting
-identifies the device, makes it safe and never resumes a run.
+States: `offline` (no cycler), `idle`, `running`, `paused`, `stopping`, `fault` (latched until acknowledged).
+Reconnecting identifies the device, makes it safe and never resumes a run.
 """
 
 import asyncio
@@ -19,6 +19,7 @@ from bench_service.bench.lease import Lease
 from bench_service.bench.links import FrameLink
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.messages import EndedMessage
+from bench_service.bench.pause import PauseSwitch
 from bench_service.bench.recording import RecorderError, Recording
 from bench_service.bench.reporting import Reporter
 from bench_service.bench.request import RunRequest
@@ -36,7 +37,7 @@ _IDLE_PERIOD_S = 0.5
 _SEAL_TIMEOUT_S = 30.0
 _SAY_GOODBYE_S = 2.0
 
-State = Literal["offline", "idle", "running", "stopping", "fault"]
+State = Literal["offline", "idle", "running", "paused", "stopping", "fault"]
 
 
 class BenchControl:
@@ -70,6 +71,7 @@ class BenchControl:
         self._run_id: str | None = None
         self._finish_alone = False
         self._stop = StopSignal()
+        self._pause = PauseSwitch()
 
     async def serve(self) -> None:
         """Work until told to quit, orphaned or without a recorder; always leaves the cycler at rest."""
@@ -117,6 +119,8 @@ class BenchControl:
             self.quit("stopped", "the service was shut down")
         elif operation == "stop_port":
             self._direct.open(Guard(str(header["token"]), tuple(header["origins"])))
+        elif operation in ("pause", "resume"):
+            self._pause.wanted = operation == "pause"
         elif operation != "lease":
             self._commands.append((header, body))
             self._wake.set()
@@ -165,8 +169,6 @@ class BenchControl:
         else:
             self._event("warning", "unknown_command", f"unknown command {operation!r} ignored")
 
-    # --- the cycler ----------------------------------------------------------------------------------------
-
     async def _idle_sample(self, cycler: Cycler) -> None:
         try:
             reading = await cycler.sample()
@@ -197,11 +199,9 @@ class BenchControl:
         self._idle.forget()
         self._tell_state()
 
-    # --- a run ---------------------------------------------------------------------------------------------
-
     async def _start(self, header: Header, body: bytes) -> None:
         run_id = str(header.get("run_id"))
-        self._stop = StopSignal()
+        self._stop, self._pause = StopSignal(), PauseSwitch(self._tell_state)
         if "stopped" in header:
             self._stop.give("stopped", header["stopped"])
         try:
@@ -223,9 +223,8 @@ class BenchControl:
         for severity, code, text in prepared.notes:
             self._event(severity, code, text)
         self._feed.restart()
-        parts = RunParts(
-            cycler, prepared.clock, self._recording, self._feed, self._stop, prepared.observer, self._event
-        )
+        shared = (prepared.clock, self._recording, self._feed, self._stop, prepared.observer, self._event)
+        parts = RunParts(cycler, *shared, self._pause)
         with prepared.environment(self._event):
             return await RunLoop(prepared.plan, parts).play()
 
@@ -247,9 +246,8 @@ class BenchControl:
         sha256 = await self._recording.close(end.state, end.reason, _SEAL_TIMEOUT_S)
         if sha256 is None:
             n_samples = self._recording.n_acknowledged
-            known = f"{n_samples} of {self._recording.n_rows} samples are known to be stored"
-            text = f"{self._settings.name}: the recorder did not confirm the run; {known}"
-            self._event("error", "not_sealed", text, run_id)
+            text = f"{n_samples} of {self._recording.n_rows} samples are known to be stored"
+            self._event("error", "not_sealed", f"{self._settings.name}: the recorder did not answer; {text}", run_id)
         if not end.at_rest:
             await self._keeper.disconnect("the cycler did not confirm rest after the run")
         else:
@@ -279,7 +277,8 @@ class BenchControl:
     def state(self) -> State:
         """Present state; a latched fault hides whether the cycler is there."""
         if self._run_id is not None:
-            return "running" if self._stop.order is None else "stopping"
+            playing = "paused" if self._pause.active else "running"
+            return playing if self._stop.order is None else "stopping"
         if self._latched is not None:
             return "fault"
         return "offline" if self._keeper.cycler is None else "idle"

@@ -13,7 +13,7 @@ class BenchStatus:
     Parameters
     ----------
     state : str
-        ``offline``, ``idle``, ``running``, ``stopping`` or ``fault``.
+        ``offline``, ``idle``, ``running``, ``paused``, ``stopping`` or ``fault``.
     reason : str or None
     run_id : str or None
     capabilities : dict or None

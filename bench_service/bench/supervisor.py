@@ -113,6 +113,11 @@ class BenchSupervisor:
         if self._link is not None:
             self._link.send({"op": "stop", "reason": reason})
 
+    def hold(self, *, on: bool) -> None:
+        """Pause the present run, or let it go on; harmless where there is none."""
+        if self._link is not None:
+            self._link.send({"op": "pause" if on else "resume"})
+
     def acknowledge(self) -> None:
         """Clear a latched fault; the bench stays in fault where its cause is still there."""
         if self._link is not None:

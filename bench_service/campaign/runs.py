@@ -8,6 +8,7 @@ import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from bench_service.bench.messages import EndedMessage, EventMessage
@@ -16,7 +17,7 @@ from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.storage import Storage
-from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError
+from bench_service.errors import BenchBusyError, BenchOfflineError, ConflictError, ServiceError
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import RunIntent, RunRecord, Severity
 from bench_service.store.samples import SampleReader
@@ -79,6 +80,7 @@ class Runs:
         self._ends: dict[str, asyncio.Task[None]] = {}
         self._open: dict[str, asyncio.Event] = {}
         self._on_bench: dict[str, str] = {}
+        self._paused: set[str] = set()
 
     async def start(self, benches: Benches, order: RunOrder) -> RunRecord:
         """Check an order, write down the intent, start the run.
@@ -129,6 +131,14 @@ class Runs:
         bench.supervisor.stop(reason)
         return bench
 
+    def hold(self, benches: Benches, name: str, *, on: bool) -> Bench:
+        """Pause the run on a bench, or let it go on; raises `ConflictError` where nothing runs."""
+        bench = benches.get(name)
+        if bench.supervisor.status.state not in ("running", "paused"):
+            raise ConflictError(f"bench {name!r} is {bench.supervisor.status.state}: there is no run to hold")
+        bench.supervisor.hold(on=on)
+        return bench
+
     async def wait(self, run_id: str) -> RunRecord:
         """Wait until a run has ended and is written down."""
         if run_id in self._open:
@@ -136,8 +146,14 @@ class Runs:
         return await asyncio.to_thread(self._store.runs.get, run_id)
 
     def on_state(self, bench: Bench) -> None:
-        """Repeat a stop that came before the control process had begun the run."""
+        """Repeat a stop that came before the control process had begun the run; write down that a run is held."""
         status = bench.supervisor.status
+        if status.run_id in self._open and status.state == "paused":
+            self._paused.add(status.run_id)
+            self._journal.post(partial(self._store.runs.pause, status.run_id))
+        elif status.run_id in self._paused and status.state == "running":
+            self._paused.discard(status.run_id)
+            self._journal.post(partial(self._store.runs.resume, status.run_id))
         if status.state == "running" and status.run_id in self._to_stop:
             bench.supervisor.stop(self._to_stop.pop(status.run_id))
 
@@ -262,6 +278,7 @@ class Runs:
     def _forget(self, run_id: str) -> None:
         self._to_stop.pop(run_id, None)
         self._on_bench.pop(run_id, None)
+        self._paused.discard(run_id)
         self._ends.pop(run_id, None)
         if run_id in self._open:
             self._open.pop(run_id).set()

@@ -84,6 +84,14 @@ class BenchClient:
         """Stop the bench's run, if there is one; past the service where this client has started one there."""
         return self._stop_ports.stop(name) or self._connection.post(f"{API}/benches/{part(name)}/stop")
 
+    def pause_bench(self, name: str) -> Record:
+        """Hold the bench's run: output off, the profile waits."""
+        return self._connection.post(f"{API}/benches/{part(name)}/pause")
+
+    def resume_bench(self, name: str) -> Record:
+        """Let the bench's run go on."""
+        return self._connection.post(f"{API}/benches/{part(name)}/resume")
+
     def open_seal(self, name: str) -> Record:
         """Tell which effect is hidden in a bench's simulated cell: ``{"sha256", "opened"}``."""
         return self._connection.post(f"{API}/benches/{part(name)}/seal/open")

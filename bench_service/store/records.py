@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Literal, TypedDict
 
-RunState = Literal["created", "running", "completed", "stopped", "fault", "interrupted"]
+RunState = Literal["created", "running", "paused", "completed", "stopped", "fault", "interrupted"]
 CampaignState = Literal["queued", "running", "completed", "failed", "stopped", "interrupted"]
 Severity = Literal["info", "warning", "error"]
 Json = dict[str, Any]
 
-OPEN_RUN_STATES: tuple[RunState, ...] = ("created", "running")
+OPEN_RUN_STATES: tuple[RunState, ...] = ("created", "running", "paused")
 
 
 def utc_text(moment: datetime) -> str:

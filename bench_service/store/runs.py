@@ -18,6 +18,7 @@ from bench_service.store.records import (
     RunReference,
     RunState,
 )
+from bench_service.store.run_states import before
 
 
 class RunTable:
@@ -150,6 +151,14 @@ class RunTable:
             if wanted is not None:
                 query = query.where(schema.run.c[column] == wanted)
         return [rows.run(row) for row in self._file.page(schema.run, query, limit, offset)]
+
+    def pause(self, run_id: str) -> RunRecord:
+        """Note that somebody holds a running run; raises as `start`."""
+        return self._move(run_id, before("paused"), {"state": "paused"})
+
+    def resume(self, run_id: str) -> RunRecord:
+        """Note that a run that was held goes on; raises as `start`."""
+        return self._move(run_id, ("paused",), {"state": "running"})
 
     def references(self, run_ids: Sequence[str]) -> tuple[RunReference, ...]:
         """Return runs with their content hashes, as the inputs of a model or a comparison."""

@@ -18,7 +18,9 @@ from service_rig import Service, hardware, until
 from test_service_death import reading
 
 from bench_service.bench.direct.port import MOST_CONNECTIONS
+from bench_service.client import ClientError
 from bench_service.stop_tickets import FOLDER
+from bench_service.streams import Flag
 from tests.patience import PATIENCE_S, stretched
 
 LONG = [0.0, 3600.0], [1.5, 0.0]
@@ -137,3 +139,33 @@ def test_stop_while_the_service_is_stopped(tmp_path: Path) -> None:
     assert nobody.returncode == 1 and json.loads(nobody.stdout)["benches"][0]["state"] is None
     assert "no service runs there" in refusal(call("stop", "other", *arguments[2:]))
     assert "not both" in refusal(call(*arguments, "--all"))
+
+
+def test_a_run_is_paused_and_goes_on(tmp_path: Path) -> None:
+    simulator = Simulator(lock_step=False)
+    service = Service(tmp_path, hardware("cell", simulator.url))
+    client = service.client
+    try:
+        service.idle("cell")
+        with pytest.raises(ClientError, match="no run to hold"):
+            client.pause_bench("cell")
+        profile = client.upload_profile("steady", [0, 3], [1.0, 0.0])
+        run = client.start_run("cell", profile["id"], 0.1, 0.5)
+        until(lambda: (client.bench("cell")["live"] or {}).get("run_id"), "run in progress")
+        client.pause_bench("cell")
+        until(lambda: client.run(run["id"])["state"] == "paused", "paused")
+        assert client.bench("cell")["state"] == "paused"
+        assert not asyncio.run(reading(simulator.url)).output_on
+        client.resume_bench("cell")
+        until(lambda: client.run(run["id"])["state"] == "running", "running again")
+        ended = client.wait_run(run["id"], timeout_s=PATIENCE_S)
+        assert ended["state"] == "completed", ended
+        columns = client.samples(run["id"])["columns"]
+        paused = [bool(flags & Flag.PAUSED) for flags in columns["flags"]]
+        assert any(paused) and not paused[0] and not paused[-1]
+        assert sum(not each for each in paused) >= 30
+        codes = [event["code"] for event in client.events(run["id"])]
+        assert {"paused", "resumed", "run_completed"} <= set(codes)
+    finally:
+        service.end()
+        simulator.end()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _REASON = "stopped from the command line"
 _REST_S = 5.0
 _LOOK_S = 0.02
-_MOVING = ("running", "stopping")
+_MOVING = ("running", "paused", "stopping")
 
 
 def _arguments(parser: ArgumentParser) -> None:

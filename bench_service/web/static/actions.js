@@ -1,8 +1,7 @@
 // Commands to the service and what came of them.
 import { api } from "./api.js";
 import { duration } from "./format.js";
-
-const inMotion = (bench) => bench?.state === "running" || bench?.state === "stopping";
+import { inMotion } from "./words.js";
 
 /** After a STOP, say once when the bench has left its motion: that is what the person waits for. */
 export function confirmRest(state, name) {

@@ -3,7 +3,7 @@ import { acknowledge } from "./actions.js";
 import { chip, el, renderKeyed, setText } from "./dom.js";
 import { BAND, MISSING, currentWord, duration, fixed, localTime, percent, quantity } from "./format.js";
 import { liveChart } from "./live-chart.js";
-import { benchWord } from "./words.js";
+import { benchWord, inMotion } from "./words.js";
 
 const OLD_AFTER_S = 3; // readings come several times a second while a bench is connected
 
@@ -132,7 +132,7 @@ function drawAge(state, parts, bench) {
   }
   const age_s = (Date.now() - heard) / 1000;
   const old = !state.connected || age_s > OLD_AFTER_S;
-  const moving = bench.state === "running" || bench.state === "stopping";
+  const moving = inMotion(bench);
   parts.readings.node.classList.toggle("old", old);
   parts.age.dataset.tone = old && (moving || !state.connected) ? "bad" : "";
   setText(parts.age, old ? `Last reading ${duration(age_s)} ago, at ${localTime(new Date(heard))}.` : timing(bench.live));

@@ -2,7 +2,7 @@
 import { stopBench } from "./actions.js";
 import { el, setText } from "./dom.js";
 import { duration, percent } from "./format.js";
-import { wordFor } from "./words.js";
+import { inMotion, wordFor } from "./words.js";
 
 export function header(state, { reconnect }) {
   const service = document.getElementById("service");
@@ -55,7 +55,7 @@ export function stopButtons(state) {
   const entries = new Map();
   const draw = () => {
     for (const [name, bench] of state.benches) {
-      const moving = bench.state === "running" || bench.state === "stopping";
+      const moving = inMotion(bench);
       if (moving && !entries.has(name)) entries.set(name, addEntry(state, box, name));
       if (!moving && entries.has(name)) {
         entries.get(name).node.remove();

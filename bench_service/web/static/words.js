@@ -1,11 +1,14 @@
 // One place for what a state is called and which tone it has.
 
+/** Whether a run is on a bench. */
+export const inMotion = (bench) => ["running", "paused", "stopping"].includes(bench?.state);
+
 const BENCH = {
-  offline: ["muted", "offline"], idle: ["good", "idle"], running: ["active", "running"],
+  offline: ["muted", "offline"], idle: ["good", "idle"], running: ["active", "running"], paused: ["warn", "paused"],
   stopping: ["warn", "stopping"], fault: ["bad", "fault"],
 };
 const RUN = {
-  created: ["muted", "created"], running: ["active", "running"], completed: ["good", "completed"],
+  created: ["muted", "created"], running: ["active", "running"], paused: ["warn", "paused"], completed: ["good", "completed"],
   stopped: ["warn", "stopped"], fault: ["bad", "fault"], interrupted: ["bad", "interrupted"],
 };
 const CAMPAIGN = {

@@ -288,3 +288,74 @@ async def test_settings_are_read_back_now_and_then(bench: Bench, monkeypatch: py
     end = await bench.loop(FakeCycler(foreign=True)).play()
     assert (end.state, end.code, end.at_rest) == ("fault", "second_master", True)
     assert "reads 60 s" in (end.reason or "")
+
+
+async def test_a_run_is_held_and_goes_on_where_it_was(bench: Bench) -> None:
+    """On the wall clock: samples go on while the output is off, the profile waits."""
+    loop: RunLoop | None = None
+    states: list[bool] = []
+
+    class Held(FakeCycler):
+        async def output(self, on: bool) -> None:
+            states.append(on)
+            await super().output(on)
+
+        async def sample(self) -> Reading:
+            if loop is not None:
+                loop._parts.pause.wanted = 4 <= self.reading.sequence < 9
+            return replace(await super().sample(), monotonic_s=time.monotonic())
+
+    cycler = Held()
+    loop = bench.loop(cycler, clock=WallClock())
+    end = await loop.play()
+    assert (end.state, end.code) == ("completed", "completed"), end
+    assert states == [True, False, True]
+    # All ten set-points of the profile, in their order, around those of the pause.
+    assert [value for value in cycler.applied if value] == [2.0] * 10
+    assert cycler.applied.count(0.0) == len(cycler.applied) - 10 >= 3
+    assert bench.recording.n_rows == len(cycler.applied) + 1
+    assert [code for _, code, _ in bench.notes] == ["paused", "resumed"]
+
+
+async def test_simulated_time_stands_still_while_a_run_is_held(bench: Bench) -> None:
+    looks = 0
+
+    class Held(FakeCycler):
+        async def sample(self) -> Reading:
+            nonlocal looks
+            if not self.reading.output_on and self.reading.sequence:
+                looks += 1
+            loop._parts.pause.wanted = self.reading.sequence == 4 and looks < 3
+            return await super().sample()
+
+    cycler = Held()
+    loop = bench.loop(cycler)
+    end = await loop.play()
+    assert end.state == "completed" and cycler.applied == [2.0] * 10 and bench.recording.n_rows == 11
+
+
+async def test_a_stop_ends_a_run_that_is_held(bench: Bench) -> None:
+    class Held(FakeCycler):
+        async def sample(self) -> Reading:
+            loop._parts.pause.wanted = self.reading.sequence >= 2
+            if loop._parts.pause.active:
+                bench.stop.give("stopped", "enough")
+            return await super().sample()
+
+    cycler = Held()
+    loop = bench.loop(cycler)
+    end = await loop.play()
+    assert (end.state, end.reason, end.at_rest) == ("stopped", "enough", True)
+    assert not cycler.reading.output_on
+
+
+async def test_an_output_that_comes_on_in_a_pause_is_a_fault(bench: Bench) -> None:
+    class Held(FakeCycler):
+        async def sample(self) -> Reading:
+            loop._parts.pause.wanted = self.reading.sequence >= 2
+            reading = replace(await super().sample(), monotonic_s=time.monotonic())
+            return replace(reading, output_on=True) if loop._parts.pause.active else reading
+
+    loop = bench.loop(Held(), clock=WallClock())
+    end = await loop.play()
+    assert (end.state, end.code) == ("fault", "output_on")
