@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from bench_service.campaign.resuming import Policy, check_resumable, left_to_resume, rest_of
+from bench_service.campaign.resuming import Policy, check_resumable, left_to_resume, rest_of, tried
 from bench_service.campaign.workshop import CampaignFailedError, CampaignStoppedError
 from bench_service.errors import ConflictError
+from bench_service.jobs.runner import WORKER_DIED
 from bench_service.store.records import CampaignRecord
 from tests.unit.bench_service.api.route_rig import Store, run_record
 
@@ -106,3 +107,33 @@ def test_an_operator_goes_on_with_what_can_go_on() -> None:
     ):
         with pytest.raises(ConflictError, match=told):
             check_resumable(record, cell, run_record(number=7))
+
+
+@pytest.mark.parametrize(("policy", "deaths", "done"), [(Policy(True), 2, True), (Policy(True), 3, False)])
+async def test_a_worker_that_died_is_replaced_where_that_was_declared(policy: Policy, deaths: int, done: bool) -> None:
+    left = [deaths]
+
+    async def work() -> str:
+        if left[0]:
+            left[0] -= 1
+            raise CampaignFailedError(f"the fit failed: {WORKER_DIED}; see the log")
+        return "made"
+
+    if done:
+        assert await tried(policy, work) == "made"
+    else:
+        with pytest.raises(CampaignFailedError):
+            await tried(policy, work)
+
+
+@pytest.mark.parametrize(("policy", "told"), [(Policy(False), WORKER_DIED), (Policy(True), "too few samples")])
+async def test_any_other_failure_is_one_at_once(policy: Policy, told: str) -> None:
+    calls: list[int] = []
+
+    async def work() -> None:
+        calls.append(1)
+        raise CampaignFailedError(told)
+
+    with pytest.raises(CampaignFailedError):
+        await tried(policy, work)
+    assert len(calls) == 1
