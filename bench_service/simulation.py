@@ -30,9 +30,10 @@ class SimulationError(RuntimeError):
 class SimulatorProcess:
     """A running simulator; made by `start`."""
 
-    def __init__(self, process: asyncio.subprocess.Process, address: str) -> None:
+    def __init__(self, process: asyncio.subprocess.Process, address: str, late: str | None = None) -> None:
         self._process = process
         self.address = address
+        self.late = late  # why it has no real-time priority, where it should
         # Unread complaints would fill the pipe and stop the simulator in the middle of a run.
         self._listening = asyncio.create_task(self._pass_on_complaints())
 
@@ -60,7 +61,8 @@ class SimulatorProcess:
         assert process.stdout is not None and process.stderr is not None  # noqa: S101  # piped above
         try:
             line = await asyncio.wait_for(process.stdout.readline(), _START_TIMEOUT_S)
-            return cls(process, json.loads(line)["address"])
+            told = json.loads(line)
+            return cls(process, told["address"], told.get("reason"))
         except (TimeoutError, ValueError, KeyError) as error:
             words = await _last_words(process)
             raise SimulationError(f"the simulator did not start: {words or 'it gave no address'}") from error

@@ -26,6 +26,10 @@ PROOFS: dict[str, tuple[str, ...]] = {
     "recorder_kill": ("recorder_kill", "--kills", "100"),
     "fault_sequences": ("fault_sequences", "--cases", "500", "--seed", "1"),
     "diagnosis_structure": ("diagnosis_structure", "--cases", "60", "--nulls", "60", "--rows", ROWS, "--json"),
+    "diagnosis_foreign": (
+        "diagnosis_foreign",
+        *("--cases", "40", "--nulls", "20", "--data", DATA, "--keep", MODELS, "--rows", ROWS, "--json"),
+    ),
     "diagnosis_change": ("diagnosis_change", "--cases", "60", "--nulls", "20", "--rows", ROWS, "--json"),
     "simulated_cells": ("simulated_cells", "--seeds", "10", "--structure", "auto", "--json"),
     "observer_cases": ("observer_cases", "--cases", "200", "--filter-cases", "4", "--models", MODELS, "--json"),

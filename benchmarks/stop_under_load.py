@@ -1,10 +1,11 @@
 """From the press of stop to the output off, while the service is flooded, starved or stopped (bar: p99 of 100 ms).
 
-    python -m benchmarks.stop_under_load --presses 100 [--rows stop.rows] [--loads fits,...] [--way direct|service]
+    python -m benchmarks.stop_under_load --presses 100 [--rows stop.rows] [--loads fits,...] [--way WAY]
 
 Each press ends a run of 10 Hz on a simulated cycler in a process of its own, whose clock tells when the output went
-off. Direct is the way that the page and `bench-service stop` try first: the control process's own port. With `--rows`
-a press that has been measured is not measured again.
+off. Ways: direct, which the page and `bench-service stop` try first (the control process's own port), wired (a button
+at the cycler, seen with the next sample), service (through the API). With `--rows` a press that has been measured is
+not measured again.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ PATIENCE_S = 60.0
 HALF_OPEN = 1100
 FEW_DESCRIPTORS = 64
 _WARM_UP_S = 2.0
+_PRESSED_S = 0.5
 
 
 def main() -> int:
@@ -105,7 +107,9 @@ def _press(
     with _at_the_press(process.pid, load):
         pressed_s = time.monotonic()
         try:
-            if way == "direct":
+            if way == "wired":
+                simulator.push_button()
+            elif way == "direct":
                 ticket.ask("stop", "benchmark")
             else:
                 client.stop_bench("cell")
@@ -113,6 +117,8 @@ def _press(
             pass
         off_at_s = simulator.await_output(False)
     ended = _insist(lambda: client.wait_run(run["id"], timeout_s=PATIENCE_S))
+    if way == "wired":
+        time.sleep(2 * _PRESSED_S)  # no run begins while the button is pressed
     return None if off_at_s is None else off_at_s - pressed_s, ended["state"]
 
 
@@ -152,7 +158,7 @@ class _Simulator:
 
     def __init__(self, transport: str) -> None:
         self._switched: list[tuple[bool, float]] = []
-        self._process = _child("--simulator", transport, stdout=subprocess.PIPE)
+        self._process = _child("--simulator", transport, stdout=subprocess.PIPE, stdin=subprocess.PIPE)
         assert self._process.stdout is not None
         self.url = json.loads(self._process.stdout.readline())["address"]
         threading.Thread(target=self._listen, daemon=True).start()
@@ -169,6 +175,12 @@ class _Simulator:
         for line in self._process.stdout:
             told = json.loads(line)
             self._switched.append((told["output"], told["time_s"]))
+
+    def push_button(self) -> None:
+        """Press the button that is wired to the cycler; it comes back by itself."""
+        assert self._process.stdin is not None
+        self._process.stdin.write("press\n")
+        self._process.stdin.flush()
 
     def await_output(self, on: bool) -> float | None:
         """Return when the output was last switched so; None if it is not within the patience."""
@@ -194,11 +206,24 @@ def _simulate(transport: str) -> int:
         if on != before:
             print(json.dumps({"output": on, "time_s": time.monotonic()}), flush=True)  # noqa: T201
 
-    Cycler.set_output = told
+    made = Cycler.__init__
+
+    def init(self: Cycler, *arguments: Any, **named: Any) -> None:
+        made(self, *arguments, **named)
+        threading.Thread(target=_buttons, args=(self,), daemon=True).start()
+
+    Cycler.set_output, Cycler.__init__ = told, init
     device_map = "generic_can" if transport == "can" else "generic"
     settings = SimulatorSettings(protocol=transport, map_name=device_map, lock_step=False, seed=7)
     asyncio.run(serve(settings, lambda address: print(json.dumps({"address": address}), flush=True)))  # noqa: T201
     return 0
+
+
+def _buttons(cycler: Any) -> None:
+    for _ in sys.stdin:
+        cycler.stop_input = True
+        time.sleep(_PRESSED_S)
+        cycler.stop_input = False
 
 
 @contextlib.contextmanager
@@ -241,9 +266,9 @@ def _under(load: str, url: str) -> Iterator[None]:
             child.wait()
 
 
-def _child(*arguments: str, stdout: int | None = subprocess.DEVNULL) -> subprocess.Popen[str]:
+def _child(*arguments: str, stdout: int = subprocess.DEVNULL, stdin: int | None = None) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "benchmarks.stop_under_load", *arguments]
-    return subprocess.Popen(command, stdout=stdout, text=True)
+    return subprocess.Popen(command, stdout=stdout, stdin=stdin, text=True)
 
 
 def _load(load: str, url: str) -> int:
@@ -313,7 +338,7 @@ def _arguments() -> Any:
     parser.add_argument("--rows", type=Path)
     parser.add_argument("--loads", type=names, default=list(LOADS))
     parser.add_argument("--transports", type=names, default=list(TRANSPORTS))
-    parser.add_argument("--way", choices=["direct", "service"], default="direct")
+    parser.add_argument("--way", choices=["direct", "service", "wired"], default="direct")
     parser.add_argument("--simulator", help=argparse.SUPPRESS)
     parser.add_argument("--load", help=argparse.SUPPRESS)
     parser.add_argument("--url", help=argparse.SUPPRESS)

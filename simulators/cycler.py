@@ -67,6 +67,8 @@ class Cycler:
         None: the set-point is reached at once.
     alarms : set[str]
         Latched until cleared; none may be there when the output is switched on.
+    stop_input : bool
+        A button that is wired to the device is pressed; the device itself only tells of it.
     deaf : bool
         Set-points are taken without a complaint, but the old one stays in force (a fault).
     """
@@ -78,6 +80,7 @@ class Cycler:
         self.alarms: set[str] = set()
         self.limits: dict[str, float] = {}
         self.deaf = False
+        self.stop_input = False
         self._cell = cell
         self._sensors = sensors
         self._watchdog_enabled = watchdog_enabled
@@ -117,6 +120,8 @@ class Cycler:
                 names.add("current_limited")
         if self.remote:
             names.add("remote")
+        if self.stop_input:
+            names.add("stop_input")
         if "watchdog" in self.alarms:
             names.add("watchdog_expired")
         return frozenset(names)

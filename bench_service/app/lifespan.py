@@ -68,9 +68,7 @@ async def running_services(
         recorder = await _recorder(stack, config.data_dir, journal)
         storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
-        jobs = JobRunner(config.workers, nice=config.worker_nice)
-        await jobs.start()
-        stack.push_async_callback(jobs.stop)
+        jobs = await _jobs(stack, config)
         runs = Runs(store, samples, journal, storage, code_version)
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
@@ -108,6 +106,13 @@ async def _journal(stack: AsyncExitStack, store: MetadataStore, live: Broadcaste
     stack.push_async_callback(journal.close)
     await stack.enter_async_context(watched_clock(journal))
     return journal
+
+
+async def _jobs(stack: AsyncExitStack, config: ServiceConfig) -> JobRunner:
+    jobs = JobRunner(config.workers, nice=config.worker_nice)
+    await jobs.start()
+    stack.push_async_callback(jobs.stop)
+    return jobs
 
 
 def _workshop(
@@ -172,6 +177,9 @@ async def _bench(
         simulator = await SimulatorProcess.start(arguments)
         stack.push_async_callback(simulator.stop)
         url = simulator.address
+        if simulator.late is not None:
+            event = EventMessage(severity="warning", code="priority", text=f"simulator: {simulator.late}", run_id=None)
+            listener.on_event(name, event)
         runs_before_cell = 0 if soc is not None else await asyncio.to_thread(store.runs.last_number)
         seal = Seal.read(sealed_in) if sealed_in is not None else None
     limits = Limits.from_json(config.limits.model_dump())

@@ -22,7 +22,7 @@ def no_garbage_collection() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def real_time_priority() -> Iterator[str | None]:
+def real_time_priority(priority: int = _FIFO_PRIORITY) -> Iterator[str | None]:
     """Run under SCHED_FIFO if the system allows it.
 
     Yields
@@ -30,7 +30,7 @@ def real_time_priority() -> Iterator[str | None]:
     None, or why it is not allowed.
     """
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_FIFO_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
         yield f"no real-time priority ({error.strerror}); ticks may be late on a busy computer"
         return

@@ -104,7 +104,9 @@ class RunLoop:
         if trip := check_at_rest(at_rest, context):
             raise TripError(trip)
         self._track = Track(temperature_degC=at_rest.temperature_degC)
-        await cycler.output(True)
+        self._heed_input(at_rest)
+        if self._parts.stop.order is None:
+            await cycler.output(True)
         clock.start(period_s)
 
     async def _ticks(self) -> tuple[EndState, str, str | None]:
@@ -143,6 +145,7 @@ class RunLoop:
         self._parts.feed.note_lateness(tick.lateness_s)
         if self._parts.feed.due:
             self._show(tick, reading)
+        self._heed_input(reading)
         # The alarm or limit behind a refused set-point says more than the refusal.
         if trip is not None:
             raise TripError(trip)
@@ -151,12 +154,19 @@ class RunLoop:
         setpoint_A = 0.0 if self._holding.active else self._plan.player.setpoint(self._holding.position(tick))
         if setpoint_A is None:
             return True
+        if self._parts.stop.order is not None:
+            return False
         # A stale reading is no ground for a heartbeat: the device's watchdog must see that we are blind.
         if self._track.stale == 0:
             await self._apply(tick, setpoint_A)
             if trip := await self._settings.judge(lambda: self._context(tick)):
                 raise TripError(trip)
         return False
+
+    def _heed_input(self, reading: Reading) -> None:
+        """Take a button that is wired to the cycler for a stop; the map says which bit that is."""
+        if "stop_input" in reading.status:
+            self._parts.stop.give("stopped", f"the stop input of {self._plan.rules.bench}'s cycler is pressed")
 
     async def _sample(self) -> tuple[Reading, SetPointRefusedError | None]:
         try:

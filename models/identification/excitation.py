@@ -64,7 +64,7 @@ def check_series(runs: list[TimeSeries], dt_s: float, capacity_Ah: float) -> lis
                 f"the sampling time of {dt_s:g} s: its time stamps jump. Split the run there or give the sampling time"
             )
         if np.isnan(run.voltage_V).all():
-            raise NotIdentifiableError(f"{run.name}: no sample has a voltage; leave this run out of the fit")
+            raise NotIdentifiableError(f"{run.name}: no usable samples, none has a voltage; leave this run out")
         missing = float(np.isnan(run.current_A).mean())
         if missing > _MOST_MISSING_CURRENT:
             raise NotIdentifiableError(

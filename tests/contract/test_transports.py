@@ -232,3 +232,14 @@ async def test_what_is_as_it_was_set_is_said_to_be(transport):
         await made.running(1.0)
         assert [await made.driver.verify() for _ in range(4)] == [None] * 4
         await made.driver.safe()
+
+
+@every
+async def test_a_button_that_is_wired_to_the_device_is_told(transport):
+    async with rig(transport, lock_step=False) as made:
+        assert "stop_input" not in (await made.running(1.0)).status
+        made.device.cycler.stop_input = True
+        while "stop_input" not in (reading := await made.driver.sample()).status:
+            pass
+        assert reading.output_on  # the device only tells; the bench stops
+        await made.driver.safe()

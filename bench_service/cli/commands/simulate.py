@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +18,8 @@ from bench_service.cli.sealed_effect import sealed_effect
 if TYPE_CHECKING:
     from simulators.can_bus import CanBusSettings
     from simulators.module import ModuleLayout
+
+_PRIORITY = 9
 
 
 def _arguments(parser: ArgumentParser) -> None:
@@ -99,13 +103,16 @@ def _run(options: Namespace, output: Output) -> int:
     from simulators.bench import SimulatorError, SimulatorSettings, serve
     from simulators.serial_line import SerialSettings
 
+    late: str | None = None
     hidden = None
     if options.hidden_effect is not None:
         hidden = sealed_effect(options.hidden_effect, options.cell, options.seed, options.seal)
 
     def ready(address: str) -> None:
         answer = {"address": address, "state": "listening", "seal": None if hidden is None else hidden.seal}
-        words = "" if hidden is None else f"; an effect is hidden, its seal (SHA-256) is {hidden.seal}"
+        answer |= {"real_time": late is None, "reason": late}
+        words = "" if late is None else f"; {late}"
+        words += "" if hidden is None else f"; an effect is hidden, its seal (SHA-256) is {hidden.seal}"
         output.result(answer, lambda console: console.print(f"listening on {address}{words}"))
 
     try:
@@ -128,12 +135,25 @@ def _run(options: Namespace, output: Output) -> int:
             initial_soc=options.initial_soc,
             ambient_degC=options.ambient_degC,
         )
-        asyncio.run(serve(settings, ready))
+        with _punctual(options) as late:
+            asyncio.run(serve(settings, ready))
     except KeyboardInterrupt:
         return 0  # Ctrl-C is how a simulator is meant to be ended
     except (SimulatorError, ValueError) as error:
         raise UsageError(str(error)) from error
     return 0
+
+
+@contextmanager
+def _punctual(options: Namespace) -> Iterator[str | None]:
+    """Run just below the priority of a control process where time is real; gives why it does not, if it cannot."""
+    from bench_service.bench.realtime import real_time_priority
+
+    if options.lock_step or options.speed > 1.0:
+        yield None  # simulated time is not late
+        return
+    with real_time_priority(_PRIORITY) as reason:
+        yield reason
 
 
 COMMAND = Command("simulate", "serve a simulated cell and cycler over a real protocol", _arguments, _run)

@@ -185,7 +185,7 @@ async def test_stop_ends_before_the_next_command(bench: Bench) -> None:
     cycler = FakeCycler(at(4, lambda reading: bench.stop.give("stopped", "enough") or reading))
     end = await bench.loop(cycler).play()
     assert (end.state, end.reason) == ("stopped", "enough")
-    assert len(cycler.applied) == 5 and cycler.safe_calls == 1
+    assert len(cycler.applied) == 4 and cycler.safe_calls == 1
 
 
 async def test_a_stop_that_is_older_than_the_run_never_switches_the_output_on(bench: Bench) -> None:
@@ -359,3 +359,16 @@ async def test_an_output_that_comes_on_in_a_pause_is_a_fault(bench: Bench) -> No
     loop = bench.loop(Held(), clock=WallClock())
     end = await loop.play()
     assert (end.state, end.code) == ("fault", "output_on")
+
+
+async def test_a_wired_button_stops_the_run(bench: Bench) -> None:
+    cycler = FakeCycler(at(4, lambda reading: replace(reading, status=frozenset({"stop_input"}))))
+    end = await bench.loop(cycler).play()
+    assert (end.state, end.at_rest) == ("stopped", True) and "stop input" in (end.reason or "")
+    assert len(cycler.applied) == 4 and bench.recording.n_rows == 5
+
+
+async def test_a_wired_button_that_is_pressed_keeps_the_output_off(bench: Bench) -> None:
+    cycler = FakeCycler(lambda reading: replace(reading, status=frozenset({"stop_input"})))
+    end = await bench.loop(cycler).play()
+    assert end.state == "stopped" and cycler.applied == [] and bench.recording.n_rows == 0

@@ -1,0 +1,244 @@
+"""Cells that share nothing with the models, measured as in a laboratory: for `diagnosis_foreign.py`.
+
+Two truths, `particle` and `spread`, see `simulators`. All constants are random. Three training runs of three kinds out
+of five, a judged run of any kind; each log begins in the middle of an unlogged history, with a state of charge that is
+stated to half a point. Sensors have noise, steps, an offset and a gain that stay; the chamber stands still or moves.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from models.data.timeseries import FloatArray, TimeSeries
+from simulators.cell import TruthCell
+from simulators.particle_cell import ParticleCell
+from simulators.particle_cells import PARTICLE_EFFECTS, random_particle_cell
+from simulators.spread_cell import SpreadCell
+from simulators.spread_cells import SPREAD_EFFECTS, random_spread_cell
+
+KINDS = ("pulses", "drive", "cycles", "multisine", "stages")
+LOG_S, SOC = 6000, (0.12, 0.88)
+TRAIN_S = 10_000
+_STATED_STD = 0.005
+
+
+@dataclass(frozen=True)
+class Truth:
+    """One kind of foreign cell: how constants are drawn, what can change, and how a cell is made of constants."""
+
+    draw: Callable[[np.random.Generator], Any]
+    effects: dict[str, Callable[[Any, float], Any]]
+    make: Callable[[Any, float, float], TruthCell]
+
+
+TRUTHS = {
+    "particle": Truth(random_particle_cell, PARTICLE_EFFECTS, ParticleCell),
+    "spread": Truth(random_spread_cell, SPREAD_EFFECTS, SpreadCell),
+}
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A cell's constants and the bench around it.
+
+    Attributes
+    ----------
+    family, constants : of the cell
+    ambient_degC, swing_K : of the chamber, which stands still where the swing is 0
+    volts, amperes, kelvins : (offset, gain, noise, step) of each sensor
+    soc_off : stated less true state of charge
+    delay_s : by which the voltage is late
+    """
+
+    family: str
+    constants: Any
+    ambient_degC: float
+    swing_K: float
+    volts: tuple[float, float, float, float]
+    amperes: tuple[float, float, float, float]
+    kelvins: tuple[float, float, float, float]
+    soc_off: float = 0.0
+    delay_s: int = 0
+
+
+# What may change in the bench, by contract name: rig with a size, where 1 is large.
+BENCH_EFFECTS: dict[str, Callable[[Rig, float], Rig]] = {
+    "current_offset": lambda rig, x: _shifted(rig, "amperes", 0.02 * rig.constants.capacity_Ah * x),
+    "dead_time": lambda rig, x: replace(rig, delay_s=max(1, round(3.0 * x))),
+    "initial_soc": lambda rig, x: replace(rig, soc_off=0.08 * x),
+    "temperature_sensor": lambda rig, x: _shifted(rig, "kelvins", 5.0 * x),
+    "voltage_offset": lambda rig, x: _shifted(rig, "volts", 0.02 * x),
+}
+
+
+def _shifted(rig: Rig, sensor: str, by: float) -> Rig:
+    offset, *others = getattr(rig, sensor)
+    return replace(rig, **{sensor: (offset + by, *others)})
+
+
+def effects_of(family: str) -> list[str]:
+    """What can change in such a cell or its bench."""
+    return sorted({*TRUTHS[family].effects, *BENCH_EFFECTS})
+
+
+def changed(rig: Rig, name: str, x: float) -> Rig:
+    """The rig after something has changed."""
+    if name in BENCH_EFFECTS:
+        return BENCH_EFFECTS[name](rig, x)
+    return replace(rig, constants=TRUTHS[rig.family].effects[name](rig.constants, x))
+
+
+def random_rig(family: str, rng: np.random.Generator) -> Rig:
+    """A cell and its bench."""
+    constants = TRUTHS[family].draw(rng)
+    capacity_Ah = constants.capacity_Ah
+    return Rig(
+        family,
+        constants,
+        float(rng.uniform(12.0, 32.0)),
+        float(rng.choice([0.0, rng.uniform(4.0, 10.0)])),
+        (
+            1e-3 * rng.normal(),
+            1.0 + 2e-4 * rng.normal(),
+            float(rng.uniform(3e-4, 1.5e-3)),
+            float(rng.choice([1e-4, 1e-3])),
+        ),
+        (2e-4 * capacity_Ah * rng.normal(), 1.0 + 1e-3 * rng.normal(), 3e-4 * capacity_Ah, 1e-4 * capacity_Ah),
+        (0.3 * rng.normal(), 1.0, 0.05, float(rng.choice([0.01, 0.1]))),
+    )
+
+
+def profile_A(kind: str, capacity_Ah: float, soc: float, rng: np.random.Generator, n: int = LOG_S) -> FloatArray:
+    """(n,) current of each second; it turns round at the ends of the window of SoC."""
+    parts: list[FloatArray] = []
+    length, falling = 0, bool(rng.random() < 0.5)
+    while length < n:
+        falling = False if soc < SOC[0] + 0.1 else True if soc > SOC[1] - 0.1 else falling
+        part = capacity_Ah * _SEGMENTS[kind](-1.0 if falling else 1.0, rng)
+        # A segment that would leave the window is cut where it does.
+        counted = soc + np.cumsum(part) / (3600.0 * capacity_Ah)
+        inside = (counted > SOC[0]) & (counted < SOC[1])
+        part = part[: max(30, len(part) if inside.all() else int(np.argmin(inside)))]
+        parts.append(part)
+        soc += float(part.sum()) / (3600.0 * capacity_Ah)
+        length += len(part)
+    return np.concatenate(parts)[:n]
+
+
+def _pulses(sign: float, rng: np.random.Generator) -> FloatArray:
+    parts = [np.repeat([s * rng.uniform(0.5, 2.0), 0.0], [int(rng.integers(8, 40)), 40]) for s in (-1.0, 1.0)]
+    rate = sign * rng.uniform(0.4, 1.0)
+    return np.concatenate([*parts, np.full(int(180 / abs(rate)), rate), np.zeros(int(rng.integers(100, 800)))])
+
+
+def _drive(sign: float, rng: np.random.Generator) -> FloatArray:
+    n = int(rng.integers(300, 900))
+    noise = np.convolve(rng.standard_normal(n + 20), np.ones(12) / 3.5, mode="same")[:n]
+    driven = np.clip(sign * 0.45 + 0.7 * noise, -2.5, 1.5)
+    return np.where(np.convolve(rng.random(n) < 0.004, np.ones(40), mode="same") > 0.5, 0.0, driven)
+
+
+def _cycles(sign: float, rng: np.random.Generator) -> FloatArray:
+    rate, n = sign * rng.uniform(0.3, 1.0), int(rng.integers(600, 2400))
+    taper = np.exp(-np.arange(int(rng.integers(200, 900))) / 300.0) if sign > 0.0 else np.zeros(0)
+    return np.concatenate([np.full(n, rate), rate * taper, np.zeros(int(rng.integers(100, 1200)))])
+
+
+def _multisine(sign: float, rng: np.random.Generator) -> FloatArray:
+    n = int(rng.integers(400, 1200))
+    periods, phases = np.geomspace(4.0, 400.0, 9), rng.uniform(0.0, 2.0 * np.pi, 9)
+    waves = np.sin(2.0 * np.pi * np.arange(n)[:, None] / periods + phases).sum(axis=1)
+    return sign * 0.3 + 0.25 * waves
+
+
+def _stages(sign: float, rng: np.random.Generator) -> FloatArray:
+    rates = sign * rng.uniform(-0.3, 1.2, 4) * (rng.random(4) > 0.25)
+    return np.repeat(rates, rng.integers(60, 500, 4))
+
+
+_SEGMENTS: dict[str, Callable[[float, np.random.Generator], FloatArray]] = {
+    "pulses": _pulses,
+    "drive": _drive,
+    "cycles": _cycles,
+    "multisine": _multisine,
+    "stages": _stages,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What is played: an unlogged history and a log, from a state of charge at rest."""
+
+    soc: float
+    history_A: FloatArray
+    logged_A: FloatArray
+    phase: float
+
+    def logged_soc(self, capacity_Ah: float) -> float:
+        """State of charge at which the log begins."""
+        return self.soc + float(self.history_A.sum()) / (3600.0 * capacity_Ah)
+
+
+def make_plan(kind: str, capacity_Ah: float, rng: np.random.Generator, n: int = LOG_S) -> Plan:
+    """Draw a plan whose log has n samples."""
+    soc = float(rng.uniform(0.3, 0.85))
+    before = profile_A(str(rng.choice(KINDS)), capacity_Ah, soc, rng, int(rng.integers(300, 3000)))
+    start = soc + float(before.sum()) / (3600.0 * capacity_Ah)
+    return Plan(soc, before, profile_A(kind, capacity_Ah, start, rng, n), float(rng.uniform(0.0, 2.0 * np.pi)))
+
+
+def true_columns(rig: Rig, plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """(n,) voltage, temperature and ambient of the log without noise, and the true state of charge at its start."""
+    cell = TRUTHS[rig.family].make(rig.constants, plan.soc, rig.ambient_degC)
+    soc = cell.step(0.0, 0.0).soc
+    for current in plan.history_A[::5]:
+        soc = cell.step(float(current), 5.0).soc
+    rows = []
+    ambient = rig.ambient_degC + rig.swing_K * (np.sin(plan.phase + np.arange(len(plan.logged_A)) / 1500.0))
+    for k, current in enumerate(plan.logged_A):
+        cell.ambient_degC = float(ambient[k])  # pyright: ignore[reportAttributeAccessIssue]
+        rows.append(cell.step(float(current), 1.0 if k else 0.0)[:2])
+    voltage, temperature = np.array(rows).T
+    return voltage, temperature, ambient, soc
+
+
+def logged(rig: Rig, plan: Plan, columns: tuple[FloatArray, FloatArray, FloatArray, float], seed: int) -> TimeSeries:
+    """What the sensors make of it."""
+    rng = np.random.default_rng([seed, 77])
+    voltage, temperature, ambient, _ = columns
+    late = np.concatenate([np.full(rig.delay_s, voltage[0]), voltage])[: len(voltage)]
+
+    def read(values: FloatArray, sensor: tuple[float, float, float, float]) -> FloatArray:
+        offset, gain, noise, step = sensor
+        return step * np.round((gain * values + offset + noise * rng.standard_normal(len(values))) / step)
+
+    return TimeSeries(
+        np.arange(len(voltage), dtype=np.float64),
+        read(plan.logged_A, rig.amperes),
+        read(late, rig.volts),
+        read(temperature, rig.kelvins),
+        ambient,
+        name=f"{rig.family} {seed}",
+    )
+
+
+def stated_soc(rig: Rig, true_soc: float, seed: int) -> float:
+    """State of charge that somebody believes the log to begin at."""
+    return true_soc + rig.soc_off + _STATED_STD * float(np.random.default_rng([seed, 78]).normal())
+
+
+def true_size(name: str, before: Rig, after: Rig, true_soc: float) -> float | None:
+    """First parameter of the effect as the contract has it; None where the truth has no such number."""
+    values = {
+        "capacity": after.constants.capacity_Ah,
+        "current_offset": after.amperes[0] - before.amperes[0],
+        "dead_time": float(after.delay_s - before.delay_s),
+        "initial_soc": true_soc,
+        "self_discharge": after.constants.leakage_A,
+        "series_resistance": getattr(after.constants, "series_Ohm", None),
+        "temperature_sensor": after.kelvins[0] - before.kelvins[0],
+        "voltage_offset": after.volts[0] - before.volts[0],
+    }
+    return values.get(name)
