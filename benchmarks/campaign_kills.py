@@ -23,7 +23,7 @@ from bench_service.client import BenchClient, ClientError
 CAMPAIGN = {"bench": "sim", "duration_s": 2000.0, "dt_s": 0.5, "soc": [0.45, 0.55], "structure": "minimal"}
 DECLARED = CAMPAIGN | {"rounds": 4, "on_interruption": "resume", "retries": 3}
 KINDS = {"control": "bench_service.bench ", "recorder": "bench_service.recorder", "worker": "spawn_main"}
-PAUSE_S = (4.0, 20.0)
+PAUSE_S = (3.0, 12.0)
 PATIENCE_S = 1800.0
 
 
