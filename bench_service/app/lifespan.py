@@ -101,18 +101,18 @@ async def running_services(
         )
 
 
-async def _journal(stack: AsyncExitStack, store: MetadataStore, live: Broadcaster) -> Journal:
-    journal = Journal(store, live)
-    stack.push_async_callback(journal.close)
-    await stack.enter_async_context(watched_clock(journal))
-    return journal
-
-
 async def _jobs(stack: AsyncExitStack, config: ServiceConfig) -> JobRunner:
     jobs = JobRunner(config.workers, nice=config.worker_nice)
     await jobs.start()
     stack.push_async_callback(jobs.stop)
     return jobs
+
+
+async def _journal(stack: AsyncExitStack, store: MetadataStore, live: Broadcaster) -> Journal:
+    journal = Journal(store, live)
+    stack.push_async_callback(journal.close)
+    await stack.enter_async_context(watched_clock(journal))
+    return journal
 
 
 def _workshop(
