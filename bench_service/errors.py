@@ -101,6 +101,12 @@ class StoreError(ServiceError):
     code = "store"
 
 
+class GivenUpError(StoreError):
+    """Samples were deleted by the rule of retention."""
+
+    code = "given_up"
+
+
 class NoRoomError(StoreError):
     """The disk has too little room for what is asked."""
 

@@ -28,8 +28,8 @@ class Flag(enum.IntFlag):
     SETTLING = 16  # within the settling time after a change of the set-point
     DEVICE_CURRENT_LIMIT = 32  # the device holds the current at a limit of its own
     GAP_BEFORE = 64  # ticks were missed before this sample
-    PAUSED = 256  # somebody holds the run: output off, no set-point of the profile
     SUSPECT = 128  # a safety rule or the driver objected to this very sample, or its current does not follow
+    PAUSED = 256  # somebody holds the run: output off, no set-point of the profile
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,6 +57,19 @@ async def open_seal(name: PathId, services: ServicesOf) -> Answer:
     return await services.benches.open_seal(name)
 
 
+@router.get("/{name}/queue")
+async def get_queue(name: PathId, services: ServicesOf) -> Answer:
+    """List the campaigns that wait on a bench, and why they do where nothing goes on by itself."""
+    return await services.campaigns.queue.to_json(services.benches.get(name).name)
+
+
+@router.post("/{name}/queue/start")
+async def start_queue(name: PathId, services: ServicesOf) -> Answer:
+    """Let a queue go on that waits since a campaign was not completed; that one does not run again."""
+    await services.campaigns.queue.start(services.benches.get(name).name)
+    return await services.campaigns.queue.to_json(name)
+
+
 @router.post("/{name}/acknowledge")
 async def acknowledge(name: PathId, services: ServicesOf) -> Answer:
     """Clear a latched fault; the answer shows the bench a moment later."""

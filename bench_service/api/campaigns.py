@@ -32,6 +32,7 @@ class CampaignBody(Body):
     diagnose: Literal["structure", "change"] | None = None
     changed_bench: Id | None = None
     on_interruption: Literal["stop", "resume"] | None = None
+    queue: bool | None = None
     retries: Annotated[int, Field(ge=0, le=5)] | None = None
 
 
@@ -39,6 +40,12 @@ class CampaignBody(Body):
 async def start_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     """Start a campaign; it goes on in the service, whether its client stays or not."""
     return campaign_json(await services.campaigns.start(body.model_dump()))
+
+
+@router.post("/estimate")
+async def estimate_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
+    """Say how many hours of real time the runs of a campaign take, or why it would be refused, without starting it."""
+    return await services.campaigns.estimate(body.model_dump())
 
 
 @router.get("")

@@ -13,7 +13,7 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import StreamingResponse
 
 from bench_service.api.dependencies import PathId, Services, ServicesOf
-from bench_service.errors import BadRequestError, ConflictError
+from bench_service.errors import BadRequestError, ConflictError, GivenUpError
 from bench_service.exchange.errors import UnknownFormatError
 from bench_service.exchange.write import encode_run, export_formats
 from bench_service.store.decimation import kept_rows
@@ -110,6 +110,8 @@ def _columns(services: Services, wanted: _Wanted, max_points: int | None) -> Res
 
 
 def _read(services: Services, run: RunRecord, wanted: _Wanted) -> tuple[StreamData, str | None]:
+    if run.removed_utc is not None:
+        raise GivenUpError(f"the samples of run {run.id} were given up at {run.removed_utc}", ("run", run.id))
     data, damage = read_part(services.samples, Expected.of(run), wanted.stream, wanted.from_s, wanted.to_s)
     if damage is not None:
         services.storage.note_damage(run, damage)

@@ -64,9 +64,7 @@ async def running_services(
     code_version = version("bench-service")
     async with AsyncExitStack() as stack:
         live, samples = Broadcaster(), stack.enter_context(closing(SampleReader(config.data_dir)))
-        journal = Journal(store, live)
-        stack.push_async_callback(journal.close)
-        await stack.enter_async_context(watched_clock(journal))
+        journal = await _journal(stack, store, live)
         recorder = await _recorder(stack, config.data_dir, journal)
         storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
@@ -108,6 +106,13 @@ async def _jobs(stack: AsyncExitStack, config: ServiceConfig) -> JobRunner:
     await jobs.start()
     stack.push_async_callback(jobs.stop)
     return jobs
+
+
+async def _journal(stack: AsyncExitStack, store: MetadataStore, live: Broadcaster) -> Journal:
+    journal = Journal(store, live)
+    stack.push_async_callback(journal.close)
+    await stack.enter_async_context(watched_clock(journal))
+    return journal
 
 
 def _workshop(

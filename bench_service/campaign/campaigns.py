@@ -11,17 +11,20 @@ from functools import partial
 from bench_service.campaign.benches import Bench
 from bench_service.campaign.endings import campaign_json, note, note_end
 from bench_service.campaign.endings import ended as ended_as
+from bench_service.campaign.estimate import NO_ESTIMATE, estimate
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.plan import check_plan
 from bench_service.campaign.progress import Progress
+from bench_service.campaign.queue import CampaignQueue
 from bench_service.campaign.request import CampaignRequest, complete, standing_of
 from bench_service.campaign.resuming import check_resumable, left_to_resume, parts_of
-from bench_service.campaign.stages import overall_progress, stages_of
+from bench_service.campaign.stages import stages_of
 from bench_service.campaign.standing import Standing, last_standing
 from bench_service.campaign.story import Story
+from bench_service.campaign.telling import Telling
 from bench_service.campaign.workshop import CampaignStoppedError, Workshop
-from bench_service.errors import BenchBusyError, ServiceError
+from bench_service.errors import BadRequestError, BenchBusyError, ServiceError
 from bench_service.store.records import CampaignRecord, CampaignState, Json, Stage
 from models.data.errors import ModelError
 
@@ -46,10 +49,15 @@ class CampaignRunner:
         self._journal = journal
         self._live = live
         self._code_version = code_version
-        self._running: dict[str, _Telling] = {}
+        self._running: dict[str, Telling] = {}
+        self._closing = False
+        self._following: set[asyncio.Task[None]] = set()
+        self.queue = CampaignQueue(workshop.store, journal, self._launch, self._is_running)
 
     async def start(self, given: Json) -> CampaignRecord:
         """Start a campaign; `given` has the fields of `CampaignRequest` that the client states.
+
+        With ``queue`` true it waits its turn where a campaign runs or waits on the bench already.
 
         Raises
         ------
@@ -60,16 +68,55 @@ class CampaignRunner:
         BadRequestError, ModelError
             The request leaves the bench's limits or contradicts itself.
         """
+        given = dict(given)
         bench = self._workshop.benches.get(given["bench"])
-        if any(telling.bench == bench.name for telling in self._running.values()):
-            raise BenchBusyError(f"a campaign runs on bench {bench.name!r} already; stop it or wait")
+        if given.pop("queue", False) and (self._is_running(bench.name) or await self.queue.waiting(bench.name)):
+            return await self._enqueue(bench, given)
+        return await self._launched(bench, given, None)
+
+    async def estimate(self, given: Json) -> Json:
+        """Say how long a campaign takes, without starting it; ``refused`` says why it would not be taken."""
+        bench = self._workshop.benches.get(given["bench"])
+        stated = {name: value for name, value in given.items() if name != "queue"}
+        try:
+            request = await asyncio.to_thread(self._admitted, bench, stated)
+        except (BadRequestError, ModelError) as error:
+            return NO_ESTIMATE | {"refused": str(error)}
+        told = await asyncio.to_thread(estimate, request, bench, self._workshop.store)
+        return told.to_json() | {"refused": None}
+
+    async def _enqueue(self, bench: Bench, given: Json) -> CampaignRecord:
+        request = await asyncio.to_thread(self._admitted, bench, given)
+        told = await asyncio.to_thread(estimate, request, bench, self._workshop.store)
+        done = {"given": given, "estimate": told.to_json()}
+        record = await self._journal.write(self._add, request, "queued", done)
+        note(self._journal, record, "info", "campaign_queued", f"waits its turn: {told.in_words()}")
+        self._live.publish({"type": "campaign"} | campaign_json(record))
+        return record
+
+    async def _launch(self, queued: CampaignRecord) -> CampaignRecord:
+        bench = self._workshop.benches.get(queued.bench)
+        return await self._launched(bench, (queued.done or {})["given"], queued)
+
+    def _is_running(self, bench: str) -> bool:
+        return any(telling.bench == bench for telling in self._running.values())
+
+    async def _launched(self, bench: Bench, given: Json, queued: CampaignRecord | None) -> CampaignRecord:
+        if self._is_running(bench.name):
+            raise BenchBusyError(f"a campaign runs on bench {bench.name!r} already; stop it, wait, or queue this one")
         self._workshop.runs.refuse_busy(bench)
-        telling = _Telling(bench.name)
+        telling = Telling(bench.name)
         # Claimed before the first wait, so that of two requests at once only one goes on.
         self._running[telling.key] = telling
         try:
             request = await asyncio.to_thread(self._admitted, bench, given)
-            record = await self._journal.write(self._add, request)
+            told = await asyncio.to_thread(estimate, request, bench, self._workshop.store)
+            telling.estimate = told.to_json()
+            if queued is None:
+                record = await self._journal.write(self._add, request, "running", {"estimate": telling.estimate})
+            else:
+                record = replace(queued, state="running", request=request.to_json())
+                await self._journal.write(self._workshop.store.campaigns.save, record)
         except BaseException:
             del self._running[telling.key]
             raise
@@ -80,7 +127,7 @@ class CampaignRunner:
             "info",
             "campaign_started",
             f"runs of {request.duration_s:g} s between SoC {request.soc[0]:.0%} and {request.soc[1]:.0%}, "
-            f"from {request.initial_soc:.1%} as {request.initial_soc_from} has it",
+            f"from {request.initial_soc:.1%} as {request.initial_soc_from} has it; {told.in_words()}",
         )
         return record
 
@@ -94,9 +141,10 @@ class CampaignRunner:
         """
         record = await self.get(campaign_id)
         bench = self._workshop.benches.get(record.bench)
-        if any(telling.bench == bench.name for telling in self._running.values()):
+        if self._is_running(bench.name):
             raise BenchBusyError(f"a campaign runs on bench {bench.name!r} already; stop it or wait")
-        telling = _Telling(bench.name)
+        telling = Telling(bench.name)
+        telling.estimate = (record.done or {}).get("estimate")
         self._running[telling.key] = telling
         try:
             store = self._workshop.store
@@ -125,10 +173,11 @@ class CampaignRunner:
                     await self.resume(left.id)
                 except ServiceError as error:
                     note(self._journal, left, "error", "campaign_not_resumed", f"does not go on: {error}")
+            elif left is None:
+                last = await asyncio.to_thread(self._workshop.store.campaigns.last, bench.name)
+                await self.queue.after_restart(bench.name, last)
 
-    def _begin(
-        self, telling: _Telling, record: CampaignRecord, request: CampaignRequest, done: Progress | None
-    ) -> None:
+    def _begin(self, telling: Telling, record: CampaignRecord, request: CampaignRequest, done: Progress | None) -> None:
         telling.record = record
         telling.story = Story(self._workshop, record.id, request, lambda *news: self._report(telling, *news), done)
         telling.task = asyncio.create_task(self._tell(telling, telling.story))
@@ -137,6 +186,10 @@ class CampaignRunner:
     async def stop(self, campaign_id: str) -> CampaignRecord:
         """Stop a campaign: what runs is brought to rest, then it ends as `stopped`."""
         record = await self.get(campaign_id)
+        if record.state == "queued":
+            record = replace(record, state="stopped", message="taken out of the queue by a client")
+            note_end(self._journal, record)
+            return await self._journal.write(self._workshop.store.campaigns.save, record)
         for telling in list(self._running.values()):
             if telling.record is not None and telling.record.id == campaign_id and telling.task is not None:
                 await telling.end("stopped by a client")
@@ -158,8 +211,10 @@ class CampaignRunner:
 
     async def close(self) -> None:
         """Interrupt all campaigns: no person has stopped them, and they may go on with the next service."""
+        self._closing = True
         for telling in list(self._running.values()):
             await telling.end("the service was shut down", "interrupted")
+        await asyncio.gather(*self._following, return_exceptions=True)
 
     def _admitted(self, bench: Bench, given: Json) -> CampaignRequest:
         workshop = self._workshop
@@ -177,7 +232,7 @@ class CampaignRunner:
         known = last_standing(other, self._workshop.store, self._workshop.samples)
         return known or standing_of(other)
 
-    def _add(self, request: CampaignRequest) -> CampaignRecord:
+    def _add(self, request: CampaignRequest, state: CampaignState, done: Json) -> CampaignRecord:
         stages = stages_of(request)
         return self._workshop.store.campaigns.add(
             name=request.name,
@@ -186,18 +241,18 @@ class CampaignRunner:
             stages=[{"name": stage, "state": "waiting", "detail": "", "seconds": None} for stage in stages],
             request=request.to_json(),
             code_version=self._code_version,
+            state=state,
+            done=done,
         )
 
-    def _report(self, telling: _Telling, stage: str, share: float, message: str) -> None:
+    def _report(self, telling: Telling, stage: str, share: float, message: str) -> None:
         assert telling.record is not None
         telling.record = telling.moved(stage, share, message)
-        if share in (0.0, 1.0) and telling.story is not None:
-            telling.record = replace(telling.record, done=telling.story.done_json())
         if share in (0.0, 1.0):  # what is done is found again after a crash
             self._journal.post(partial(self._workshop.store.campaigns.save, telling.record))
         self._live.publish({"type": "campaign"} | campaign_json(telling.record))
 
-    async def _tell(self, telling: _Telling, story: Story) -> None:
+    async def _tell(self, telling: Telling, story: Story) -> None:
         assert telling.record is not None
         started_s = time.monotonic()
         try:
@@ -217,7 +272,7 @@ class CampaignRunner:
             _log.exception("campaign %s failed", telling.record.id)
             message = f"an error inside the service: {error!r}"
             ended = ended_as(telling.record, "failed", message, await _so_far(story, started_s))
-        ended = replace(ended, done=story.done_json())
+        ended = replace(ended, done=telling.done())
         # Event and record are stored, in this order, before anybody sees that it has ended.
         note_end(self._journal, ended)
         try:
@@ -225,41 +280,10 @@ class CampaignRunner:
         finally:
             self._running.pop(telling.key, None)
             self._live.publish({"type": "campaign"} | campaign_json(telling.record))
-
-
-class _Telling:
-    """One campaign while it runs."""
-
-    def __init__(self, bench: str) -> None:
-        self.bench = bench
-        self.key = f"{bench}:{id(self)}"
-        self.reason = "stopped"
-        self.state: CampaignState = "stopped"
-        self.story: Story | None = None
-        self.record: CampaignRecord | None = None
-        self.task: asyncio.Task[None] | None = None
-        self._stage_began_s = time.monotonic()
-
-    def moved(self, stage: str, share: float, message: str) -> CampaignRecord:
-        """Return the record with a stage's news."""
-        assert self.record is not None
-        if share == 0.0 and stage != self.record.stage:
-            self._stage_began_s = time.monotonic()
-        state = "done" if share >= 1.0 else "running"
-        seconds = round(time.monotonic() - self._stage_began_s, 2)
-        stages = tuple(
-            {"name": s["name"], "state": state, "detail": message, "seconds": seconds} if s["name"] == stage else s
-            for s in self.record.stages
-        )
-        progress = overall_progress([s["name"] for s in stages], stage, share)
-        return replace(self.record, stage=stage, stages=stages, progress=progress, message=message)
-
-    async def end(self, reason: str, state: CampaignState = "stopped") -> None:
-        """Stop it and wait until its end is written down; harmless before it has begun."""
-        if self.task is not None:
-            self.reason, self.state = reason, state
-            self.task.cancel()
-            await asyncio.wait({self.task})
+            if not self._closing:
+                following = asyncio.create_task(self.queue.after(telling.record))
+                self._following.add(following)
+                following.add_done_callback(self._following.discard)
 
 
 async def _so_far(story: Story, started_s: float) -> Json | None:

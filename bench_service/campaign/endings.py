@@ -6,6 +6,7 @@ import asyncio
 from dataclasses import asdict, replace
 
 from bench_service.bench.messages import EventMessage
+from bench_service.campaign.estimate import time_left
 from bench_service.campaign.journal import Journal
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import CampaignRecord, CampaignState, Json, Severity, Stage
@@ -16,7 +17,7 @@ _LATEST_CAMPAIGNS = 1000
 
 def campaign_json(record: CampaignRecord) -> Json:
     """Return the JSON object of the REST API."""
-    return {name: value for name, value in asdict(record).items() if name != "done"}
+    return {name: value for name, value in asdict(record).items() if name != "done"} | time_left(record)
 
 
 async def close_left_open(store: MetadataStore, journal: Journal) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench_service.errors import ConflictError
+from bench_service.errors import ConflictError, GivenUpError
 from bench_service.jobs.series import RunInput
 from bench_service.store.integrity import damaged
 from bench_service.store.metadata import MetadataStore
@@ -22,6 +22,8 @@ def run_input(store: MetadataStore, run_id: str, initial_soc: float | None = Non
     run = store.runs.get(run_id)
     if run.state in OPEN_RUN_STATES:
         raise ConflictError(f"run {run_id} has not ended; wait for its end or stop it", (field, run_id))
+    if run.removed_utc is not None:
+        raise GivenUpError(f"the samples of run {run_id} were given up at {run.removed_utc}", (field, run_id))
     if run.damage is not None:
         raise damaged(run_id, run.damage)
     start = run.initial_soc if initial_soc is None else initial_soc

@@ -64,13 +64,15 @@ class Progress:
             "comparison": self.comparison,
             "diagnosis": self.diagnosis,
             "addition": self.addition,
+            "completed": sum(run.state == "completed" for run in self.runs.values()),
         }
 
     @classmethod
     def from_json(cls, document: Json, parts: dict[str, list[RunRecord]]) -> Progress:
         """Read what `to_json` wrote, with the runs that were played."""
-        fields = {name: value for name, value in document.items() if name != "rounds"}
-        return cls(**fields, rounds=[Round(**each) for each in document["rounds"]], parts=parts)
+        names = ("profiles", "designs", "comparison_id", "comparison", "diagnosis", "addition")
+        fields: Json = {name: document[name] for name in names if name in document}
+        return cls(**fields, rounds=[Round(**each) for each in document.get("rounds", [])], parts=parts)
 
     @property
     def model_id(self) -> str:

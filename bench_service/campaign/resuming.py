@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench_service.campaign.runs import RunOrder
 from bench_service.campaign.workshop import CampaignFailedError, CampaignStoppedError
-from bench_service.errors import ConflictError
+from bench_service.errors import ConflictError, ServiceError
 from bench_service.jobs.counting import counted_soc
+from bench_service.jobs.runner import WORKER_DIED
 from bench_service.store.integrity import Expected, read_whole
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import CampaignRecord, RunRecord
@@ -22,6 +25,7 @@ _MOST_IN_VAIN = 3
 # How a run says that its recorder has gone: a fault of the house, not of the cell.
 _NOT_STORED = "samples cannot be stored"
 _TOLERANCE = 1e-6
+ResultT = TypeVar("ResultT")
 
 
 @dataclass(slots=True)
@@ -62,6 +66,17 @@ class Policy:
             self.retries -= 1
             return
         raise CampaignFailedError(f"the {role} run ended as {run.state}: {run.reason}")
+
+
+async def tried(policy: Policy, work: Callable[[], Awaitable[ResultT]]) -> ResultT:
+    """Do a worker's work again where its process has died under it, and the campaign goes on after such things."""
+    for _ in range(_MOST_IN_VAIN - 1):
+        try:
+            return await work()
+        except ServiceError as error:
+            if not policy.resumes or WORKER_DIED not in str(error):
+                raise
+    return await work()
 
 
 def rest_of(
@@ -130,7 +145,7 @@ def left_to_resume(store: MetadataStore, bench: str) -> CampaignRecord | None:
     One that somebody has stopped, or that has failed, never does.
     """
     for campaign in store.campaigns.page(limit=1000):
-        if bench in (campaign.bench, campaign.request.get("changed_bench")):
+        if campaign.state != "queued" and bench in (campaign.bench, campaign.request.get("changed_bench")):
             cut_off = campaign.state in ("running", "interrupted")
             goes_on = cut_off and campaign.done is not None and campaign.request.get("on_interruption") == "resume"
             return campaign if goes_on else None

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Collection, Coroutine
+from collections.abc import Awaitable, Callable, Collection, Coroutine
+from functools import partial
 from typing import Any, cast
 
 from bench_service.campaign.designing import pauses_between_s, round_request
@@ -14,7 +15,7 @@ from bench_service.campaign.plan import CHANGED, CHANGED_VALIDATE, TRAIN, VALIDA
 from bench_service.campaign.playing import Playing
 from bench_service.campaign.progress import Progress, Round, campaign_result
 from bench_service.campaign.request import OBSERVER_OFFSET_SOC, CampaignRequest
-from bench_service.campaign.resuming import Policy
+from bench_service.campaign.resuming import Policy, tried
 from bench_service.campaign.runs import RunOrder
 from bench_service.campaign.stages import stages_of
 from bench_service.campaign.workshop import CampaignFailedError, Report, Workshop
@@ -143,7 +144,7 @@ class Story:
             campaign_id=self._id,
             pauses_s=pauses_between_s(played, self._lock_step),
         )
-        found: FitAnswer = await self._watched(stage, await self._workshop.modelling.start_fit(order))
+        found: FitAnswer = await self._watched(stage, lambda: self._workshop.modelling.start_fit(order))
         metrics = found["metrics"]
         self._done.rounds.append(Round(role, found["model_id"], metrics, design))
         what = "training run" if number == 1 else f"{number} training runs"
@@ -181,8 +182,8 @@ class Story:
             return
         bench = self._workshop.benches.get(self._request.bench)
         asked = round_request(self._request, bench.limits, self._done.model_id, soc, number)
-        job = await self._workshop.designing.start(f"{self._request.name}: {role}", asked)
-        made = await self._watched("rounds", job)
+        name = f"{self._request.name}: {role}"
+        made = await self._watched("rounds", lambda: self._workshop.designing.start(name, asked))
         self._done.profiles[role], self._done.designs[role] = made["profile_id"], made["figures"]
         self._report("rounds", 0.0, f"round {number} is designed")
 
@@ -196,7 +197,8 @@ class Story:
     async def _compare(self) -> str:
         """Judge the model of every round on the run that none of them has seen."""
         for each in self._done.rounds:
-            record = await self._workshop.modelling.compare(each.model_id, self._done.ids(VALIDATE), None, self._id)
+            order = (each.model_id, self._done.ids(VALIDATE), None, self._id)
+            record = await tried(self._policy, partial(self._workshop.modelling.compare, *order))
             result = cast(ComparisonResult, record.result)
             each.held_out = result["overall"]
             self._done.comparison_id, self._done.comparison = record.id, result
@@ -227,15 +229,17 @@ class Story:
             train_run_ids=self._done.learned,
             mode=mode,
         )
-        found = await self._watched("diagnose", await diagnosing.start_diagnosis(order))
+        found = await self._watched("diagnose", lambda: diagnosing.start_diagnosis(order))
         record = await asyncio.to_thread(self._workshop.store.diagnoses.get, found["diagnosis_id"])
         self._done.diagnosis = {"diagnosis_id": record.id} | record.result
         verdict, findings = record.result["verdict"], record.result["findings"]
         if verdict not in _NAMING or not findings:
             return f"verdict: {verdict.replace('_', ' ')}"
         effect = findings[0]["effect"]
-        addition = await diagnosing.start_addition(self._done.model_id, effect, learn, judge)
-        added: VersionAnswer = await self._watched("diagnose", addition)
+        model_id = self._done.model_id
+        added: VersionAnswer = await self._watched(
+            "diagnose", lambda: diagnosing.start_addition(model_id, effect, learn, judge)
+        )
         self._done.addition = added
         before, after = added["error_before_mV"], added["error_after_mV"]
         rivals = ", ".join(findings[0]["confounded_with"])
@@ -276,8 +280,12 @@ class Story:
         self._done.parts[role] = parts
         return parts[-1]
 
-    async def _watched(self, stage: str, job: Job) -> Any:
-        """Wait for a job and report its progress; its result, or the end of the campaign."""
+    async def _watched(self, stage: str, start: Callable[[], Awaitable[Job]]) -> Any:
+        """Start a job, wait for it and report its progress; its result, or the end of the campaign."""
+        return await tried(self._policy, lambda: self._ended(stage, start))
+
+    async def _ended(self, stage: str, start: Callable[[], Awaitable[Job]]) -> Any:
+        job = await start()
         while not job.ended:
             self._report(stage, min(job.progress, 0.99), job.message)
             await asyncio.sleep(_LOOK_S)

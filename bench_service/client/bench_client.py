@@ -202,6 +202,18 @@ class BenchClient:
         """Stop a campaign and the run that it has started."""
         return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/stop")
 
+    def estimate_campaign(self, request: Record) -> Record:
+        """Check a campaign and say how many hours of real time its runs take, without starting it."""
+        return self._connection.post(f"{API}/campaigns/estimate", request)
+
+    def queue(self, bench: str) -> Record:
+        """Campaigns that wait on a bench, and why they do where nothing goes on by itself."""
+        return self._connection.get(f"{API}/benches/{part(bench)}/queue")
+
+    def start_queue(self, bench: str) -> Record:
+        """Let a queue go on that waits since a campaign was not completed."""
+        return self._connection.post(f"{API}/benches/{part(bench)}/queue/start")
+
     def resume_campaign(self, campaign_id: str) -> Record:
         """Go on with a campaign that was cut off, from the last stored sample."""
         return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/resume")

@@ -27,6 +27,7 @@ from bench_service.errors import NotFoundError, ServiceError
 from bench_service.jobs.progress import Report, Reporter, ReportListener
 
 _log = logging.getLogger(__name__)
+WORKER_DIED = "the worker process died"
 _KEPT_JOBS = 500
 
 JobFunction = Callable[Concatenate[Reporter, ...], Mapping[str, Any]]
@@ -166,7 +167,7 @@ class JobRunner:
         except BrokenProcessPool:
             worker.shutdown(wait=False)
             worker = _new_worker(self._nice)
-            self._fail(job_id, "the worker process died; see the service's log, and try fewer or smaller runs")
+            self._fail(job_id, f"{WORKER_DIED}; see the service's log, and try fewer or smaller runs")
         except Exception as error:  # whatever a job does, the service goes on
             if not isinstance(error, ServiceError | ValueError):
                 _log.exception("job %s failed", job_id)

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from typing import Any, Literal, TypedDict
 
 RunState = Literal["created", "running", "paused", "completed", "stopped", "fault", "interrupted"]
-CampaignState = Literal["running", "completed", "failed", "stopped", "interrupted"]
+CampaignState = Literal["queued", "running", "completed", "failed", "stopped", "interrupted"]
 Severity = Literal["info", "warning", "error"]
 Json = dict[str, Any]
 

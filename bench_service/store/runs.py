@@ -120,6 +120,12 @@ class RunTable:
         with self._file.read() as link:
             return int(link.execute(select(func.coalesce(func.max(schema.run.c.number), 0))).scalar_one())
 
+    def give_up(self, run_id: str) -> None:
+        """Note that the samples of a run are not kept any more."""
+        table = schema.run
+        with self._file.write() as link:
+            link.execute(update(table).where(table.c.id == run_id).values(removed_utc=self._now(), damage=None))
+
     def n_damaged(self) -> int:
         """Return how many runs have damage that no repair has written down."""
         table = schema.run

@@ -10,7 +10,7 @@ import httpx
 import pytest
 from service_rig import Service
 
-from tests.patience import LONG_S, PATIENCE_S
+from tests.patience import LONG_S, PATIENCE_S, wait_for
 
 # Short because it stays in the middle of the range; the model is the small one, which lacks much.
 CAMPAIGN = {"bench": "sim", "name": "short", "duration_s": 4200.0, "soc": [0.4, 0.6], "structure": "minimal", "seed": 4}
@@ -85,7 +85,11 @@ def test_a_seal_is_opened_once_for_all(rest: Rest) -> None:
     assert told["sha256"] == seal["sha256"] == hashlib.sha256(told["opened"]["contents"].encode()).hexdigest()
     assert told["opened"]["effect"] == "series_resistance" and told["opened"]["value"] > told["opened"]["before"]
     assert rest.service.client.open_seal("game") == told == rest.service.client.bench("game")["seal"]
-    events = [each for each in rest.service.client.events() if each["code"] == "seal_opened"]
+
+    def told_in_events() -> list[dict[str, Any]]:
+        return [each for each in rest.service.client.events() if each["code"] == "seal_opened"]
+
+    events = wait_for(told_in_events, "the seal among the events")
     assert len(events) == 1 and "series_resistance" in events[0]["text"]
 
 

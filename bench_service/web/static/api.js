@@ -77,6 +77,7 @@ export const api = {
   exportUrl: (runId, format, damaged) => `${BASE}/runs/${id(runId)}/export?format=${format}${damaged ? "&damaged=include" : ""}`,
   campaigns: async () => list(await get("/campaigns"), "campaigns"),
   startCampaign: (body) => post("/campaigns", body),
+  estimateCampaign: (body) => post("/campaigns/estimate", body),
   stopCampaign: (campaignId) => post(`/campaigns/${id(campaignId)}/stop`, undefined, 5),
   comparisonSeries: (comparisonId) => get(`/comparisons/${id(comparisonId)}/series?max_points=2000`, 60),
   models: async () => list(await get("/models?limit=200"), "models"),

@@ -1,11 +1,13 @@
 // The form that starts a campaign: sensible defaults, the bench's own limits, the service's verdict beside the field.
 import { api } from "./api.js";
 import { el } from "./dom.js";
+import { duration } from "./format.js";
 
 /** `started(campaign)` after the service took it. */
 export function campaignForm(state, started) {
   const message = el("p", { class: "form-message", role: "alert" });
   const submit = el("button", { class: "primary", type: "submit", text: "Start campaign" });
+  const length = el("p", { class: "hint", id: "campaign-length", "aria-live": "polite" });
   const bench = select("bench", [...state.benches.keys()], state.selected);
   const form = el("form", { class: "campaign-form", novalidate: true, "aria-label": "Start a campaign" },
     el("p", { class: "hint", text: "Designs a current profile, plays it, fits a model, observes a second run live and compares. All within the bench's limits." }),
@@ -15,15 +17,27 @@ export function campaignForm(state, started) {
       field("Sample period", input("dt_s", "number", 1, { min: 0.01, step: "any", required: true }), "s"),
       field("Seed", input("seed", "number", 1, { min: 0, step: 1, required: true }))),
     el("details", { class: "more" }, el("summary", { text: "Cell and ranges" }), el("div", { class: "fields" }, rangeFields())),
-    el("div", { class: "form-end" }, submit, message));
+    length, el("div", { class: "form-end" }, submit, message));
   const prefill = () => fillFromBench(form, state.benches.get(bench.value));
   bench.addEventListener("change", prefill);
   prefill();
+  form.addEventListener("change", () => tellLength(form, length));
+  tellLength(form, length);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     await send(form, submit, message, started);
   });
   return form;
+}
+
+/** Hours of real time, said before anything starts; what the service would refuse says nothing until it is sent. */
+async function tellLength(form, node) {
+  const asked = (node.dataset.asked = String(Number(node.dataset.asked ?? 0) + 1));
+  const told = await api.estimateCampaign(body(form)).catch(() => null);
+  if (node.dataset.asked !== asked) return;
+  if (!told || told.refused) node.textContent = "";
+  else if (told.hours === null) node.textContent = `${told.runs} runs, ${duration(told.test_s)} of test time, ${told.basis}.`;
+  else node.textContent = `${told.runs} runs take about ${duration(told.real_s)} of real time, the fits not counted.`;
 }
 
 function defaultName() {
@@ -55,6 +69,7 @@ function rangeFields() {
     field("Lowest SoC", input("soc.0", "number", "", { ...any, min: 0, max: 100 }), "%"),
     field("Highest SoC", input("soc.1", "number", "", { ...any, min: 0, max: 100 }), "%"),
     field("SoC at the start", input("initial_soc", "number", "", { ...any, min: 0, max: 100, placeholder: "as configured" }), "%"),
+    field("After a crash or power cut", select("on_interruption", ["stop", "resume"], "stop")),
     field("Model structure", select("structure", ["auto", "bounded", "full", "minimal"], "auto")),
   ];
 }
@@ -88,6 +103,7 @@ function body(form) {
     bench: form.elements.bench.value, name: form.elements.name.value.trim(), seed: number("seed"), dt_s: number("dt_s"),
     duration_s: number("duration_s"), capacity_Ah: number("capacity_Ah"), current_A: range(form, "current_A", 1),
     soc: range(form, "soc", 100), initial_soc: number("initial_soc", 100), structure: form.elements.structure.value,
+    on_interruption: form.elements.on_interruption.value,
   };
 }
 

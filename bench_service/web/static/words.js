@@ -12,6 +12,7 @@ const RUN = {
   stopped: ["warn", "stopped"], fault: ["bad", "fault"], interrupted: ["bad", "interrupted"],
 };
 const CAMPAIGN = {
+  queued: ["muted", "waiting its turn"],
   running: ["active", "running"], completed: ["good", "completed"], failed: ["bad", "failed"],
   stopped: ["warn", "stopped"], interrupted: ["bad", "interrupted"],
 };

@@ -1,5 +1,6 @@
 """The result of a campaign, out of what its stages have produced."""
 
+import json
 from typing import Any
 
 import pytest
@@ -105,3 +106,18 @@ def test_what_a_failed_stage_did_not_reach_is_left_out() -> None:
     assert fitted["model_id"] == "m2" and "validation" not in fitted and "model_chain" not in fitted
     played = campaign_result(Progress(parts=ended().parts), None)
     assert played["samples"] == 300 and "model_id" not in played
+
+
+def test_what_a_later_service_goes_on_from_is_all_of_it() -> None:
+    done = ended()
+    again = Progress.from_json(json.loads(json.dumps(done.to_json())), done.parts)
+    assert campaign_result(again, None) == campaign_result(done, None)
+    assert again.learned == done.learned and done.to_json()["completed"] == len(done.runs)
+
+
+def test_a_run_that_was_cut_off_counts_with_all_its_parts() -> None:
+    parts = {"train": [run_record(id="a", n_samples=40, state="interrupted"), run_record(id="b", n_samples=60)]}
+    done = ended(parts=ended().parts | parts)
+    assert done.ids("train") == ["a", "b"] and done.runs["train"].id == "b" and done.longest("train").id == "b"
+    assert {"a", "b"} <= {run["run_id"] for run in campaign_result(done, None)["runs"]}
+    assert done.learned[:2] == ["a", "b"]

@@ -1,0 +1,139 @@
+"""What is left of a run that was cut off, and when it is played."""
+
+import numpy as np
+import pytest
+
+from bench_service.campaign.resuming import Policy, check_resumable, left_to_resume, rest_of, tried
+from bench_service.campaign.workshop import CampaignFailedError, CampaignStoppedError
+from bench_service.errors import ConflictError
+from bench_service.jobs.runner import WORKER_DIED
+from bench_service.store.records import CampaignRecord
+from tests.unit.bench_service.api.route_rig import Store, run_record
+
+TIME_S, CURRENT_A = np.array([0.0, 10.0, 20.0, 30.0]), np.array([1.0, -2.0, 0.5, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("played_s", "time_s", "current_A"),
+    [
+        (0.0, [0, 10, 20, 30], [1, -2, 0.5, 0]),
+        (4.0, [0, 6, 16, 26], [1, -2, 0.5, 0]),
+        (10.0, [0, 10, 20], [-2, 0.5, 0]),  # the sample at 10 s was taken before the set-point of 10 s
+        (13.3, [0, 7, 17], [-2, 0.5, 0]),  # late by a part of a tick
+        (29.0, [0, 1], [0.5, 0]),
+    ],
+)
+def test_it_goes_on_at_the_tick_of_the_last_sample(played_s: float, time_s: list, current_A: list) -> None:
+    left = rest_of(TIME_S, CURRENT_A, played_s, 1.0)
+    assert left is not None
+    np.testing.assert_allclose(left[0], time_s)
+    np.testing.assert_allclose(left[1], current_A)
+
+
+def test_the_charge_of_both_parts_is_that_of_the_whole() -> None:
+    def charge(time_s: np.ndarray, current_A: np.ndarray) -> float:
+        return float(np.sum(np.diff(time_s) * current_A[:-1]))
+
+    for played_s in np.arange(0.0, 29.5, 0.5):
+        left = rest_of(TIME_S, CURRENT_A, played_s, 0.5)
+        assert left is not None and left[0][-1] == pytest.approx(30.0 - played_s)
+        ticks = np.arange(0.0, played_s, 0.5)
+        before = 0.5 * sum(CURRENT_A[np.searchsorted(TIME_S, tick, side="right") - 1] for tick in ticks)
+        assert before + charge(*left) == pytest.approx(charge(TIME_S, CURRENT_A))
+
+
+@pytest.mark.parametrize("played_s", [29.6, 30.0, 31.0])
+def test_nothing_is_left_of_one_that_was_all_but_played(played_s: float) -> None:
+    assert rest_of(TIME_S, CURRENT_A, played_s, 1.0) is None
+
+
+def ended(state: str, n_samples: int = 10, reason: str = "because"):  # noqa: ANN201
+    return run_record(state=state, n_samples=n_samples, reason=reason)
+
+
+def test_only_what_was_declared_goes_on() -> None:
+    Policy(True).take("train", ended("interrupted"))
+    Policy(True).take("train", ended("fault", reason="the recorder is gone; samples cannot be stored"))
+    for policy, run in ((Policy(False), ended("interrupted")), (Policy(True), ended("fault", reason="too warm"))):
+        with pytest.raises(CampaignFailedError, match="the train run ended as"):
+            policy.take("train", run)
+    with pytest.raises(CampaignStoppedError):
+        Policy(True, 5).take("train", ended("stopped"))
+
+
+def test_faults_are_tried_again_as_often_as_was_declared() -> None:
+    policy = Policy(False, retries=2)
+    policy.take("train", ended("fault"))
+    policy.take("train", ended("fault"))
+    with pytest.raises(CampaignFailedError):
+        policy.take("train", ended("fault"))
+
+
+def test_what_gets_no_further_ends() -> None:
+    policy = Policy(True)
+    policy.take("train", ended("interrupted", 0))
+    policy.take("train", ended("interrupted", 0))
+    policy.take("train", ended("interrupted", 5))
+    policy.take("train", ended("interrupted", 0))
+    policy.take("train", ended("interrupted", 0))
+    with pytest.raises(CampaignFailedError):
+        policy.take("train", ended("interrupted", 0))
+
+
+def campaign(state: str, declared: str = "resume", **changes: object) -> CampaignRecord:
+    fields: dict = {"id": "c", "name": "c", "bench": "a", "state": state, "stage": "run", "stages": ()}
+    fields |= {"request": {"on_interruption": declared}, "created_utc": "", "code_version": "", "done": {}}
+    return CampaignRecord(**(fields | changes))
+
+
+def test_a_start_of_the_service_goes_on_with_the_last_campaign_of_a_bench_where_it_was_cut_off() -> None:
+    def left(*records: CampaignRecord) -> CampaignRecord | None:
+        return left_to_resume(Store(campaigns={"page": list(records)}), "a")  # pyright: ignore[reportArgumentType]
+
+    cut_off = campaign("interrupted")
+    assert left(campaign("queued"), cut_off) is cut_off
+    assert left(campaign("completed", bench="b"), campaign("running")) is not None
+    for other in ("stopped", "failed", "completed"):
+        assert left(campaign(other), cut_off) is None
+    assert left(campaign("interrupted", "stop")) is None and left() is None
+
+
+def test_an_operator_goes_on_with_what_can_go_on() -> None:
+    check_resumable(campaign("failed", "stop"), 0, run_record(number=7))
+    for record, cell, told in (
+        (campaign("completed"), 0, "nothing to go on with"),
+        (campaign("failed", done=None), 0, "start it anew"),
+        (campaign("interrupted"), 7, "begun anew"),
+    ):
+        with pytest.raises(ConflictError, match=told):
+            check_resumable(record, cell, run_record(number=7))
+
+
+@pytest.mark.parametrize(("policy", "deaths", "done"), [(Policy(True), 2, True), (Policy(True), 3, False)])
+async def test_a_worker_that_died_is_replaced_where_that_was_declared(policy: Policy, deaths: int, done: bool) -> None:
+    left = [deaths]
+
+    async def work() -> str:
+        if left[0]:
+            left[0] -= 1
+            raise CampaignFailedError(f"the fit failed: {WORKER_DIED}; see the log")
+        return "made"
+
+    if done:
+        assert await tried(policy, work) == "made"
+    else:
+        with pytest.raises(CampaignFailedError):
+            await tried(policy, work)
+
+
+@pytest.mark.parametrize(("policy", "told"), [(Policy(False), WORKER_DIED), (Policy(True), "too few samples")])
+async def test_any_other_failure_is_one_at_once(policy: Policy, told: str) -> None:
+    calls: list[int] = []
+
+    async def work() -> None:
+        calls.append(1)
+        raise CampaignFailedError(told)
+
+    with pytest.raises(CampaignFailedError):
+        await tried(policy, work)
+    assert len(calls) == 1
