@@ -220,7 +220,17 @@ def _row(base: Base, run: TimeSeries, soc: float, family: str, truth: str | None
     answer = diagnose(base.network, [run], [soc], train=base.train, train_soc=base.train_soc, mode="change")
     names = truth.split("|") if truth else []
     row = answered(answer, names)
-    return row | {"family": family, "size": _sized(answer, names, size), "power": _power(answer, names)}
+    return row | {
+        "family": family,
+        "change": None if size is None else size - _unchanged(base, soc, names),
+        "size": _sized(answer, names, size),
+        "power": _power(answer, names),
+    }
+
+
+def _unchanged(base: Base, soc: float, truth: list[str]) -> float:
+    """What the first parameter of the effect would be without it."""
+    return base.network.cell.capacity_Ah if "capacity" in truth else soc if "initial_soc" in truth else 0.0
 
 
 def _sized(answer: Diagnosis, truth: list[str], size: float | None) -> dict[str, Any] | None:

@@ -65,9 +65,9 @@ def wrong_and_sure(row: Row) -> bool:
 
 
 def _above_power(row: Row) -> bool:
-    if row["power"] is None or row["size"] is None:
+    if row["power"] is None or row["change"] is None:
         return True
-    return abs(row["size"]["true"]) >= row["power"]
+    return abs(row["change"]) >= row["power"]
 
 
 def _reliability(rows: list[Row]) -> list[dict[str, Any]]:
@@ -90,6 +90,9 @@ def show(result: dict[str, Any]) -> None:
         "false alarms",
         "named first",
         "not misled",
+        "above power",
+        "of these first",
+        "of these not misled",
         "nothing found",
         "wrong above 0.9",
         "sizes within 2 std",
@@ -102,12 +105,15 @@ def show(result: dict[str, Any]) -> None:
             f"{each['false_alarms']} of {each['nulls']}",
             f"{each['named_first']} of {each['cases']}",
             f"{each['not_misled']} of {each['cases']}",
+            f"{each['above_power']['cases']} of {each['cases']}",
+            str(each["above_power"]["named_first"]),
+            str(each["above_power"]["not_misled"]),
             str(each["nothing_found"]),
             str(each["wrong_above_0.9"]),
             f"{each['sizes_within_two_std']} of {each['sizes']}",
             f"{each['longest_s']:.1f} s",
         )
-    console = Console(width=150)
+    console = Console(width=190)
     console.print(table)
     for name, each in result.items():
         bins = ", ".join(

@@ -17,7 +17,7 @@ _RATES = (5.0, 15.0, 50.0, 150.0)
 _SHAPES = (4.0, 6.0, 9.0, 14.0, 20.0, 30.0, 45.0, 70.0, 110.0, 170.0, 400.0)
 _BUMPS = 5
 # A usual loop, and rates that it may have.
-_USUAL_V, _EXPECTED_RATES = 0.008, (10.0, 30.0, 100.0)
+_USUAL_V, _EXPECTED_RATES = 0.008, (10.0, 20.0, 40.0, 80.0, 160.0)
 
 
 def _regressors(view: View) -> FloatArray:

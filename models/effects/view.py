@@ -61,6 +61,11 @@ class OwnModel(Protocol):
         """Middle of the temperatures that the model was made from."""
         ...
 
+    @property
+    def domain(self) -> dict[str, tuple[float, float]]:
+        """Ranges of SoC, current and temperature that the model was made from."""
+        ...
+
     def inputs(
         self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray
     ) -> ModelInputs:

@@ -154,16 +154,7 @@ def level(points: Points, known: Points, unseen_V: FloatArray) -> FloatArray:
 
 # Causes of error: alike at like operating points; alike in time or in a whole run; alike nowhere.
 PLACES = ("place", "load there", "load history there", "lead of the surface")
-TIMES = (
-    "minute",
-    "quarter of an hour",
-    "load, minute",
-    "load, quarter",
-    "slip",
-    "start of a run",
-    "scale",
-    "load of a run",
-)
+TIMES = ("minute", "quarter of an hour", "load, minute", "load, quarter", "slip")
 WHITE = ("white", "white under load")
 
 

@@ -37,8 +37,8 @@ class Known:
     away_K: float = 10.0
     away_soc: float = 0.05
     share: float = 0.07
-    share_spread: float = 1.5
-    granted: float = 0.1
+    share_spread: float = 2.5
+    granted: float = 0.03
     usual_V: float = 5e-3
     usual_range: tuple[float, float] = (0.5, 8.0)
     level_soc: float = 0.04

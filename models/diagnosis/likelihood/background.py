@@ -69,8 +69,8 @@ class Background:
 
     @cached_property
     def white_errors(self) -> list[FloatArray]:
-        """(N,) error by the root, for each scale."""
-        return [self.white(self.error, scale) for scale in THRESHOLDS.scales]
+        """(N,) error by the root, for each scale of `effect_scales`."""
+        return [self.white(self.error, scale) for scale, _ in THRESHOLDS.effect_scales]
 
     def log_of_nothing(self, scales: tuple[float, ...], weights: tuple[float, ...]) -> float:
         """Logarithm of the likelihood where nothing is new, up to a constant."""
@@ -102,9 +102,7 @@ class Background:
         """
         logs, means, covariances = [], [], []
         k = columns.shape[1]
-        for scale, weight, white_error in zip(
-            THRESHOLDS.scales, THRESHOLDS.scale_weights, self.white_errors, strict=True
-        ):
+        for (scale, weight), white_error in zip(THRESHOLDS.effect_scales, self.white_errors, strict=True):
             stacked = columns if moved is None else np.column_stack([columns, moved])
             white = self.white(stacked, scale)
             error = white_error if moved is None else white_error - white[:, k]

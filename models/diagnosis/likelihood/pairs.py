@@ -29,8 +29,8 @@ def pair_gains(
     first = np.cumsum([0, *(each.shape[1] for each in columns)])
     shift = [np.zeros(len(back.error)) if each is None else each for each in moved]
     stacked = np.column_stack([*columns, *shift])
-    logs = np.empty((len(couples), len(THRESHOLDS.scales), len(THRESHOLDS.sizes)))
-    for s, (scale, weight) in enumerate(zip(THRESHOLDS.scales, THRESHOLDS.scale_weights, strict=True)):
+    logs = np.empty((len(couples), len(THRESHOLDS.effect_scales), len(THRESHOLDS.sizes)))
+    for s, (scale, weight) in enumerate(THRESHOLDS.effect_scales):
         white, error = back.white(stacked, scale), back.white_errors[s]
         products, right = white.T @ white, white.T @ error
         base = -float(np.sum(np.log(np.diag(back.root(scale))))) + float(np.log(weight))

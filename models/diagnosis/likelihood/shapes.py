@@ -90,8 +90,11 @@ def shapes_of(sight: Sight, one: Effect) -> tuple[Linear | Moving, ...]:
 
 
 def columns_of(shape: Linear | Moving) -> FloatArray:
-    """(N, k) columns of a shape for usual sizes, about no change."""
-    return shape.columns if isinstance(shape, Linear) else shape.columns(np.zeros(shape.size))[1]
+    """(N, k) columns of a shape for usual sizes; (N, 2 k) of one that moves, with half the variance in each direction."""
+    if isinstance(shape, Linear):
+        return shape.columns
+    moved = [sign * shape.simulate(sign * _STEP * unit) for sign in (1.0, -1.0) for unit in np.eye(shape.size)]
+    return np.column_stack(moved) / (_STEP * np.sqrt(2.0))
 
 
 def whole_V(one: Effect, shape: Linear | Moving, sizes: FloatArray, view: View) -> FloatArray:
@@ -119,6 +122,9 @@ def granted(sight: Sight, shapes: dict[str, tuple[Linear | Moving, ...]]) -> Flo
     shapes : of the effects, by their names
     """
     seen = sight.known.elsewhere.granted
+    if not seen:
+        # The cell is known as it is: nothing differs from run to run.
+        return np.zeros((len(sight.own_rows[0]), 0))
     parts = [np.sqrt(seen.get(ALL_RESISTANCES, 0.0)) * all_resistances(sight)]
     for name, own in shapes.items():
         share = effect(name).expected.granted

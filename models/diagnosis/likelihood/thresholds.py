@@ -16,6 +16,7 @@ class Thresholds:
     soc_margin : how far beyond the trained SoC a sample may lie
     scales, scale_weights : factors by which the model's error elsewhere may be larger than was learned, and how likely
         each is
+    beside, beside_weight : such a factor beside an effect, and how likely: the effect and something more
     unknown_scales : the same where something is there that no effect stands for
     sizes : of an effect, in units of its usual size
     tempering : power of the likelihood: neither equations nor errors are quite those that were assumed
@@ -43,6 +44,8 @@ class Thresholds:
     soc_margin: float = 0.03
     scales: tuple[float, ...] = (0.6, 1.0, 1.7, 2.9)
     scale_weights: tuple[float, ...] = (0.2, 0.4, 0.28, 0.12)
+    beside: float = 6.0
+    beside_weight: float = 0.01
     unknown_scales: tuple[float, ...] = (3.0, 6.0, 12.0)
     sizes: tuple[float, ...] = (0.3, 1.0, 3.0)
     tempering: float = 0.35
@@ -64,6 +67,11 @@ class Thresholds:
     resistance: float = 0.3
     usual_V: float = 0.01
     white_K: float = 0.05
+
+    @property
+    def effect_scales(self) -> tuple[tuple[float, float], ...]:
+        """Factors of the model's error where an effect is there, each with its weight."""
+        return (*zip(self.scales, self.scale_weights, strict=True), (self.beside, self.beside_weight))
 
 
 THRESHOLDS = Thresholds()

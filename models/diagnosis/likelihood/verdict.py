@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -14,7 +14,7 @@ from models.diagnosis.likelihood.shapes import Linear, Moving
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.effects import Effect
 
-_STEPS = 3
+_STEPS = 4
 _SETTLED = 0.05
 
 
@@ -29,6 +29,7 @@ class Tried:
     columns : (N, k) for usual sizes, or derivatives about what was moved
     moved : (N,) what is taken off the error first; None: nothing
     weighed : its evidence, that of all shapes together
+    broken : what is taken off the logarithm of the likelihood, because a simulation does not bear it out
     """
 
     effect: Effect
@@ -36,6 +37,7 @@ class Tried:
     columns: FloatArray
     moved: FloatArray | None
     weighed: Weighed
+    broken: float = 0.0
 
     @property
     def contribution(self) -> FloatArray:
@@ -49,9 +51,7 @@ def try_shapes(back: Background, one: Effect, shapes: tuple[Linear | Moving, ...
     every = [_linear(back, one, shape) if isinstance(shape, Linear) else _moving(back, one, shape) for shape in shapes]
     best = max(every, key=lambda each: each.weighed.log_likelihood)
     together = log_sum([each.weighed.log_likelihood for each in every]) - float(np.log(len(every)))
-    return Tried(
-        one, best.shape, best.columns, best.moved, Weighed(together, best.weighed.mean, best.weighed.covariance)
-    )
+    return replace(best, weighed=replace(best.weighed, log_likelihood=together))
 
 
 def _linear(back: Background, one: Effect, shape: Linear) -> Tried:
@@ -59,21 +59,32 @@ def _linear(back: Background, one: Effect, shape: Linear) -> Tried:
 
 
 def _moving(back: Background, one: Effect, shape: Moving) -> Tried:
-    """Simulate again about what the runs ask for, from each start; the likeliest end is taken."""
-    ends: list[Tried] = []
+    """Simulate again about what the runs ask for, from each start; the likeliest of what was simulated is taken."""
+    seen: list[Tried] = []
     for start in shape.starts:
         sizes = np.array(start)
-        at, columns = shape.columns(sizes)
         for _ in range(_STEPS):
-            asked = np.clip(back.step(columns, at - columns @ sizes), *shape.limits)
+            at, columns = shape.columns(sizes)
+            moved = at - columns @ sizes
+            weighed = back.weigh(columns, moved)
+            broken = _broken(back, shape, weighed, columns, moved)
+            weighed = replace(weighed, log_likelihood=weighed.log_likelihood - broken)
+            seen.append(Tried(one, shape, columns, moved, weighed, broken))
+            asked = np.clip(back.step(columns, moved), *shape.limits)
             settled = bool(np.abs(asked - sizes).max() < _SETTLED)
             sizes = asked
-            at, columns = shape.columns(sizes)
             if settled:
                 break
-        moved = at - columns @ sizes
-        ends.append(Tried(one, shape, columns, moved, back.weigh(columns, moved)))
-    return max(ends, key=lambda each: each.weighed.log_likelihood)
+    return max(seen, key=lambda each: each.weighed.log_likelihood)
+
+
+def _broken(back: Background, shape: Moving, weighed: Weighed, columns: FloatArray, moved: FloatArray) -> float:
+    """How much evidence the derivatives promise beyond what a simulation of the likeliest size bears out."""
+    promised = moved + columns @ weighed.mean
+    truly = shape.simulate(np.clip(weighed.mean, *shape.limits))
+    both = back.error[:, None] - np.column_stack([promised, truly])
+    white = [np.sum(back.white(both, scale) ** 2, axis=0) for scale in THRESHOLDS.scales]
+    return max(0.0, *(0.5 * float(each[1] - each[0]) for each in white))
 
 
 @dataclass(frozen=True)
@@ -120,11 +131,12 @@ def judge(back: Background, tried: list[Tried]) -> Verdict:
     products = np.array([share[i] * share[j] * _likely(tried[i].effect, tried[j].effect) for i, j in couples])
     joint = np.log(at.pairs * products / max(products.sum(), 1e-300))
     gains = pair_gains(back, [each.columns for each in tried], [each.moved for each in tried], couples)
+    broken = np.array([tried[i].broken + tried[j].broken for i, j in couples])
     logs = np.concatenate(
         [
             [np.log(at.nothing), np.log(at.unknown) + at.tempering * back.unknown],
             alone + at.tempering * np.array([each.weighed.log_likelihood for each in tried]),
-            joint + at.tempering * np.array(gains),
+            joint + at.tempering * (np.array(gains) - broken),
         ]
     )
     posterior = np.exp(logs - log_sum(logs))

@@ -64,6 +64,7 @@ def row(truth: str | None, named: str, **more: object) -> dict[str, object]:
         "ambiguous_with_truth": False,
         "confidence": [0.95],
         "size": None,
+        "change": None,
         "power": None,
         "diagnosis_s": 1.0,
     }
@@ -94,6 +95,5 @@ def test_four_names_are_as_good_as_none() -> None:
 
 
 def test_sizes_below_the_stated_power_are_told_apart() -> None:
-    size = {"true": 0.001, "value": 0.001, "std": 0.001}
-    rows = [row("a", "a", size=size, power=0.01), row("a", "a", size=size, power=0.0001), row("a", "a")]
-    assert figures(rows)["above_power"]["cases"] == 2
+    rows = [row("a", "a", change=0.001, power=0.01), row("a", "none", change=-0.001, power=0.0001), row("a", "a")]
+    assert figures(rows)["above_power"] == {"cases": 2, "named_first": 1, "not_misled": 1}

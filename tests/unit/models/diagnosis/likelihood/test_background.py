@@ -20,7 +20,8 @@ BACK = Background(ERROR, FIXED, ELSEWHERE)
 def written_out(columns: np.ndarray | None, moved: np.ndarray | float = 0.0) -> float:
     """Logarithm of the mixture, each part by the density of the whole covariance."""
     logs = []
-    for scale, weight in zip(THRESHOLDS.scales, THRESHOLDS.scale_weights, strict=True):
+    nothing = tuple(zip(THRESHOLDS.scales, THRESHOLDS.scale_weights, strict=True))
+    for scale, weight in nothing if columns is None else THRESHOLDS.effect_scales:
         whole = FIXED + scale**2 * ELSEWHERE
         sizes = (0.0,) if columns is None else THRESHOLDS.sizes
         for size in sizes:
