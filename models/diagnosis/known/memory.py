@@ -49,4 +49,7 @@ def simulated_heat(cell: KnownCell, view: View, stride: int, balance: HeatBalanc
         known.resistance_K_per_W,
         known.time_constant_s,
         known.dU_dT_V_per_K,
+        known.offset_K,
+        known.quick_heat,
+        known.quick_chamber,
     )

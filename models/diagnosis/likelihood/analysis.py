@@ -73,8 +73,7 @@ class Analysis:
         others = [each for p, each in self.verdict.single[1:] if p * THRESHOLDS.rival >= best]
         name = self.named[0].effect
         twin = [each for _, each in self.verdict.single[1:] if each.effect.name == name.twin and each not in others]
-        outer = {each.effect.name for each in others if name.name in each.effect.contains}
-        return tuple(twin + [each for each in others if each.effect.name not in outer])
+        return tuple(twin + others)
 
     @property
     def confidence(self) -> float:

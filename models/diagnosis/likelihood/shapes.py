@@ -23,6 +23,8 @@ _FURTHEST = 8.0
 # Temperatures that a cell may have had, whatever a wrong reading says.
 _POSSIBLE_DEGC = (-60.0, 150.0)
 ALL_RESISTANCES = "all resistances"
+# The inside of a cell is warmer than its skin: part of a usual misreading that its resistances always show.
+_INSIDE = 0.2
 # A temperature that moves less shows nothing of what temperature does.
 _LEAST_SPAN_K = 1.5
 
@@ -90,7 +92,7 @@ def shapes_of(sight: Sight, one: Effect) -> tuple[Linear | Moving, ...]:
 
 
 def columns_of(shape: Linear | Moving) -> FloatArray:
-    """(N, k) columns of a shape for usual sizes; (N, 2 k) of one that moves, with half the variance in each direction."""
+    """(N, k) columns of a shape for usual sizes; (N, 2 k), half the variance in either direction, of one that moves."""
     if isinstance(shape, Linear):
         return shape.columns
     moved = [sign * shape.simulate(sign * _STEP * unit) for sign in (1.0, -1.0) for unit in np.eye(shape.size)]
@@ -131,8 +133,20 @@ def granted(sight: Sight, shapes: dict[str, tuple[Linear | Moving, ...]]) -> Flo
         least = share(sight.runs[0].points) if share is not None else 0.0
         size = max(least, float(np.sqrt(seen.get(name, 0.0)))) / np.sqrt(len(own))
         parts += [size * columns_of(shape) for shape in own]
+        if _misreads(effect(name)):
+            parts += [_INSIDE * np.where(_is_voltage(sight)[:, None], columns_of(shape), 0.0) for shape in own]
     every = np.hstack(parts)
     return np.hstack([np.where(rows[:, None], every, 0.0) for rows in sight.own_rows])
+
+
+def _misreads(one: Effect) -> bool:
+    """Whether an effect is a wrong temperature, which the resistances do not follow."""
+    return one.warmth is not None and one.correction is not None and one.correction.sample is not None
+
+
+def _is_voltage(sight: Sight) -> np.ndarray:
+    """(N,) whether a point is one of the voltage."""
+    return np.arange(len(sight.own_rows[0])) < sight.n_voltage
 
 
 def _moves(sight: Sight) -> bool:

@@ -1,4 +1,8 @@
-"""The lumped heat balance of the training runs: T = T_ambient + K low-pass of the heat, with the heat I (V - U)."""
+"""The lumped heat balance of the training runs: T = T_ambient + K low-pass of the heat, with the heat I (V - U).
+
+A sensor that reads too much by the same in all of them is no news in another run, nor is a skin that follows heat and
+chamber sooner than the inside does: both are part of the balance.
+"""
 
 from __future__ import annotations
 
@@ -8,23 +12,37 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
 from models.effects.thermal_view import ThermalView
-from models.network.signals.filters import low_pass
 
 _TIME_CONSTANT_S = (20.0, 20_000.0)
 _GRID = 24
 _LEAST_RISE_K = 0.5
 _LEAST_RESISTANCE_K_PER_W = 1e-6
+# A sensor that was put on with care, and what a skin of a small cell may do sooner.
+_USUAL_OFFSET_K, _USUAL_QUICK = 0.3, 0.2
+_NONE = {"dU_dT_V_per_K": 0.0, "offset_K": 0.0, "quick_heat": 0.0, "quick_chamber": 0.0}
 
 
 @dataclass(frozen=True)
 class HeatBalance:
-    """Thermal resistance, time constant, entropic coefficient, and the mean squared error of the temperature."""
+    """What warms and cools the cell, as the training runs have it.
+
+    Attributes
+    ----------
+    resistance_K_per_W, time_constant_s, dU_dT_V_per_K : thermal resistance, time constant, and entropic coefficient
+    mse_K2 : mean squared error of the temperature
+    offset_K : what the sensor reads too much
+    quick_heat, quick_chamber : shares by which the skin follows the heat and the chamber sooner
+    """
 
     resistance_K_per_W: float
     time_constant_s: float
     dU_dT_V_per_K: float
     mse_K2: float
+    offset_K: float = 0.0
+    quick_heat: float = 0.0
+    quick_chamber: float = 0.0
 
 
 def _fitted(views: list[ThermalView]) -> HeatBalance:
@@ -33,14 +51,14 @@ def _fitted(views: list[ThermalView]) -> HeatBalance:
 
     def judged(log_tau: float) -> float:
         tau_s = float(np.exp(log_tau))
-        still = [replace(view, heat_W=0.0 * view.heat_W, time_constant_s=tau_s).simulated() for view in views]
+        still = [replace(view, heat_W=0.0 * view.heat_W, time_constant_s=tau_s, **_NONE).simulated() for view in views]
         error = np.concatenate([view.temperature_degC - quiet for view, quiet in zip(views, still, strict=True)])
-        sources = [[view.heat_W for view in views], [view.reversible_W for view in views]]
-        warm = np.column_stack([np.concatenate([low_pass(part, tau_s, views[0].dt_s) for part in s]) for s in sources])
-        gain, reversible = np.linalg.lstsq(warm, error, rcond=None)[0]
-        gain = max(float(gain), _LEAST_RESISTANCE_K_PER_W)
-        mse = float(np.mean((error - warm @ [gain, reversible]) ** 2))
-        known[log_tau] = HeatBalance(gain, tau_s, float(reversible) / gain, mse)
+        columns = np.vstack([view.responses(tau_s) for view in views])
+        found = _shrunk(columns, error, tau_s / views[0].dt_s)
+        mse = float(np.mean((error - columns @ found) ** 2))
+        gain, reversible, offset_K, heat, quick_chamber = found.tolist()
+        gain = max(gain, _LEAST_RESISTANCE_K_PER_W)
+        known[log_tau] = HeatBalance(gain, tau_s, reversible / gain, mse, offset_K, heat / gain, quick_chamber)
         return mse
 
     grid = np.linspace(float(np.log(_TIME_CONSTANT_S[0])), float(np.log(_TIME_CONSTANT_S[1])), _GRID)
@@ -49,6 +67,16 @@ def _fitted(views: list[ThermalView]) -> HeatBalance:
     log_tau = float(minimize_scalar(judged, bounds=bounds, method="bounded").x)  # pyright: ignore[reportAttributeAccessIssue]
     judged(log_tau)
     return known[log_tau]
+
+
+def _shrunk(columns: FloatArray, error: FloatArray, alike: float) -> FloatArray:
+    """(5,) least squares; the last three are held to what is usual, for `alike` samples together tell one thing."""
+    n = len(error)
+    first = np.linalg.lstsq(columns, error, rcond=None)[0]
+    mse = float(np.mean((error - columns @ first) ** 2))
+    usual = np.array([_USUAL_OFFSET_K, _USUAL_QUICK * max(abs(first[0]), _LEAST_RESISTANCE_K_PER_W), _USUAL_QUICK])
+    held = np.concatenate([np.zeros(2), max(alike, 1.0) * mse / usual**2])
+    return np.linalg.solve(columns.T @ columns + np.diag(held) + 1e-12 * n * np.eye(5), columns.T @ error)
 
 
 def fit_views(views: list[ThermalView]) -> HeatBalance | None:
