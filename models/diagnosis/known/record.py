@@ -30,7 +30,9 @@ def to_json(known: KnownRuns) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
         "kind": "diagnosis_memory",
-        "terms": [[term.signal, list(term.parts), term.bounded] for term in layout.basis.terms],
+        "terms": [
+            {"signal": term.signal, "parts": list(term.parts), "bounded": term.bounded} for term in layout.basis.terms
+        ],
         "axis": layout.basis.axis,
         "knots": {each.name: getattr(layout.knots, each.name).tolist() for each in fields(Knots)},
         "scale": layout.scale.tolist(),
@@ -85,7 +87,9 @@ def known_in(network: LocalModelNetwork) -> KnownRuns | None:
 
 
 def _cell(document: dict[str, Any]) -> KnownCell:
-    terms = tuple(Term(str(signal), tuple(parts), bool(bounded)) for signal, parts, bounded in document["terms"])
+    terms = tuple(
+        Term(str(each["signal"]), tuple(each["parts"]), bool(each["bounded"])) for each in document["terms"]
+    )
     knots = document["knots"]
     layout = Layout(
         Basis(str(document["axis"]), terms),
