@@ -87,9 +87,7 @@ def known_in(network: LocalModelNetwork) -> KnownRuns | None:
 
 
 def _cell(document: dict[str, Any]) -> KnownCell:
-    terms = tuple(
-        Term(str(each["signal"]), tuple(each["parts"]), bool(each["bounded"])) for each in document["terms"]
-    )
+    terms = tuple(Term(str(each["signal"]), tuple(each["parts"]), bool(each["bounded"])) for each in document["terms"])
     knots = document["knots"]
     layout = Layout(
         Basis(str(document["axis"]), terms),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.memory import KnownRuns
@@ -17,6 +19,7 @@ from models.diagnosis.likelihood.sight import Sight, background, look
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.verdict import Tried, Verdict, judge, prior_alone, try_shapes
 from models.effects import Effect
+from models.effects.view import View
 
 
 @dataclass(frozen=True)
@@ -137,9 +140,37 @@ def analyse(
         No sample of the runs can be judged.
     """
     sight = look(known, runs, soc)
+    std = soc_std or [THRESHOLDS.start_soc] * len(runs)
+    first = _held(sight, std, effects)
+    moved = _moved_soc(first)
+    if moved is None:
+        return first
+    # What an effect moves out of the trained state of charge would be held against it.
+    try:
+        closer = look(known, runs, soc, moved)
+    except ModelError:
+        return first
+    enough = THRESHOLDS.share_kept * sight.share_inside <= closer.share_inside < sight.share_inside
+    return _held(closer, std, effects) if enough else first
+
+
+def _held(sight: Sight, soc_std: list[float], effects: list[Effect]) -> Analysis:
+    """Every effect held against the samples that are looked at."""
     shapes = {one.name: shapes_of(sight, one) for one in effects}
     shapes = {name: own for name, own in shapes.items() if own}
-    std = soc_std or [THRESHOLDS.start_soc] * len(runs)
-    back = background(sight, std, granted(sight, shapes))
+    back = background(sight, soc_std, granted(sight, shapes))
     tried = [try_shapes(back, one, shapes[one.name]) for one in effects if one.name in shapes]
     return Analysis(sight, back, tuple(tried), judge(back, tried))
+
+
+def _moved_soc(analysis: Analysis) -> Callable[[View], FloatArray] | None:
+    """The state of charge by the likeliest effect that moves it, where the runs ask for one."""
+    movers = [each for each in analysis.tried if each.effect.shift is not None and each.effect.shift.soc is not None]
+    best = max(movers, key=lambda each: each.weighed.log_likelihood, default=None)
+    if best is None or best.weighed.log_likelihood < THRESHOLDS.asked:
+        return None
+    shift, width = best.effect.shift, best.effect.expected.width
+    soc_of = None if shift is None else shift.soc
+    assert soc_of is not None and width is not None
+    size = width(analysis.sight.runs[0].points) * float(best.weighed.mean[0])
+    return lambda view: soc_of(view, size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,8 +89,16 @@ class Sight:
         return warm.resistance_K_per_W * np.column_stack(rise)[run.warm_place]
 
 
-def look(known: KnownRuns, runs: list[GridRun], soc: list[float]) -> Sight:
+def look(
+    known: KnownRuns, runs: list[GridRun], soc: list[float], moved: Callable[[View], FloatArray] | None = None
+) -> Sight:
     """Choose the samples of judged runs that are looked at.
+
+    Parameters
+    ----------
+    known : of the training runs
+    runs, soc : to be judged, with their SoC at the start
+    moved : view -> (n,) state of charge by which a sample must lie within what was trained, too
 
     Raises
     ------
@@ -102,8 +111,9 @@ def look(known: KnownRuns, runs: list[GridRun], soc: list[float]) -> Sight:
     low, high = cell.soc_range
     inside = [
         view.run.measured[view.index]
-        & (view.soc[view.index] >= low - at.soc_margin)
-        & (view.soc[view.index] <= high + at.soc_margin)
+        & np.all(
+            [_between(each[view.index], low, high) for each in [view.soc, *([moved(view)] if moved else [])]], axis=0
+        )
         for view in views
     ]
     total = sum(int(each.sum()) for each in inside)
@@ -126,6 +136,10 @@ def look(known: KnownRuns, runs: list[GridRun], soc: list[float]) -> Sight:
         judged.append(RunSight(view, points, place, warm, warm_place))
     measured = sum(int(view.run.measured[view.index].sum()) for view in views)
     return Sight(known, tuple(judged), total / measured)
+
+
+def _between(soc: FloatArray, low: float, high: float) -> np.ndarray:
+    return (soc >= low - THRESHOLDS.soc_margin) & (soc <= high + THRESHOLDS.soc_margin)
 
 
 def background(sight: Sight, soc_std: list[float], granted: FloatArray) -> Background:

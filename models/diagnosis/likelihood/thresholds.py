@@ -14,6 +14,8 @@ class Thresholds:
     voltage_points, temperature_points : samples of all judged runs that are looked at
     simulated : samples of all runs for which effects are simulated
     soc_margin : how far beyond the trained SoC a sample may lie
+    asked : gain of the logarithm from which runs ask for another state of charge, which must be a trained one, too
+    share_kept : of the samples, without which they are all looked at
     scales, scale_weights : factors by which the model's error elsewhere may be larger than was learned, and how likely
         each is
     beside, beside_weight : such a factor beside an effect, and how likely: the effect and something more
@@ -42,6 +44,8 @@ class Thresholds:
     temperature_points: int = 200
     simulated: int = 20_000
     soc_margin: float = 0.03
+    asked: float = 10.0
+    share_kept: float = 0.3
     scales: tuple[float, ...] = (0.6, 1.0, 1.7, 2.9)
     scale_weights: tuple[float, ...] = (0.2, 0.4, 0.28, 0.12)
     beside: float = 6.0
