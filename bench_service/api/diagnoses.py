@@ -20,13 +20,17 @@ router = APIRouter(tags=["diagnoses"], route_class=StrictRoute)
 
 
 class DiagnosisBody(Body):
-    """What to diagnose; without ``train_run_ids`` the model's own, ``initial_soc`` replaces that of ``run_ids``."""
+    """What to diagnose; without ``train_run_ids`` the model's own, ``initial_soc`` replaces that of ``run_ids``.
+
+    ``initial_soc_std``: how sure it is; without it as a careful statement is.
+    """
 
     model_id: Id
     run_ids: Annotated[list[Id], Field(min_length=1, max_length=100)]
     train_run_ids: Annotated[list[Id], Field(max_length=100)] | None = None
     mode: Literal["structure", "change"] = "structure"
     initial_soc: Soc | None = None
+    initial_soc_std: Soc | None = None
 
 
 @router.post("/diagnoses", status_code=202)

@@ -26,13 +26,17 @@ from bench_service.store.records import Json, ModelOrigin, ModelRecord
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagnosisOrder:
-    """Runs to be diagnosed with a model; where `train_run_ids` is None, the runs that the model was made from."""
+    """Runs to be diagnosed with a model; where `train_run_ids` is None, the runs that the model was made from.
+
+    `initial_soc_std`: of the runs' stated SoC at the start; None: that of a careful statement.
+    """
 
     model_id: str
     run_ids: Sequence[str]
     train_run_ids: Sequence[str] | None
     mode: Literal["structure", "change"]
     initial_soc: float | None = None
+    initial_soc_std: float | None = None
 
 
 class Diagnosing:
@@ -81,8 +85,9 @@ class Diagnosing:
             )
             return {"diagnosis_id": record.id, "verdict": result["verdict"]}
 
+        std = order.initial_soc_std
         return self._jobs.submit(
-            "diagnosis", diagnose_runs, self._data_dir, document, runs, train, order.mode, store=keep
+            "diagnosis", diagnose_runs, self._data_dir, document, runs, train, order.mode, std, store=keep
         )
 
     async def start_addition(

@@ -24,6 +24,7 @@ def diagnose_runs(
     runs: Sequence[RunInput],
     train: Sequence[RunInput],
     mode: Literal["structure", "change"],
+    initial_soc_std: float | None = None,
 ) -> Json:
     """Diagnose stored runs; gives the ``diagnose`` object of the public contract."""
     # Lazy: numba and scipy take 890 ms.
@@ -40,6 +41,7 @@ def diagnose_runs(
         train=learned or None,
         train_soc=_soc(train) or None,
         mode=mode,
+        soc_std=None if initial_soc_std is None else [initial_soc_std] * len(runs),
     )
     return plain(diagnosis.to_json())
 

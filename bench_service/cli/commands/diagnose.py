@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
-from bench_service.cli.arguments import fractions
+from bench_service.cli.arguments import fraction, fractions
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_current_sign, read_model, read_runs
 from bench_service.cli.initial_soc import initial_soc
@@ -32,6 +32,12 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--train-initial-soc", type=fractions, metavar="S[,S...]", help="the same for the runs of --train"
     )
+    parser.add_argument(
+        "--initial-soc-std",
+        type=fraction,
+        metavar="D",
+        help="change: how far off the SoC of the runs' start may be (default: 0.005, a careful statement)",
+    )
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with the evidence")
     add_current_sign(parser)
 
@@ -50,8 +56,11 @@ def _run(options: Namespace, output: Output) -> int:
     train = read_runs(options.train, options.current_sign, output)
     soc = initial_soc(runs, options.initial_soc, network, output)
     train_soc = initial_soc(train, options.train_initial_soc, network, output)
+    std = None if options.initial_soc_std is None else [options.initial_soc_std] * len(runs)
     with output.progress("Diagnosing"), threadpool_limits(1):
-        diagnosis = diagnose(network, runs, soc, train=train or None, train_soc=train_soc or None, mode=options.mode)
+        diagnosis = diagnose(
+            network, runs, soc, train=train or None, train_soc=train_soc or None, mode=options.mode, soc_std=std
+        )
     result = diagnosis.to_json()
     if options.report is not None:
         write_atomically(options.report, diagnosis_page(options.model.name, network, runs, soc, result))

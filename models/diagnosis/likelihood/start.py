@@ -27,7 +27,13 @@ def start_columns(cell: KnownCell, view: View, soc_std: float) -> FloatArray:
     time_s = view.run.time_s[index]
     passed = view.throughput_Ah[index] / view.capacity_Ah
     soc = view.soc[index] + view.inputs.surface
-    columns = [soc_std * view.slope_V, at.start_V * np.exp(-at.start_loop * passed)]
+    above, here, below = (cell.open_circuit_V(soc + each) for each in (soc_std, 0.0, -soc_std))
+    # A wide statement reaches where the curve bends.
+    columns: list[FloatArray] = [
+        0.5 * (above - below),
+        0.5 * (above + below) - here,
+        at.start_V * np.exp(-at.start_loop * passed),
+    ]
     signals = np.zeros((len(cell.layout.basis.terms), len(index)))
     for b, term in enumerate(cell.layout.basis.terms):
         signal = parse_signal(term.signal)
