@@ -225,7 +225,8 @@ class Story:
         judge = ids(CHANGED_VALIDATE if changed else VALIDATE)
         order = DiagnosisOrder(
             model_id=self._done.model_id,
-            run_ids=ids(CHANGED) + ids(CHANGED_VALIDATE) if changed else ids(VALIDATE),
+            # The second run begins where the first was counted to end, which a changed capacity bends; and it judges.
+            run_ids=ids(CHANGED) if changed else ids(VALIDATE),
             train_run_ids=self._done.learned,
             mode=mode,
         )
