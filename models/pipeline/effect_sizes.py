@@ -18,9 +18,6 @@ from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect
 from models.network.local_model_network import LocalModelNetwork
 
-# The network is held against itself: the start is the same for both.
-_SOC_STD = 0.0
-
 
 def missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[str, Value]:
     """Parameters of an effect that the structure lacks, from the training runs."""
@@ -40,7 +37,8 @@ def changed(chosen: Effect, own: Record, network: LocalModelNetwork) -> dict[str
         The runs cannot size it.
     """
     try:
-        analysis = analyse(network_memory(network, own), own.runs, own.soc, [_SOC_STD] * len(own.runs), [chosen])
+        # The network is held against itself: the start is the same for both.
+        analysis = analyse(network_memory(network, own), own.runs, own.soc, None, [chosen], same_start=True)
     except np.linalg.LinAlgError:
         raise ModelError(
             f"{chosen.name}: the training runs determine too little to size it; name longer ones"

@@ -123,7 +123,13 @@ class Analysis:
 
 
 def analyse(
-    known: KnownRuns, runs: list[GridRun], soc: list[float], soc_std: list[float] | None, effects: list[Effect]
+    known: KnownRuns,
+    runs: list[GridRun],
+    soc: list[float],
+    soc_std: list[float] | None,
+    effects: list[Effect],
+    *,
+    same_start: bool = False,
 ) -> Analysis:
     """Hold runs against what is known of the cell as it was.
 
@@ -133,6 +139,7 @@ def analyse(
     runs, soc : to be diagnosed, with their SoC at the start
     soc_std : its standard deviations; None: those of a careful statement
     effects : to be tried
+    same_start : the known voltage was simulated from the same start; nothing of it is open
 
     Raises
     ------
@@ -140,7 +147,7 @@ def analyse(
         No sample of the runs can be judged.
     """
     sight = look(known, runs, soc)
-    std = soc_std or [THRESHOLDS.start_soc] * len(runs)
+    std = None if same_start else soc_std or [THRESHOLDS.start_soc] * len(runs)
     first = _held(sight, std, effects)
     moved = _moved_soc(first)
     if moved is None:
@@ -154,7 +161,7 @@ def analyse(
     return _held(closer, std, effects) if enough else first
 
 
-def _held(sight: Sight, soc_std: list[float], effects: list[Effect]) -> Analysis:
+def _held(sight: Sight, soc_std: list[float] | None, effects: list[Effect]) -> Analysis:
     """Every effect held against the samples that are looked at."""
     shapes = {one.name: shapes_of(sight, one) for one in effects}
     shapes = {name: own for name, own in shapes.items() if own}

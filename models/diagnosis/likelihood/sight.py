@@ -142,13 +142,13 @@ def _between(soc: FloatArray, low: float, high: float) -> np.ndarray:
     return (soc >= low - THRESHOLDS.soc_margin) & (soc <= high + THRESHOLDS.soc_margin)
 
 
-def background(sight: Sight, soc_std: list[float], granted: FloatArray) -> Background:
+def background(sight: Sight, soc_std: list[float] | None, granted: FloatArray) -> Background:
     """What the judged runs would be like with nothing new.
 
     Parameters
     ----------
     sight : of the runs
-    soc_std : standard deviation of each run's stated state of charge; 0: the run begins at rest where it was stated
+    soc_std : standard deviation of each run's stated state of charge; None: nothing of the starts is open
     granted : (N, k) columns of effects that are there in any log and no news
     """
     known, n = sight.known, sight.n_voltage
@@ -158,9 +158,9 @@ def background(sight: Sight, soc_std: list[float], granted: FloatArray) -> Backg
     rows = np.vstack([known.cell.regressors(run.points.inputs, run.points.soc[run.points.index]) for run in sight.runs])
     fixed_V2 = rows @ known.cell.covariance @ rows.T
     first = 0
-    for run, std in zip(sight.runs, soc_std, strict=True):
+    for run, std in zip(sight.runs, soc_std or [None] * len(sight.runs), strict=True):
         own = slice(first, first + len(run.place))
-        if std > 0.0:
+        if std is not None:
             columns = start_columns(known.cell, run.points, std)
             fixed_V2[own, own] += columns @ columns.T
         first = own.stop
