@@ -22,7 +22,7 @@ from bench_service.store.integrity import Expected, read_part
 from bench_service.store.integrity import damaged as damaged_run
 from bench_service.store.reading import StreamData
 from bench_service.store.records import RunRecord
-from bench_service.streams import OBSERVER, SAMPLES
+from bench_service.streams import OBSERVER, SAMPLES, Flag
 from models.readouts.incremental import incremental
 
 router = APIRouter(prefix="/runs", tags=["samples"])
@@ -34,8 +34,9 @@ MostPoints = Annotated[int | None, Query(ge=2, le=1_000_000)]
 AfterSeq = Annotated[int | None, Query(ge=-1, le=2**62)]
 Names = Annotated[str | None, Query(max_length=400)]
 _SHAPED_BY = {SAMPLES: ("voltage_V", "current_A", "temperature_degC"), OBSERVER: ("soc", "innovation_V")}
-# Flags too: a gap and a pause begin and end at a step of them.
-_STEPPED_BY = ("setpoint_A", "flags", "step", "cycle")
+_STEPPED_BY = ("setpoint_A", "marks", "step", "cycle")
+# Flags that a picture marks: where one of them comes or goes is a step too.
+_MARKS = Flag.GAP_BEFORE | Flag.SUSPECT | Flag.PAUSED
 _ROWS_PER_PART = 20_000
 _FEWEST_ROWS = 2
 
@@ -143,7 +144,8 @@ def _columns(services: Services, request: Request, run_id: str, stream: str, par
     if part.from_s is not None and part.to_s is not None and part.from_s > part.to_s:
         raise BadRequestError("from_s is after to_s", ("from_s",), value=part.from_s, unit="s", limit=part.to_s)
     data, damage = _read(services, run, stream, part)
-    rows = kept_rows(data.columns, data.n, part.most or data.n, _SHAPED_BY[stream], _STEPPED_BY)
+    marks = {"marks": data.columns["flags"] & _MARKS} if "flags" in data.columns else {}
+    rows = kept_rows(data.columns | marks, data.n, part.most or data.n, _SHAPED_BY[stream], _STEPPED_BY)
     return compressed(request, _as_json(data, rows, damage, _chosen(data, part.names)), _status(damage))
 
 

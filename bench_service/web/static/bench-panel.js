@@ -1,8 +1,9 @@
 // The selected bench: state, readings, latched fault, the last command's answer.
-import { acknowledge } from "./actions.js";
+import { acknowledge, hold } from "./actions.js";
 import { chip, el, renderKeyed, setText } from "./dom.js";
 import { BAND, MISSING, currentWord, duration, fixed, localTime, percent, quantity } from "./format.js";
 import { liveChart } from "./live-chart.js";
+import { TimeLeft } from "./time-left.js";
 import { benchWord, inMotion } from "./words.js";
 
 const OLD_AFTER_S = 3; // readings come several times a second while a bench is connected
@@ -21,6 +22,7 @@ export function benchPanel(state, traces) {
   state.on("benches select answers link", draw);
   state.on("live", ({ name }) => {
     if (name !== state.selected || !parts) return;
+    drawTimeLeft(parts, state.bench);
     drawReadings(parts, state.bench);
     drawAge(state, parts, state.bench);
   });
@@ -37,12 +39,13 @@ function build(state, traces, root, name) {
   const parts = {
     name, chip: el("span", { role: "status" }), about: el("p", { class: "about" }), reason: el("div"),
     answer: el("p", { class: "answer", role: "status" }), age: el("p", { class: "age" }), readings: readings(),
+    hold: el("div", { class: "form-end" }), left: el("p", { class: "time-left", hidden: true }), timeLeft: new TimeLeft(),
   };
   root.dataset.key = name;
   root.setAttribute("aria-label", `Bench ${name}`);
   root.replaceChildren(
     el("div", { class: "bench-side" },
-      el("header", { class: "bench-head" }, el("h2", { text: name }), parts.chip), parts.about, parts.reason, parts.readings.node, parts.age, parts.answer),
+      el("header", { class: "bench-head" }, el("h2", { text: name }), parts.chip), parts.about, parts.reason, parts.left, parts.hold, parts.readings.node, parts.age, parts.answer),
     liveChart(state, traces, name));
   return parts;
 }
@@ -68,9 +71,23 @@ function drawState(state, parts, bench) {
   setText(parts.about, [device, quantity(bench.capacity_Ah, 2, "Ah"), bench.lock_step ? "lock-step (simulated time)" : "", bench.url]
     .filter((text) => text && text !== MISSING).join(" · "));
   renderKeyed(parts.reason, JSON.stringify([bench.state, bench.reason]), () => reason(state, bench));
+  drawTimeLeft(parts, bench);
+  renderKeyed(parts.hold, bench.state, () => holdButton(state, bench));
   const answer = state.answers.get(bench.name);
   setText(parts.answer, answer ? `${localTime(answer.at)} ${answer.text}` : "");
   parts.answer.dataset.tone = answer ? { true: "good", false: "bad", null: "neutral" }[answer.ok] : "";
+}
+
+function holdButton(state, bench) {
+  if (bench.state === "running") return el("button", { id: "pause", type: "button", text: "Pause", title: "Output off, the profile waits", on: { click: () => hold(state, bench.name, true) } });
+  if (bench.state === "paused") return el("button", { id: "resume", class: "primary", type: "button", text: "Resume", on: { click: () => hold(state, bench.name, false) } });
+  return [];
+}
+
+function drawTimeLeft(parts, bench) {
+  const text = inMotion(bench) ? parts.timeLeft.words(bench) : "";
+  parts.left.hidden = !text;
+  setText(parts.left, text);
 }
 
 function reason(state, bench) {
