@@ -8,6 +8,7 @@ const [LEFT, RIGHT, TOP, GAP, BOTTOM] = [66, 66, 30, 44, 46];
 const ROW_PX = { 1: 420, 2: 230, 3: 180, 4: 150 };
 // Of several runs on one plot each has its colour; the first keeps those of its signals where it is alone.
 export const RUN_COLOURS = ["voltage", "current", "soc", "residual", "temperature", "neutral"];
+const WIDE = 0.06; // of the view: a narrower stretch has no room for its word
 const STRETCH = { gap: "bad", paused: "neutral", suspect: "bad" };
 const short = (value) => fixed(value, value !== 0 && Math.abs(value) < 10 ? Math.min(4, Math.max(0, 3 - Math.floor(Math.log10(Math.abs(value))))) : 1).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
 
@@ -74,7 +75,7 @@ export class RunPlot {
   }
 
   series(colours) {
-    const { runs, cursors, over } = this.state;
+    const { runs, over } = this.state;
     const several = runs.length > 1;
     const all = this.rows.flatMap((row, k) => [["left", 2 * k], ["right", 2 * k + 1]].flatMap(([side, axis]) => runs.flatMap((data, n) => {
       const signal = signalOf(row[side]);
@@ -94,7 +95,7 @@ export class RunPlot {
     for (const each of all) {
       if (each.type !== "line" || marked.has(each.xAxisIndex) || over !== "time") continue;
       marked.add(each.xAxisIndex);
-      Object.assign(each, marks(colours, runs[0], cursors, this.state.events, each.xAxisIndex === 0));
+      Object.assign(each, marks(colours, this.state, each.xAxisIndex === 0));
     }
     return all;
   }
@@ -139,14 +140,15 @@ const edges = (x, { values, half }) => x.map((t, k) => [t, Math.max(0, values[k]
 const place = (series, xAxisIndex, yAxisIndex) => ({ ...series, xAxisIndex, yAxisIndex });
 
 /** Cursors, events and stretches without good samples, on the first line of a row. */
-function marks(colours, data, cursors, events, labelled) {
+function marks(colours, { runs: [data], cursors, events, view }, labelled) {
+  const wide = (from, to) => to - from > WIDE * (view.to - view.from);
   const upright = (x, name, colour, dash) => ({ xAxis: x, name, lineStyle: { color: colour, type: dash, width: 1.4 }, label: { show: labelled, formatter: name, color: colour, fontSize: 12, distance: 3 } });
   const lines = [
     ...["a", "b"].filter((which) => Number.isFinite(cursors[which])).map((which) => upright(cursors[which], which.toUpperCase(), colours.ink, "solid")),
-    ...events.map((event) => upright(event.at, String(event.number), colours[event.severity === "info" ? "neutral" : "bad"], [2, 4])),
+    ...events.filter((event) => Number.isFinite(event.at)).map((event) => upright(event.at, String(event.number), colours[event.severity === "info" ? "neutral" : "bad"], [2, 4])),
   ];
   const areas = stretches(data).map(({ from, to, kind }) => [
-    { xAxis: from, name: kind, itemStyle: { color: colours[STRETCH[kind]], opacity: 0.16 }, label: { show: labelled, color: colours["ink-2"], fontSize: 12 } }, { xAxis: to },
+    { xAxis: from, name: kind, itemStyle: { color: colours[STRETCH[kind]], opacity: 0.16 }, label: { show: labelled && wide(from, to), color: colours["ink-2"], fontSize: 12 } }, { xAxis: to },
   ]);
   return {
     markLine: { symbol: "none", silent: true, animation: false, data: lines },
