@@ -1,7 +1,8 @@
 // The selected bench: state, readings, latched fault, the last command's answer.
-import { acknowledge, hold } from "./actions.js";
+import { acknowledge } from "./actions.js";
 import { chip, el, renderKeyed, setText } from "./dom.js";
 import { BAND, MISSING, currentWord, duration, fixed, localTime, percent, quantity } from "./format.js";
+import { holdButton } from "./run-control.js";
 import { liveChart } from "./live-chart.js";
 import { TimeLeft } from "./time-left.js";
 import { benchWord, inMotion } from "./words.js";
@@ -76,12 +77,6 @@ function drawState(state, parts, bench) {
   const answer = state.answers.get(bench.name);
   setText(parts.answer, answer ? `${localTime(answer.at)} ${answer.text}` : "");
   parts.answer.dataset.tone = answer ? { true: "good", false: "bad", null: "neutral" }[answer.ok] : "";
-}
-
-function holdButton(state, bench) {
-  if (bench.state === "running") return el("button", { id: "pause", type: "button", text: "Pause", title: "Output off, the profile waits", on: { click: () => hold(state, bench.name, true) } });
-  if (bench.state === "paused") return el("button", { id: "resume", class: "primary", type: "button", text: "Resume", on: { click: () => hold(state, bench.name, false) } });
-  return [];
 }
 
 function drawTimeLeft(parts, bench) {

@@ -14,7 +14,7 @@ export function cursorTable(shown, changed) {
     return input;
   };
   const inputs = { a: field("a"), b: field("b") };
-  const body = el("div");
+  const body = el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Values at the cursors" });
   const clear = el("button", { type: "button", class: "small", id: "cursors-clear", text: "Remove cursors", on: { click: () => { shown.cursors = { a: null, b: null }; changed(); } } });
   const node = el("div", { class: "cursors" },
     el("div", { class: "zoom-tools", role: "group", "aria-label": "Cursors" }, el("label", { class: "inline" }, "Cursor A ", inputs.a, " s"), el("label", { class: "inline" }, "B ", inputs.b, " s"), clear), body);

@@ -5,6 +5,7 @@ import { el, setText } from "./dom.js";
 import { header, stopButtons } from "./header.js";
 import { LiveLink } from "./live.js";
 import { comparePanel } from "./run-compare.js";
+import { controlPanel } from "./run-control.js";
 import { cursorTable } from "./run-cursors.js";
 import { RunData } from "./run-data.js";
 import { eventsOf, eventsList } from "./run-events.js";
@@ -160,8 +161,9 @@ async function start() {
 }
 
 function build(first) {
-  const facts = factsPanel(() => first, () => document.body.dataset.loadMs);
-  place("run-facts").replaceChildren(facts.node);
+  const facts = factsPanel(() => first);
+  const control = controlPanel(state, first);
+  place("run-facts").replaceChildren(facts.node, control.node);
   const rows = rowsChooser(shown, () => offered(shown.runs), draw);
   const gestures = { view: () => shown.view, whole: () => shown.whole, change, over: () => shown.over, cursor: (which, at) => { shown.cursors[which] = at; draw(); } };
   const zoom = zoomButtons(gestures);
@@ -179,7 +181,7 @@ function build(first) {
   place("run-compare").replaceChildren(compare.node);
   place("run-notes").replaceChildren(notesPanel(first, () => { document.title = `${first.name} · Bench service`; draw(); }));
   place("run-events").replaceChildren(events.node);
-  parts = [facts, rows, zoom, cursors, events, incremental, compare];
+  parts = [facts, control, rows, zoom, cursors, events, incremental, compare];
   draw();
 }
 

@@ -120,10 +120,10 @@ function words(bench, { duration_s: length_s, charge_Ah: [net_Ah], n_points: n }
 }
 
 /** What the service would refuse, said while one still types. */
-function objections({ limits = {}, capacity_Ah }, profile, _points, initial) {
+function objections({ limits = {}, capacity_Ah }, profile, { current_A: currents }, initial) {
   const found = [];
   const [low_A, high_A] = limits.current_A ?? [-Infinity, Infinity];
-  const [least_A, most_A] = profile.current_A;
+  const [least_A, most_A] = [Math.min, Math.max].map((pick) => currents.reduce((a, b) => pick(a, b)));
   if (least_A < low_A || most_A > high_A) found.push(`Current ${fixed(least_A, 2)} … ${fixed(most_A, 2)} A leaves the bench's limits ${fixed(low_A, 2)} … ${fixed(high_A, 2)} A.`);
   const [low, high] = limits.soc ?? [0, 1];
   const ends = profile.charge_Ah.slice(1).map((charge_Ah) => initial + charge_Ah / capacity_Ah);
