@@ -55,7 +55,7 @@ export class RunPlot {
       textStyle: { fontFamily: colours.font },
       grid: axes.map(({ top }) => ({ left: LEFT, right: RIGHT, top, height: this.heights.row })),
       xAxis: axes.map(({ k }) => this.xAxis(colours, text, k, k === rows.length - 1, over === "time" ? view : null)),
-      yAxis: axes.flatMap(({ row, k }) => [yAxis(colours, text, k, row.left, "left"), yAxis(colours, text, k, row.right, "right")]),
+      yAxis: axes.flatMap(({ row, k }) => ["left", "right"].map((side) => yAxis(colours, text, k, row[side], side, this.noteOf(row[side])))),
       axisPointer: { link: [{ xAxisIndex: "all" }] },
       tooltip: { trigger: "axis", className: "chart-tip", confine: true, transitionDuration: 0, axisPointer: { type: "line", animation: false }, formatter: (found) => this.tip(found) },
       series: this.series(colours),
@@ -114,6 +114,12 @@ export class RunPlot {
       }));
   }
 
+  /** What must be said of a signal beside its name, where that is so of every run: a counted SoC is none that was observed. */
+  noteOf(key) {
+    const notes = this.state.runs.map((data) => signalOf(key)?.of(data).note ?? "");
+    return new Set(notes).size === 1 ? notes[0] : "";
+  }
+
   unitOf(name) {
     const title = name.split(" · ")[0];
     const keys = this.rows.flatMap((row) => [row.left, row.right]);
@@ -125,11 +131,11 @@ export class RunPlot {
   }
 }
 
-function yAxis(colours, text, k, key, position) {
+function yAxis(colours, text, k, key, position, note) {
   const signal = signalOf(key);
   return {
     type: "value", gridIndex: k, position, scale: true, splitNumber: 4, show: Boolean(signal), axisLine: { show: position === "right", lineStyle: { color: colours.line } },
-    name: signal ? [signal.title, signal.unit].filter(Boolean).join(" / ") : "", nameGap: 14, axisTick: { show: position === "right" },
+    name: signal ? [[signal.title, note].filter(Boolean).join(", "), signal.unit].filter(Boolean).join(" / ") : "", nameGap: 14, axisTick: { show: position === "right" },
     nameTextStyle: { color: colours.ink, fontSize: 12, align: position, padding: position === "left" ? [0, 0, 0, 8 - LEFT] : [0, 8 - RIGHT, 0, 0] },
     splitLine: { show: position === "left", lineStyle: { color: colours.line, opacity: 0.5 } }, axisLabel: { ...text, formatter: short },
   };
