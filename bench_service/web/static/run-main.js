@@ -18,7 +18,7 @@ import { plotGestures, zoomButtons } from "./run-zoom.js";
 import { State } from "./state.js";
 
 const NEWS_EVERY_MS = 1500;
-const SETTLE_MS = 120; // a turning wheel asks once, when it has come to rest
+const SETTLE_MS = 60; // a turning wheel asks once, when it has come to rest
 const POINTS = 2500;
 const ROWS = ["voltage", "current", "soc.temperature"];
 const place = (id) => document.getElementById(id);
@@ -146,6 +146,8 @@ async function start() {
     run = await api.run(runId);
   } catch (error) {
     say(error.status === 404 ? `There is no run ${runId}.` : error.message);
+    place("run-facts").replaceChildren(el("h1", { text: "No run" }), el("p", {}, el("a", { href: "/#runs-section", text: "All runs" })));
+    for (const panel of document.querySelectorAll(".of-a-run")) panel.hidden = true;
     return;
   }
   shown.runs = [new RunData(run)];

@@ -54,7 +54,7 @@ export class RunPlot {
     return {
       textStyle: { fontFamily: colours.font },
       grid: axes.map(({ top }) => ({ left: LEFT, right: RIGHT, top, height: this.heights.row })),
-      xAxis: axes.map(({ k }) => this.xAxis(colours, text, k, k === rows.length - 1, over === "time" ? view : null)),
+      xAxis: axes.map(({ k }) => this.xAxis(colours, text, k, k === rows.length - 1, over === "time" ? view : this.chargeSpan())),
       yAxis: axes.flatMap(({ row, k }) => ["left", "right"].map((side) => yAxis(colours, text, k, row[side], side, this.noteOf(row[side])))),
       axisPointer: { link: [{ xAxisIndex: "all" }] },
       tooltip: { trigger: "axis", className: "chart-tip", confine: true, transitionDuration: 0, axisPointer: { type: "line", animation: false }, formatter: (found) => this.tip(found) },
@@ -64,10 +64,10 @@ export class RunPlot {
 
   xAxis(colours, text, k, last, view) {
     const time = this.state.over === "time";
-    const ticks = view ? { customValues: timeTicks(view.from, view.to) } : {};
+    const ticks = time ? { customValues: timeTicks(view.from, view.to) } : {};
     const shown = time ? { formatter: (value) => clock(value, view.to >= 3600), ...ticks } : { formatter: (value) => short(value) };
     return {
-      type: "value", gridIndex: k, min: view ? view.from : "dataMin", max: view ? view.to : "dataMax", scale: true,
+      type: "value", gridIndex: k, min: view.from, max: view.to,
       splitLine: { show: false }, axisLine: { onZero: false, lineStyle: { color: colours.line } }, nameLocation: "middle", nameGap: 24, nameTextStyle: text,
       name: last ? (time ? `test time / ${view.to >= 3600 ? "h:min:s" : "min:s"}` : "charge / Ah") : "",
       axisLabel: { ...text, show: last, hideOverlap: true, ...shown }, axisTick: { show: last, ...ticks }, axisPointer: { label: { show: false } },
@@ -87,7 +87,7 @@ export class RunPlot {
       const x = over === "time" ? found.time_s : chargeAt(data, found.time_s);
       const more = { step: signal.hold ?? false, lineStyle: { width: 1.6, color: colour, type: side === "right" ? [6, 3] : "solid" } };
       const drawn = [place(line(name, colour, k, pairs(x, found.values), more), k, axis)];
-      if (found.half && !several) drawn.unshift(place(band(`${name} band`, colour, k, edges(x, found)), k, axis));
+      if (found.half && !several && over === "time") drawn.unshift(place(band(`${name} band`, colour, k, edges(x, found)), k, axis));
       if (signal.key === "voltage" && data.compared) drawn.push(place(line(several ? `Model · ${data.name}` : "Model", colours.model, k, pairs(over === "time" ? data.compared.time_s : chargeAt(data, data.compared.time_s), data.compared.model_V), { lineStyle: { width: 1.4, color: colours.model } }), k, axis));
       return drawn;
     })));
@@ -114,6 +114,15 @@ export class RunPlot {
       }));
   }
 
+  /** Charge of all runs in the part that is loaded, on round figures. */
+  chargeSpan() {
+    const all = this.state.runs.flatMap((data) => data.samples.charge_Ah ?? []);
+    if (!all.length) return { from: 0, to: 1 };
+    const [low, high] = [Math.min, Math.max].map((pick) => all.reduce((a, b) => pick(a, b)));
+    const step = 10 ** Math.floor(Math.log10(Math.max(high - low, 1e-6))) / 5;
+    return { from: step * Math.floor(low / step), to: step * Math.ceil(high / step + 1e-9) };
+  }
+
   /** What must be said of a signal beside its name, where that is so of every run: a counted SoC is none that was observed. */
   noteOf(key) {
     const notes = this.state.runs.map((data) => signalOf(key)?.of(data).note ?? "");
@@ -134,7 +143,7 @@ export class RunPlot {
 function yAxis(colours, text, k, key, position, note) {
   const signal = signalOf(key);
   return {
-    type: "value", gridIndex: k, position, scale: true, splitNumber: 4, show: Boolean(signal), axisLine: { show: position === "right", lineStyle: { color: colours.line } },
+    type: "value", gridIndex: k, position, scale: true, splitNumber: 4, show: Boolean(signal), axisLine: { show: position === "right", onZero: false, lineStyle: { color: colours.line } },
     name: signal ? [[signal.title, note].filter(Boolean).join(", "), signal.unit].filter(Boolean).join(" / ") : "", nameGap: 14, axisTick: { show: position === "right" },
     nameTextStyle: { color: colours.ink, fontSize: 12, align: position, padding: position === "left" ? [0, 0, 0, 8 - LEFT] : [0, 8 - RIGHT, 0, 0] },
     splitLine: { show: position === "left", lineStyle: { color: colours.line, opacity: 0.5 } }, axisLabel: { ...text, formatter: short },
