@@ -135,6 +135,10 @@ run = Table(
     Column("continues", _ID),
     Column("repaired_utc", _UTC),
     Column("removed_utc", _UTC),
+    # What people write about it.
+    Column("label", Text),
+    Column("operator", Text),
+    Column("notes", Text),
 )
 
 comparison = Table(
