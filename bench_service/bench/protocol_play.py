@@ -3,10 +3,10 @@
 import math
 
 from bench_service.protocol.counters import Counters
-from bench_service.protocol.engine import Engine, StepEnd
+from bench_service.protocol.engine import Engine
 from bench_service.protocol.laws import Seen
 from bench_service.protocol.program import Program
-from bench_service.protocol.state import Standing
+from bench_service.protocol.state import Standing, StepEnd
 from drivers.cycler import Reading
 
 # What the loop needs to know of the step that plays, for people.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_service.campaign.ordering import RunOrder
+from bench_service.campaign.protocol_standing import left_to_resume as protocol_left
 from bench_service.campaign.workshop import CampaignFailedError, CampaignStoppedError
 from bench_service.errors import ConflictError, ServiceError
 from bench_service.jobs.counting import counted_soc
@@ -159,7 +160,7 @@ def resumed_soc(store: MetadataStore, samples: SampleReader, bench: str) -> floa
 
     A simulated cell is made anew with the service, and must stand where the stored samples have left it.
     """
-    if left_to_resume(store, bench) is None:
+    if left_to_resume(store, bench) is None and protocol_left(store, bench) is None:
         return None
     for run in store.runs.page(bench=bench, limit=100):
         data = samples.read(run.id)

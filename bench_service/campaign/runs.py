@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -13,6 +14,7 @@ from bench_service.bench.request import RunRequest
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.ordering import RunOrder, request_of
+from bench_service.campaign.protocol_standing import taken_up
 from bench_service.campaign.storage import Storage
 from bench_service.errors import BenchBusyError, BenchOfflineError, ConflictError, ServiceError
 from bench_service.store.metadata import MetadataStore
@@ -38,6 +40,11 @@ class Runs:
         Asked whether a run could be stored.
     code_version : str
         Noted with each run.
+
+    Attributes
+    ----------
+    on_cut_off : callable
+        Told the bench of a run that was interrupted, once that is written down.
     """
 
     def __init__(
@@ -55,6 +62,7 @@ class Runs:
         self._open: dict[str, asyncio.Event] = {}
         self._on_bench: dict[str, str] = {}
         self._paused: set[str] = set()
+        self.on_cut_off: Callable[[str], None] = lambda _: None
 
     async def start(self, benches: Benches, order: RunOrder) -> RunRecord:
         """Check an order, write down the intent, start the run.
@@ -69,6 +77,8 @@ class Runs:
             The profile or the limits are not admitted.
         """
         bench = benches.get(order.bench)
+        if order.protocol_id is not None and order.continues is not None:
+            order = await asyncio.to_thread(taken_up, order, bench, self._store, self._samples)
         request = await asyncio.to_thread(request_of, order, bench, self._store, self._storage)
         self._refuse_offline(bench)
         self.refuse_busy(bench)
@@ -186,6 +196,7 @@ class Runs:
 
     async def _end(self, ended: EndedMessage) -> None:
         run_id = ended["run_id"]
+        bench = self._on_bench.get(run_id)
         try:
             if ended["n_samples"] is None:
                 ended = await self._counted(ended)
@@ -195,6 +206,8 @@ class Runs:
                     await asyncio.wait_for(self._closing.wait(), _RETRY_S)
         finally:
             self._forget(run_id)
+        if ended["state"] == "interrupted" and bench is not None and not self._closing.is_set():
+            self.on_cut_off(bench)
 
     async def _write_end(self, ended: EndedMessage) -> bool:
         run_id, state, reason = ended["run_id"], ended["state"], ended["reason"]

@@ -2,41 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from bench_service.protocol.counters import ENDINGS, Counters, Ending
 from bench_service.protocol.guard import broken_limit, leaves
 from bench_service.protocol.laws import Law, Seen
 from bench_service.protocol.program import Again, End, Jump, Play, Program, Round
 from bench_service.protocol.response import Response
 from bench_service.protocol.slope import Slope
-from bench_service.protocol.state import Standing
+from bench_service.protocol.state import Standing, StepEnd
 from bench_service.protocol.steps import Record
 
 _NEAREST = 0.5  # a time ends with the sample that is nearest to it
 _SETTLING_SAMPLES = 3
 _TOLERANCE = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class StepEnd:
-    """A step that has ended, and what it has moved.
-
-    Attributes
-    ----------
-    step_index : int
-        Number of the step in the document, from 1.
-    at : int
-        Its instruction.
-    """
-
-    step_count: int
-    step_index: int
-    cycle_count: int
-    at: int
-    ended_by: Ending
-    moved: Counters
-    last: Seen
 
 
 class Engine:
@@ -111,6 +88,26 @@ class Engine:
                 return None
         return self._next(seen)
 
+    def begin(self, seen: Seen) -> bool:
+        """Go to the first step, or to the one that is taken up again, without playing it."""
+        return self._start(seen)
+
+    def repeat(self, end: StepEnd) -> bool:
+        """Go through a step that has been played before, and to the one after it; return whether there is one.
+
+        Raises
+        ------
+        ValueError
+            It is not the step that comes next.
+        """
+        if (self.standing.at, self.standing.step_count) != (end.at, end.step_count) or self._play is None:
+            raise ValueError(f"step {end.step_count} at instruction {end.at} does not follow in this protocol")
+        self.standing.step = end.moved
+        targets = (each.target for each in self._play.ends if ENDINGS[each.quantity] is end.ended_by)
+        going = self._leave(end.ended_by, next(targets, None), end.last)
+        self.ended.clear()
+        return going
+
     def close(self) -> None:
         """Note what the step that plays has moved when the run ends."""
         if self._play is not None and self._last is not None:
@@ -171,10 +168,7 @@ class Engine:
         quantity, step = end.quantity, self.standing.step
         if quantity == "time_s":
             return step.time_s >= end.value - _NEAREST * self._dt_s - _TOLERANCE
-        if quantity == "current_A" and self._law is not None and self._law.hold is None:
-            if self._play is not None and self._play.law == "cc_cv":
-                return False
-        if quantity == "current_A" and self._law is not None and 0 < self._law.held < _SETTLING_SAMPLES:
+        if quantity == "current_A" and not self._current_counts():
             return False
         if quantity == "dV_dt_V_per_s":
             assert self._slope is not None
@@ -184,6 +178,13 @@ class Engine:
         if value is None:
             return False
         return value >= end.value if end.above else value <= end.value
+
+    def _current_counts(self) -> bool:
+        """Whether the current may end the step: in a hold only when it holds."""
+        law, play = self._law, self._play
+        if law is None or play is None or law.hold is None:
+            return play is None or play.law != "cc_cv"
+        return law.held >= _SETTLING_SAMPLES and law.hold.settled
 
     def _value(self, quantity: str, seen: Seen) -> float | None:
         if quantity == "voltage_V":

@@ -13,7 +13,8 @@ from bench_service.protocol.response import Response
 
 _FIRST_GAIN = 0.6
 _SLOWEST_S = 60.0
-_GROWTH = 0.1
+_SLOPE_SHARE = 0.4
+_GROWTH = 0.07
 # An error beyond what noise makes: the hold begins anew.
 _UPSET_V = 0.006
 _UPSET_SAMPLES = 2
@@ -28,13 +29,19 @@ class Hold:
     voltage_V : float
     current_A : float
         In force when it begins.
+
+    Attributes
+    ----------
+    settled : bool
+        Whether the voltage is held, or the current stands at a bound: only then does the current say anything.
     """
 
-    __slots__ = ("_age_s", "_slope_A_per_s", "_upset", "current_A", "voltage_V")
+    __slots__ = ("_age_s", "_slope_A_per_s", "_upset", "current_A", "settled", "voltage_V")
 
     def __init__(self, voltage_V: float, current_A: float) -> None:
         self.voltage_V = voltage_V
         self.current_A = current_A
+        self.settled = False
         self._age_s = 0.0
         self._slope_A_per_s = 0.0
         self._upset = 0
@@ -65,9 +72,10 @@ class Hold:
         wanted_A = self.current_A + self._slope_A_per_s * dt_s * (self._age_s > 0.0) + gain * step_A
         self._age_s += dt_s
         held_A = min(max(wanted_A, low_A), high_A)
-        if held_A == wanted_A:
-            self._slope_A_per_s += gain * gain / (2.0 - gain) * step_A / dt_s
-        else:
+        if held_A != wanted_A:
             self._slope_A_per_s = 0.0
+        else:
+            self._slope_A_per_s += _SLOPE_SHARE * gain * gain * step_A / dt_s
+        self.settled = abs(error_V) < _UPSET_V or held_A != wanted_A
         self.current_A = held_A
         return held_A

@@ -98,9 +98,7 @@ class Law:
         play, cell = self._play, self._cell
         if self.hold is None:
             jump_A = play.level - last_A
-            ahead_V = seen.voltage_V + cell.drift_V_per_s * self._dt_s
-            if cell.known:
-                ahead_V += cell.resistance_Ohm * jump_A
+            ahead_V = seen.voltage_V + cell.drift_V_per_s * self._dt_s + cell.resistance_Ohm * jump_A
             if (play.voltage_V - ahead_V) * play.level > 0:
                 return play.level
         low, high = min(play.level, 0.0), max(play.level, 0.0)

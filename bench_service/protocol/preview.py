@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from bench_service.protocol.engine import Engine, StepEnd
+from bench_service.protocol.engine import Engine
 from bench_service.protocol.laws import Seen
 from bench_service.protocol.program import Play, Program
-from bench_service.protocol.state import Standing
+from bench_service.protocol.state import Standing, StepEnd
 
 _MOST_TICKS = 60_000
 _COARSEST_S = 60.0

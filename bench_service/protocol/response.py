@@ -8,6 +8,7 @@ import math
 # taken too high makes a hold slow, one too low makes it swing.
 _PRIOR_SHARE = 0.03
 _LEAST_STEP_C = 0.02
+_LARGE_STEP_C = 0.4
 _DRIFT_OVER_S = 3.0
 _LARGEST_SHARE = 0.3
 
@@ -62,8 +63,6 @@ class Response:
         if not 0.0 < seen_Ohm < _LARGEST_SHARE * voltage_V / self._capacity_Ah:
             return
         # A large step tells the resistance well, a small one is mostly noise.
-        share = min(1.0, abs(step_A) / (0.2 * self._capacity_Ah)) * (0.5 if self.known else 1.0)
-        if not self.known:
-            self.resistance_Ohm, self.known = seen_Ohm, share >= 0.5
-        else:
-            self.resistance_Ohm += share * (seen_Ohm - self.resistance_Ohm)
+        share = min(1.0, abs(step_A) / (_LARGE_STEP_C * self._capacity_Ah))
+        self.resistance_Ohm += share * (0.5 if self.known else 1.0) * (seen_Ohm - self.resistance_Ohm)
+        self.known = self.known or share > 0.5

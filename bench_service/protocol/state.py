@@ -1,11 +1,12 @@
-"""Where a protocol stands: enough to go on from there."""
+"""Where a protocol stands: enough to go on from there; and the steps that lie behind it."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
-from bench_service.protocol.counters import Counters
+from bench_service.protocol.counters import Counters, Ending
+from bench_service.protocol.laws import Seen
 
 
 @dataclass(slots=True)
@@ -45,3 +46,24 @@ class Standing:
             return cls(**{**data, "step": Counters(**data["step"]), "total": Counters(**data["total"])})
         except (KeyError, TypeError) as error:
             raise ValueError(f"standing of a protocol: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class StepEnd:
+    """A step that has ended, and what it has moved.
+
+    Attributes
+    ----------
+    step_index : int
+        Number of the step in the document, from 1.
+    at : int
+        Its instruction.
+    """
+
+    step_count: int
+    step_index: int
+    cycle_count: int
+    at: int
+    ended_by: Ending
+    moved: Counters
+    last: Seen

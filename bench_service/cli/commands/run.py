@@ -45,6 +45,9 @@ def _arguments(parser: ArgumentParser) -> None:
         "--resume", metavar="RUN", help="go on with this run's protocol where it was cut off: step, cycle and counts"
     )
     parser.add_argument(
+        "--on-interruption", choices=["stop", "resume"], help="whether a protocol that is cut off goes on by itself"
+    )
+    parser.add_argument(
         "--acknowledge", action="store_true", help="clear a fault that an earlier run has left; look at the bench first"
     )
 
@@ -88,6 +91,8 @@ def _play(client: BenchClient, profile: Playable, options: Namespace, output: Ou
     profile_id, further = profile.upload(client, options.bench)
     if options.resume is not None:
         further["continues"] = options.resume
+    if options.on_interruption is not None:
+        further["on_interruption"] = options.on_interruption
     further["name"] = profile.name
     run = client.start_run(options.bench, profile_id, dt_s, soc, **further)
     try:

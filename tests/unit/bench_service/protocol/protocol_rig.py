@@ -10,10 +10,10 @@ import numpy as np
 
 from bench_service.protocol.compiling import compile_protocol
 from bench_service.protocol.document import read_protocol
-from bench_service.protocol.engine import Engine, StepEnd
+from bench_service.protocol.engine import Engine
 from bench_service.protocol.laws import Seen
 from bench_service.protocol.program import Program, Window
-from bench_service.protocol.state import Standing
+from bench_service.protocol.state import Standing, StepEnd
 from simulators.catalogue import CELLS
 from simulators.cell import Cell
 from simulators.sensors import SensorParameters, Sensors

@@ -20,10 +20,22 @@ def endings(played) -> list[Ending]:
     ("step", "ending", "check"),
     [
         ({"step": "constant_current", "rate_C": 1, "until": {"voltage_V": 4.0}}, Ending.VOLTAGE, ("voltage_V", 4.0, 1)),
-        ({"step": "constant_current", "rate_C": -1, "until": {"voltage_V": 3.4}}, Ending.VOLTAGE, ("voltage_V", 3.4, -1)),
+        (
+            {"step": "constant_current", "rate_C": -1, "until": {"voltage_V": 3.4}},
+            Ending.VOLTAGE,
+            ("voltage_V", 3.4, -1),
+        ),
         ({"step": "power", "power_W": -8, "until": {"voltage_V": 3.4}}, Ending.VOLTAGE, ("voltage_V", 3.4, -1)),
-        ({"step": "resistance", "resistance_Ohm": 2, "until": {"voltage_V": 3.4}}, Ending.VOLTAGE, ("voltage_V", 3.4, -1)),
-        ({"step": "power", "power_W": -8, "until": {"current_A": {"above": 2.3}}}, Ending.CURRENT, ("current_A", -2.3, -1)),
+        (
+            {"step": "resistance", "resistance_Ohm": 2, "until": {"voltage_V": 3.4}},
+            Ending.VOLTAGE,
+            ("voltage_V", 3.4, -1),
+        ),
+        (
+            {"step": "power", "power_W": -8, "until": {"current_A": {"above": 2.3}}},
+            Ending.CURRENT,
+            ("current_A", -2.3, -1),
+        ),
     ],
 )
 def test_a_step_ends_with_the_first_sample_at_its_end(step, ending, check) -> None:
