@@ -112,8 +112,10 @@ class Recording:
         """
         rows = self._rows[stream]
         rows.append(row)
-        # A step that has ended must be known wherever the samples after it are.
-        if len(rows) >= _BATCH_ROWS or stream == STEPS:
+        if stream == STEPS:
+            # The end of a step is stored after the samples before it, and before those after it.
+            self._flush_all()
+        elif len(rows) >= _BATCH_ROWS:
             self._flush(stream)
         elif self._flush_at is None:
             self._flush_at = asyncio.get_running_loop().call_later(_BATCH_S, self._flush_all)

@@ -186,6 +186,7 @@ class RunLoop:
             player.close()
         for row in player.take_rows(self._track.time_s):
             self._parts.recording.put(STEPS, row)
+            self._plausibility.begin_step()
 
     def _heed_input(self, reading: Reading) -> None:
         """Take a button that is wired to the cycler for a stop; the map says which bit that is."""

@@ -43,7 +43,9 @@ class Standing:
     def from_json(cls, data: dict[str, Any]) -> Self:
         """Read what `to_json` wrote; raises `ValueError`."""
         try:
-            return cls(**{**data, "step": Counters(**data["step"]), "total": Counters(**data["total"])})
+            own = {"counters": list(data["counters"])}  # whoever plays from here counts on in it
+            parts = {name: Counters(**data[name]) for name in ("step", "total")}
+            return cls(**{**data, **own, **parts})
         except (KeyError, TypeError) as error:
             raise ValueError(f"standing of a protocol: {error}") from error
 

@@ -55,7 +55,11 @@ def test_it_goes_on_where_it_was_cut_off(n: int, told: bool) -> None:
     steps, samples = columns(first)
     standing = standing_after(program, None, steps, samples)
     assert standing is not None
-    assert Standing.from_json(standing.to_json()) == standing
+    written = standing.to_json()
+    copy = Standing.from_json(written)
+    assert copy == standing
+    play(program, sensors=NOISELESS, standing=copy, most=200)
+    assert Standing.from_json(written) == standing, "whoever plays from there leaves it as it is"
     soc = 0.5 + float(np.sum(first.current_A[1:] * np.diff(first.time_s))) / 3600 / 2.5
     rest = play(program, sensors=NOISELESS, standing=standing, true_cell=cell, soc=soc)
     parts = [columns(first)[0], columns(rest)[0]]
