@@ -144,9 +144,11 @@ class RunLoop:
         trip = self._judge(tick, reading)
         # What follows a sample is known before it is stored: the last one of a step always is.
         setpoint_A = None if trip or refused else self._next_A(tick, reading)
-        due = self._plan.player.due
-        if (tick.index >= self._next_record if due is None else due) or trip or refused:
-            self._record(tick, reading, suspect=trip is not None or refused is not None)
+        on_grid, due = tick.index >= self._next_record, self._plan.player.due
+        if due is None or (on_grid and self._observer is not None):
+            due = on_grid  # an observer steps in the run's sampling time, whatever else is stored between
+        if due or trip or refused:
+            self._record(tick, reading, suspect=trip is not None or refused is not None, on_grid=on_grid)
         self._parts.feed.note_lateness(tick.lateness_s)
         if self._parts.feed.due:
             self._show(tick, reading)
@@ -169,12 +171,15 @@ class RunLoop:
 
     def _next_A(self, tick: Tick, reading: Reading) -> float | None:
         """Return the set-point until the next tick; None: there is nothing left to play."""
-        player, time_s = self._plan.player, self._track.time_s
+        player, time_s, pause = self._plan.player, self._track.time_s, self._parts.pause
         if self._holding.active:
             player.wait(time_s)
             return 0.0
         if self._track.stale and player.closed_loop:
             return self._commanded_A  # not applied either; the next fresh sample counts for both
+        if pause.skip_wanted:
+            pause.skip_wanted = False
+            player.skip()
         setpoint_A = player.follow(self._holding.position(tick), reading, time_s, self._soc)
         self._tell_steps()
         return setpoint_A
@@ -218,7 +223,7 @@ class RunLoop:
         soc = self._soc if self._plan.counted_soc_limits else None
         return Context(self._plan.rules, self._track, now_s, soc, self._commanded_A, held_s)
 
-    def _record(self, tick: Tick, reading: Reading, *, suspect: bool) -> None:
+    def _record(self, tick: Tick, reading: Reading, *, suspect: bool, on_grid: bool) -> None:
         parts, time_s = self._parts, self._track.time_s
         settling = time_s < self._settled_from_s - _TIME_TOLERANCE_S
         self._next_record = (tick.index // self._plan.every + 1) * self._plan.every
@@ -240,7 +245,8 @@ class RunLoop:
         parts.recording.put(SAMPLES, row)
         self._gap = False
         if parts.observer is not None:
-            self._observed = self._observe(reading)
+            if on_grid:
+                self._observed = self._observe(reading)
             parts.recording.put(OBSERVER, (time_s, *self._observed))
 
     def _observe(self, reading: Reading) -> ObserverRow:

@@ -123,6 +123,14 @@ class Runs:
         bench.supervisor.hold(on=on)
         return bench
 
+    def skip(self, benches: Benches, name: str) -> Bench:
+        """End the step of the protocol on a bench; raises `ConflictError` where none plays."""
+        bench = benches.get(name)
+        if bench.supervisor.status.state != "running" or bench.live is None or bench.live.get("step_count") is None:
+            raise ConflictError(f"bench {name!r} is {bench.supervisor.status.state}: there is no step to skip")
+        bench.supervisor.skip()
+        return bench
+
     async def wait(self, run_id: str) -> RunRecord:
         """Wait until a run has ended and is written down."""
         if run_id in self._open:

@@ -102,6 +102,10 @@ class BenchClient:
         """Let the bench's run go on."""
         return self._connection.post(f"{API}/benches/{part(name)}/resume")
 
+    def skip_step(self, name: str) -> Record:
+        """End the step of the protocol on a bench, and go on to the next."""
+        return self._connection.post(f"{API}/benches/{part(name)}/skip")
+
     def open_seal(self, name: str) -> Record:
         """Tell which effect is hidden in a bench's simulated cell: ``{"sha256", "opened"}``."""
         return self._connection.post(f"{API}/benches/{part(name)}/seal/open")
