@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import asdict
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
 from pydantic import Field
@@ -12,7 +12,7 @@ from pydantic import Field
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.describing import describe_run
-from bench_service.campaign.runs import RunOrder
+from bench_service.campaign.ordering import RunOrder
 from bench_service.store.records import RunState
 
 router = APIRouter(prefix="/runs", tags=["runs"], route_class=StrictRoute)
@@ -33,7 +33,8 @@ class RunBody(Body):
     """A run to start."""
 
     bench: Id
-    profile_id: Id
+    profile_id: Id | None = None
+    protocol_id: Id | None = None
     dt_s: Annotated[Positive, Field(ge=1e-3, le=3600.0)]
     initial_soc: Soc
     limits: LimitsBody | None = None
@@ -42,6 +43,8 @@ class RunBody(Body):
     name: Name | None = None
     seed: Seed | None = None
     finish_alone: bool = False
+    continues: Id | None = None
+    on_interruption: Literal["stop", "resume"] | None = None
 
 
 class DescriptionBody(Body):

@@ -22,6 +22,8 @@ from bench_service.api import (
     live,
     models,
     profiles,
+    protocols,
+    run_steps,
     runs,
     samples,
 )
@@ -38,7 +40,9 @@ from bench_service.web import routes as web
 _RESOURCES = (
     benches,
     profiles,
+    protocols,
     runs,
+    run_steps,
     samples,
     events,
     formats,
@@ -93,6 +97,7 @@ def create_app(
     api = APIRouter(prefix="/api/v1")
     for resource in _RESOURCES:
         api.include_router(resource.router)
+    api.include_router(protocols.tests_router)
     api.include_router(models.bulk_router)
     app.include_router(api)
     app.include_router(health.router)

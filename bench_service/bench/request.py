@@ -22,6 +22,14 @@ class ObserverOrder(TypedDict):
     settings: dict[str, Any] | None
 
 
+class ProtocolOrder(TypedDict):
+    """A protocol that is to be played: its document, where to go on (None: at the beginning), its likely length."""
+
+    document: dict[str, Any]
+    standing: dict[str, Any] | None
+    expected_s: float | None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RunRequest:
     """One run.
@@ -43,6 +51,8 @@ class RunRequest:
         Time after a change of the set-point in which measured and commanded current are not compared.
     stale_limit : int
         Stale readings in a row that are a fault.
+    protocol : ProtocolOrder or None
+        In place of a profile, whose arrays are then empty.
     finish_alone : bool
         Plays on to its end where the service is gone; False: rest.
     """
@@ -58,6 +68,7 @@ class RunRequest:
     settle_s: float = 0.0
     stale_limit: int = 3
     finish_alone: bool = False
+    protocol: ProtocolOrder | None = None
 
     def to_frame(self) -> Frame:
         """Return header and body of the ``start`` message."""
@@ -72,6 +83,7 @@ class RunRequest:
             "settle_s": self.settle_s,
             "stale_limit": self.stale_limit,
             "finish_alone": self.finish_alone,
+            "protocol": self.protocol,
             "n": len(self.time_s),
         }
         body = np.asarray(self.time_s, "<f8").tobytes() + np.asarray(self.current_A, "<f8").tobytes()
@@ -104,6 +116,7 @@ class RunRequest:
                 settle_s=float(header["settle_s"]),
                 stale_limit=int(header["stale_limit"]),
                 finish_alone=bool(header["finish_alone"]),
+                protocol=header["protocol"],
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f"start message: {error!r}") from error

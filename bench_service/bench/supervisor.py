@@ -118,6 +118,11 @@ class BenchSupervisor:
         if self._link is not None:
             self._link.send({"op": "pause" if on else "resume"})
 
+    def skip(self) -> None:
+        """End the step of a protocol that plays; harmless where there is none."""
+        if self._link is not None:
+            self._link.send({"op": "skip"})
+
     def acknowledge(self) -> None:
         """Clear a latched fault; the bench stays in fault where its cause is still there."""
         if self._link is not None:

@@ -13,6 +13,7 @@ from bench_service.store.engine import LockHolder
 from bench_service.store.events import EventTable
 from bench_service.store.models import ModelTable
 from bench_service.store.profiles import ProfileTable
+from bench_service.store.protocols import ProtocolTable
 from bench_service.store.records import utc_text
 from bench_service.store.runs import RunTable
 
@@ -25,7 +26,7 @@ class MetadataStore:
 
     Attributes
     ----------
-    profiles, runs, models, comparisons, diagnoses, campaigns, events
+    profiles, protocols, runs, models, comparisons, diagnoses, campaigns, events
         The tables; each is a file of its own.
     """
 
@@ -36,6 +37,7 @@ class MetadataStore:
             return utc_text(clock())
 
         self.profiles = ProfileTable(file, now)
+        self.protocols = ProtocolTable(file, now)
         self.runs = RunTable(file, now)
         self.models = ModelTable(file, now)
         self.comparisons = ComparisonTable(file, now)

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from bench_service.api import runs
-from bench_service.campaign.runs import RunOrder
+from bench_service.campaign.ordering import RunOrder
 from bench_service.errors import BenchOfflineError, NotFoundError
 from tests.unit.bench_service.api.route_rig import AsyncPart, Part, Store, client_of, error_of, run_record
 
