@@ -41,6 +41,8 @@ class BenchSettings:
         Of the cell that is usually on the bench, for what is plausible at rest.
     latched : str or None
         Reason of a fault that an earlier process of this bench left unacknowledged.
+    identity : dict of str to str, or None
+        What the device has said of itself to an earlier process.
     """
 
     name: str
@@ -55,6 +57,7 @@ class BenchSettings:
     lease_s: float = 10.0
     capacity_Ah: float = 2.5
     latched: str | None = None
+    identity: dict[str, str] | None = None
 
     def to_json(self) -> str:
         """Return the text that `from_json` reads."""
