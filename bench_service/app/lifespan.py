@@ -18,9 +18,11 @@ from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.campaigns import CampaignRunner
 from bench_service.campaign.clock_watch import watched_clock
+from bench_service.campaign.commissioning import Commissioning
 from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.endings import close_left_open
+from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.latches import unacknowledged
 from bench_service.campaign.live import Broadcaster
@@ -98,6 +100,7 @@ async def running_services(
             live=live,
             recorder_state=lambda: recorder.state,
             storage=storage,
+            commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
         )
 
 
@@ -195,7 +198,8 @@ async def _bench(
         latched=await asyncio.to_thread(unacknowledged, store, name),
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))
-    return Bench(config, settings.url, limits, supervisor, runs_before_cell, seal)
+    hardware = await asyncio.to_thread(Hardware.read, store, name, config)
+    return Bench(config, settings.url, limits, supervisor, runs_before_cell, seal, hardware)
 
 
 async def _close_all(benches: Benches) -> None:

@@ -45,6 +45,8 @@ class RunRequest:
         Stale readings in a row that are a fault.
     finish_alone : bool
         Plays on to its end where the service is gone; False: rest.
+    unverified : bool
+        The bench's hardware is not commissioned: every sample says so.
     """
 
     run_id: str
@@ -58,6 +60,7 @@ class RunRequest:
     settle_s: float = 0.0
     stale_limit: int = 3
     finish_alone: bool = False
+    unverified: bool = False
 
     def to_frame(self) -> Frame:
         """Return header and body of the ``start`` message."""
@@ -72,6 +75,7 @@ class RunRequest:
             "settle_s": self.settle_s,
             "stale_limit": self.stale_limit,
             "finish_alone": self.finish_alone,
+            "unverified": self.unverified,
             "n": len(self.time_s),
         }
         body = np.asarray(self.time_s, "<f8").tobytes() + np.asarray(self.current_A, "<f8").tobytes()
@@ -104,6 +108,7 @@ class RunRequest:
                 settle_s=float(header["settle_s"]),
                 stale_limit=int(header["stale_limit"]),
                 finish_alone=bool(header["finish_alone"]),
+                unverified=bool(header["unverified"]),
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f"start message: {error!r}") from error

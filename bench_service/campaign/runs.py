@@ -15,11 +15,12 @@ from bench_service.bench.messages import EndedMessage, EventMessage
 from bench_service.bench.request import ObserverOrder, RunRequest
 from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench, Benches
+from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.storage import Storage
 from bench_service.errors import BenchBusyError, BenchOfflineError, ConflictError, ServiceError
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import RunIntent, RunRecord, Severity
+from bench_service.store.records import Json, RunIntent, RunRecord, Severity
 from bench_service.store.samples import SampleReader
 
 _log = logging.getLogger(__name__)
@@ -95,6 +96,7 @@ class Runs:
             The profile or the limits are not admitted.
         """
         bench = benches.get(order.bench)
+        bench.hardware = await asyncio.to_thread(Hardware.read, self._store, bench.name, bench.config)
         request = await asyncio.to_thread(self._check, bench, order)
         self._refuse_offline(bench)
         self.refuse_busy(bench)
@@ -189,6 +191,7 @@ class Runs:
             observer=observer,
             settle_s=bench.config.settle_s,
             finish_alone=order.finish_alone,
+            unverified=(standing := bench.standing()) is not None and standing.warns,
         )
 
     def _refuse_offline(self, bench: Bench) -> None:
@@ -197,7 +200,8 @@ class Runs:
             raise BenchOfflineError(f"bench {bench.name!r} is offline: {status.reason}; check cycler and link")
 
     async def _start(self, bench: Bench, order: RunOrder, request: RunRequest) -> RunRecord:
-        record = await self._journal.write(self._write_intent, order, request)
+        standing = bench.standing()
+        record = await self._journal.write(self._write_intent, order, request, standing and standing.to_json())
         self._open[record.id] = asyncio.Event()
         self._on_bench[record.id] = bench.name
         try:
@@ -212,9 +216,11 @@ class Runs:
         duration_s = float(request.time_s[-1])
         text = f"{_called(started)} started: {duration_s:g} s, a sample each {order.dt_s:g} s, from SoC "
         self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}")
+        if standing is not None and standing.warns:
+            self._journal.note(bench.name, standing.warning(bench.name, started.id), started.campaign_id)
         return started
 
-    def _write_intent(self, order: RunOrder, request: RunRequest) -> RunRecord:
+    def _write_intent(self, order: RunOrder, request: RunRequest, commissioning: Json | None) -> RunRecord:
         return self._store.runs.add(
             RunIntent(
                 bench=order.bench,
@@ -230,6 +236,7 @@ class Runs:
                 seed=order.seed,
                 campaign_id=order.campaign_id,
                 continues=order.continues,
+                commissioning=commissioning,
             ),
         )
 

@@ -70,6 +70,7 @@ class RunIntent:
     seed: int | None = None
     campaign_id: str | None = None
     continues: str | None = None
+    commissioning: Json | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +91,8 @@ class RunRecord:
         When a damaged run was repaired: count and hash are since then those of what is left, `damage` says what is not.
     removed_utc : str or None
         When its samples were given up, by the rule of retention.
+    commissioning : dict or None
+        What was known of the bench's hardware when it started: `campaign.hardware.Standing`.
     """
 
     id: str
@@ -119,6 +122,19 @@ class RunRecord:
     damage: str | None = None
     repaired_utc: str | None = None
     removed_utc: str | None = None
+    commissioning: Json | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommissioningRecord:
+    """What a bench's hardware was seen to do; `document` is sealed (`models.data.seal`), `sha256` its seal."""
+
+    id: str
+    bench: str
+    state: str
+    sha256: str
+    created_utc: str
+    document: Json
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -84,9 +84,7 @@ def judge_cell(steps: Sequence[StepSize], band: CellBand) -> Check:
         text = f"{shown}: the voltage falls when the cell is charged; check the current's sign in the map, and polarity"
         return Check("sign", "failed", text, values)
     if min(resistances) < low or max(resistances) > high:
-        text = (
-            f"{shown}, possible for this cell are {low:.2g} to {high:.2g} Ohm; check scales, leads and contacts"
-        )
+        text = f"{shown}, possible for this cell are {low:.2g} to {high:.2g} Ohm; check scales, leads and contacts"
         return Check("sign", "failed", text, values)
     return Check("sign", "passed", f"{shown}: a positive current charges", values)
 
