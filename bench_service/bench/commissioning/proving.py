@@ -161,8 +161,10 @@ async def _watchdog(stand: Stand) -> Check:
     await _acquire(stand, _device(stand.limits))
     await stand.cycler.output(True)
     await stand.cycler.apply(0.0)
-    if not (await stand.cycler.sample()).output_on:
-        return Check(name, "failed", "the output did not stay on at 0 A, so its end by silence cannot be shown")
+    reading = await stand.cycler.sample()
+    if not reading.output_on:
+        why = ", ".join(sorted(reading.alarms)) or "no alarm"
+        return Check(name, "failed", f"the output did not stay on at 0 A ({why}): its end by silence cannot be shown")
     timeout_s = max(timeout_s, _CLIENT_GONE_S) if stand.capabilities.lock_step else timeout_s
     silence_s = timeout_s * (1.0 + _GRACE_SHARE) + _GRACE_S
     if await stand.stop.wait(silence_s):
