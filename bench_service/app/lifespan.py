@@ -195,6 +195,7 @@ async def _bench(
         watchdog_s=config.watchdog_s,
         external_interlock=config.external_interlock,
         capacity_Ah=config.capacity_Ah,
+        resistance_Ohm=None if config.cell_type is None else config.cell_type.resistance_Ohm,
         latched=await asyncio.to_thread(unacknowledged, store, name),
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))

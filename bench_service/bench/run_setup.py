@@ -115,6 +115,7 @@ def _rules(settings: BenchSettings, capabilities: Capabilities, request: RunRequ
         tick_s=tick_s,
         stale_limit=request.stale_limit,
         has_sequence=capabilities.has_sequence,
+        resistance_Ohm=settings.resistance_Ohm,
     )
 
 

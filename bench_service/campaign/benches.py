@@ -90,7 +90,9 @@ class Bench:
 
     def to_json(self) -> Json:
         """Give the JSON object of the REST API."""
-        return self.summary() | {"limits": self.limits.to_json()}
+        cell = self.config.cell_type
+        told = None if cell is None else cell.model_dump(mode="json")
+        return self.summary() | {"limits": self.limits.to_json(), "cell_type": told}
 
 
 class Benches:

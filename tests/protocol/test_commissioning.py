@@ -51,6 +51,7 @@ async def test_a_sound_device_passes(transport: str) -> None:
         assert {outcomes(report)[name] for name in proved} == {"passed"}
         assert report.identity == {"maker": "", "model": "", "serial": "1", "firmware": "1"}
         assert made.at_rest and not made.device.cycler.alarms
+        assert abs((await made.driver.sample()).current_A) < 0.02
         (sign,) = (check for check in report.checks if check.name == "sign")
         assert 0.01 < sign.values["resistance_least_Ohm"] <= sign.values["resistance_most_Ohm"] < 0.05
 
@@ -131,4 +132,29 @@ async def test_another_device_at_the_address_is_told_and_not_written_to(transpor
         assert cycler.set_point_A == 2.0
         assert (await made.driver.connect()).serial == "2"
         await made.driver.safe()
+        assert made.at_rest
+
+
+class Resistor:
+    """A resistor in place of the cell: current makes a voltage and nothing else."""
+
+    def __init__(self, ohm: float, cell: Any) -> None:
+        self._ohm, self._truth = ohm, cell.step(0.0, 0.0)
+
+    def step(self, current_A: float, dt_s: float) -> Any:
+        return self._truth._replace(voltage_V=self._ohm * current_A)
+
+
+@pytest.mark.parametrize(("stated_Ohm", "state"), [(0.5, "passed"), (0.8, "failed")])
+async def test_a_known_resistor_proves_the_scales(stated_Ohm: float, state: str) -> None:
+    async with rig("modbus-tcp") as made:
+        cycler = made.device.cycler
+        cycler._cell = Resistor(0.5, cycler._cell)
+        # The output is off and the measurement that is shown still the cell's: both anew.
+        cycler._truth = cycler._cell.step(0.0, 0.0)
+        cycler.measurement = cycler.measurement._replace(voltage_V=-0.0005)
+        made.device.publish()
+        report = await commissioned(made, replace(PROVE, resistor_Ohm=stated_Ohm, current_A=2.0))
+        assert report.state == state, report.reason
+        assert outcomes(report)["sign"] == state and outcomes(report)["limit_trips"] == "absent"
         assert made.at_rest

@@ -1,6 +1,6 @@
 """A commissioning in the control process, from the order to the report."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from statistics import fmean
 
@@ -14,10 +14,11 @@ from bench_service.bench.live import LiveFeed
 from bench_service.bench.rest import bring_to_rest
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.stop import StopSignal
-from drivers.cycler import Capabilities, Cycler, CyclerError
+from drivers.cycler import Capabilities, Cycler, CyclerError, Reading
 
 # A device that is asked for no current still measures some noise around zero.
 _BELOW_ZERO_SHARE = 0.01
+_RESISTOR_FACTOR = 2.0  # what the rules of a run take for usual; the proof itself is held against what is stated
 
 Notify = Callable[[str, str, str], None]
 
@@ -49,7 +50,9 @@ async def commission(
         return Report("failed", reason, tuple(checks), identity)
     if not order.prove:
         return Report("probed", None, tuple(checks), identity)
-    limits = _limits(settings, capabilities, order)
+    limits = settings.limits if order.resistor_Ohm is None else _of_resistor(settings, readings)
+    if (resistor_Ohm := order.resistor_Ohm) is not None:
+        settings = replace(settings, resistance_Ohm=(resistor_Ohm / _RESISTOR_FACTOR, resistor_Ohm * _RESISTOR_FACTOR))
     stand = Stand(settings, cycler, capabilities, order, limits, tick_s(took_s, settings), feed, stop, notify)
     return await _proved(stand, fmean(reading.voltage_V for reading in readings), checks)
 
@@ -75,9 +78,10 @@ async def _proved(stand: Stand, rest_V: float, checks: list[Check]) -> Report:
     return Report("passed" if reason is None else "failed", reason, tuple(checks), identity, latch)
 
 
-def _limits(settings: BenchSettings, capabilities: Capabilities, order: ProofOrder) -> Limits:
-    """Limits of the proofs: those of the bench; a resistor without current is at 0 V, which no cell may be."""
-    if order.resistor_Ohm is None:
-        return settings.limits
-    low = 0.0 if capabilities.has_device_limits else -_BELOW_ZERO_SHARE * settings.limits.voltage_V[1]
-    return replace(settings.limits, voltage_V=(low, settings.limits.voltage_V[1]))
+def _of_resistor(settings: BenchSettings, readings: Sequence[Reading]) -> Limits:
+    """Limits with a resistor, which without current is at 0 V, give and take noise, where no cell may be."""
+    low, high = 0.0, settings.limits.voltage_V[1]
+    # A device that counts its voltage from 0 takes no limit below, and never measures there.
+    if any(reading.voltage_V < 0.0 for reading in readings):
+        low = -_BELOW_ZERO_SHARE * high
+    return replace(settings.limits, voltage_V=(low, high))

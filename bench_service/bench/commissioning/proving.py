@@ -199,7 +199,8 @@ async def _signs(stand: Stand, size_A: float) -> list[Check]:
     if stand.order.resistor_Ohm is not None:
         return [follows, judge_resistor(steps, stand.order.resistor_Ohm)]
     settings = stand.settings
-    return [follows, judge_cell(steps, band_of(settings.capacity_Ah, settings.limits.voltage_V))]
+    band = band_of(settings.capacity_Ah, settings.limits.voltage_V, settings.resistance_Ohm)
+    return [follows, judge_cell(steps, band)]
 
 
 async def _stop(stand: Stand, size_A: float) -> Check:
@@ -211,6 +212,8 @@ async def _stop(stand: Stand, size_A: float) -> Check:
 
     try:
         played = await play(stand, [0.0, _REST_S, flowing_s + 10.0], [0.0, told_A, 0.0], flows)
+        if stand.capabilities.lock_step:  # its time stands still: the last measurement, with current, would stay
+            await play(stand, [0.0, _REST_S], [0.0, 0.0])
     except RefusedError as error:
         return Check("stop", "failed", str(error))
     return _stop_judged(played, told_A)
