@@ -111,6 +111,9 @@ def _current(readings: Sequence[Reading], capabilities: Capabilities, settings: 
         return Check("current", "failed", "the output is on although nothing runs; find out who switched it on")
     allowed_A = tolerance_A(settings, capabilities, settings.limits)
     value = fmean(reading.current_A for reading in readings)
+    if capabilities.lock_step and abs(value) > allowed_A:
+        text = f"{value:.4g} A are those of the run before: time stands still in lock-step until the next one moves it"
+        return Check("current", "absent", text)
     return _within("current", value, "A", (-allowed_A, allowed_A), "no current at rest")
 
 

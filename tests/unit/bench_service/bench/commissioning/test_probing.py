@@ -64,6 +64,11 @@ def test_what_a_device_lacks_is_told(changes: dict[str, Any], expected: dict[str
     assert outcomes(device=replace(DEVICE, **changes)) == expected
 
 
+def test_in_lock_step_the_last_run_is_still_to_be_seen() -> None:
+    lock_step = replace(DEVICE, lock_step=True)
+    assert outcomes(replace(AT_REST, current_A=2.0), lock_step) == {"measuring": "absent", "current": "absent"}
+
+
 def test_a_declared_interlock_stands_in_for_a_watchdog() -> None:
     assert outcomes(device=replace(DEVICE, watchdog_s=None), external_interlock=True) == {"watchdog_range": "absent"}
 
