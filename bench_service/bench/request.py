@@ -22,6 +22,20 @@ class ObserverOrder(TypedDict):
     settings: dict[str, Any] | None
 
 
+class BandOrder(TypedDict):
+    """A model, as MODEL.json, whose band the voltage must not leave by `margin_V` for `for_s`.
+
+    The band is that of a cell that has rested, with what was measured at it last: `temperature_degC`, `voltage_V`
+    (None: unknown).
+    """
+
+    model: dict[str, Any]
+    temperature_degC: float
+    voltage_V: float | None
+    margin_V: float
+    for_s: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RunRequest:
     """One run.
@@ -45,6 +59,7 @@ class RunRequest:
         Stale readings in a row that are a fault.
     finish_alone : bool
         Plays on to its end where the service is gone; False: rest.
+    band : BandOrder or None
     unverified : bool
         The bench's hardware is not commissioned: every sample says so.
     """
@@ -61,6 +76,7 @@ class RunRequest:
     stale_limit: int = 3
     finish_alone: bool = False
     unverified: bool = False
+    band: BandOrder | None = None
 
     def to_frame(self) -> Frame:
         """Return header and body of the ``start`` message."""
@@ -76,6 +92,7 @@ class RunRequest:
             "stale_limit": self.stale_limit,
             "finish_alone": self.finish_alone,
             "unverified": self.unverified,
+            "band": self.band,
             "n": len(self.time_s),
         }
         body = np.asarray(self.time_s, "<f8").tobytes() + np.asarray(self.current_A, "<f8").tobytes()
@@ -109,6 +126,7 @@ class RunRequest:
                 stale_limit=int(header["stale_limit"]),
                 finish_alone=bool(header["finish_alone"]),
                 unverified=bool(header["unverified"]),
+                band=header["band"],
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f"start message: {error!r}") from error

@@ -8,6 +8,7 @@ from bench_service.bench.clock import Clock
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.observer_link import ObserverLink
 from bench_service.bench.pause import PauseSwitch
+from bench_service.bench.plausibility import ExpectedVoltage
 from bench_service.bench.player import Player
 from bench_service.bench.request import RunRequest
 from bench_service.bench.safety import Rules
@@ -105,6 +106,8 @@ class RunPlan:
         To set in the device.
     every : int
         Ticks per recorded sample.
+    expected : ExpectedVoltage or None
+        Of a model, along the profile.
     """
 
     request: RunRequest
@@ -112,3 +115,4 @@ class RunPlan:
     rules: Rules
     watchdog_s: float
     every: int
+    expected: ExpectedVoltage | None = None

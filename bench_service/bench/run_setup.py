@@ -9,6 +9,7 @@ from bench_service.bench.admission import RefusedError, check_start, ticks_per_s
 from bench_service.bench.clock import Clock, LockStepClock, WallClock
 from bench_service.bench.limits import Limits
 from bench_service.bench.observer_link import ObserverError, ObserverLink
+from bench_service.bench.plausibility import ExpectedVoltage
 from bench_service.bench.player import make_player
 from bench_service.bench.realtime import no_garbage_collection, real_time_priority
 from bench_service.bench.recording import queue_rows
@@ -78,10 +79,13 @@ async def prepare(settings: BenchSettings, capabilities: Capabilities, request: 
             player = make_player(request.time_s, request.current_A, request.dt_s / every)
         # The first step compiles; that must not happen with the output on.
         observer = await asyncio.to_thread(build_observer, request)
+        expected = await asyncio.to_thread(_expected, request)
     except (ValueError, ObserverError) as error:
         raise RefusedError(str(error)) from error
     return PreparedRun(
-        plan=RunPlan(request, player, _rules(settings, capabilities, request, player.dt_s), settings.watchdog_s, every),
+        plan=RunPlan(
+            request, player, _rules(settings, capabilities, request, player.dt_s), settings.watchdog_s, every, expected
+        ),
         clock=LockStepClock() if lock_step else WallClock(),
         observer=observer,
         streams=(SAMPLES,) if observer is None else (SAMPLES, OBSERVER),
@@ -104,6 +108,18 @@ def build_observer(request: RunRequest) -> ObserverLink | None:
     from bench_service.bench.fuzzy_observer_link import fuzzy_link
 
     return fuzzy_link(request, request.observer)
+
+
+def _expected(request: RunRequest) -> ExpectedVoltage | None:
+    if request.band is None:
+        return None
+    # Lazy: as the observer.
+    from bench_service.bench.model_band import expected_voltage
+
+    try:
+        return expected_voltage(request, request.band)
+    except Exception as error:  # whatever a model does, it is a reason not to start
+        raise RefusedError(f"the model's band cannot be computed: {error}") from error
 
 
 def _rules(settings: BenchSettings, capabilities: Capabilities, request: RunRequest, tick_s: float) -> Rules:

@@ -12,11 +12,12 @@ from functools import partial
 from typing import Any
 
 from bench_service.bench.messages import EndedMessage, EventMessage
-from bench_service.bench.request import ObserverOrder, RunRequest
+from bench_service.bench.request import RunRequest
 from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.journal import Journal
+from bench_service.campaign.run_models import BandWish, band_order, observer_order
 from bench_service.campaign.storage import Storage
 from bench_service.errors import BenchBusyError, BenchOfflineError, ConflictError, ServiceError
 from bench_service.store.metadata import MetadataStore
@@ -36,7 +37,7 @@ class RunOrder:
 
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
     at ``observer_initial_soc`` (default: ``initial_soc``). With ``finish_alone`` it plays on where the service is gone.
-    ``continues`` names the run whose profile is taken up again.
+    ``continues`` names the run whose profile is taken up again, ``band`` a model whose band the voltage must not leave.
     """
 
     bench: str
@@ -51,6 +52,7 @@ class RunOrder:
     campaign_id: str | None = None
     finish_alone: bool = False
     continues: str | None = None
+    band: BandWish | None = None
 
 
 class Runs:
@@ -175,11 +177,7 @@ class Runs:
         capacity_Ah = bench.config.capacity_Ah
         admit(time_s, current_A, limits, dt_s=order.dt_s, initial_soc=order.initial_soc, capacity_Ah=capacity_Ah)
         self._storage.refuse(math.ceil(float(time_s[-1]) / order.dt_s))
-        observer = None
-        if order.model_id is not None:
-            start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
-            document = self._store.models.document(order.model_id)
-            observer = ObserverOrder(model=document, settings={"initial_soc": start_soc})
+        start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
         return RunRequest(
             run_id="",
             dt_s=order.dt_s,
@@ -188,7 +186,8 @@ class Runs:
             time_s=time_s,
             current_A=current_A,
             initial_soc=order.initial_soc,
-            observer=observer,
+            observer=observer_order(self._store.models, order.model_id, start_soc),
+            band=band_order(self._store.models, order.band, bench.live),
             settle_s=bench.config.settle_s,
             finish_alone=order.finish_alone,
             unverified=(standing := bench.standing()) is not None and standing.warns,
