@@ -55,6 +55,7 @@ Layout = tuple[Column, ...]
 
 SAMPLES = "samples"
 OBSERVER = "observer"
+STEPS = "steps"
 
 STREAMS: Mapping[str, Layout] = MappingProxyType(
     {
@@ -68,6 +69,9 @@ STREAMS: Mapping[str, Layout] = MappingProxyType(
             Column("device_sequence", "u4"),
             Column("flags", "u4"),
             Column("lateness_s", "f4"),
+            # Of a protocol, from 1, as they are played; 0 in a run that plays a profile.
+            Column("step_count", "u4"),
+            Column("cycle_count", "u4"),
         ),
         OBSERVER: (
             Column("time_s", "f8"),
@@ -75,6 +79,25 @@ STREAMS: Mapping[str, Layout] = MappingProxyType(
             Column("soc_std", "f8"),
             Column("model_voltage_V", "f8"),
             Column("innovation_V", "f8"),
+        ),
+        # One row for each step of a protocol that has ended: what it has moved, counted at every tick.
+        STEPS: (
+            Column("time_s", "f8"),
+            Column("step_count", "u4"),
+            Column("step_index", "u4"),
+            Column("cycle_count", "u4"),
+            Column("instruction", "u4"),
+            Column("ended_by", "u1"),
+            Column("duration_s", "f8"),
+            Column("charged_Ah", "f8"),
+            Column("discharged_Ah", "f8"),
+            Column("charged_Wh", "f8"),
+            Column("discharged_Wh", "f8"),
+            Column("mean_voltage_V", "f8"),
+            Column("end_voltage_V", "f8"),
+            Column("end_current_A", "f8"),
+            Column("end_temperature_degC", "f8"),
+            Column("end_soc", "f8"),
         ),
     }
 )

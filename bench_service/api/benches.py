@@ -36,6 +36,12 @@ async def pause(name: PathId, services: ServicesOf) -> Answer:
     return {"state": services.runs.hold(services.benches, name, on=True).supervisor.status.state}
 
 
+@router.post("/{name}/skip")
+async def skip(name: PathId, services: ServicesOf) -> Answer:
+    """End the step of the protocol that plays on the bench, and go on to the next; 409 where there is none."""
+    return {"state": services.runs.skip(services.benches, name).supervisor.status.state}
+
+
 @router.post("/{name}/resume")
 async def resume(name: PathId, services: ServicesOf) -> Answer:
     """Let a run that is held go on; 409 where nothing runs."""

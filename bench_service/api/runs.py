@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import asdict
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
 from pydantic import Field
 
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
+from bench_service.campaign.describing import describe_run
+from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.run_models import BandWish
-from bench_service.campaign.runs import RunOrder
 from bench_service.store.records import RunState
 
 router = APIRouter(prefix="/runs", tags=["runs"], route_class=StrictRoute)
@@ -41,7 +42,8 @@ class RunBody(Body):
     """A run to start."""
 
     bench: Id
-    profile_id: Id
+    profile_id: Id | None = None
+    protocol_id: Id | None = None
     dt_s: Annotated[Positive, Field(ge=1e-3, le=3600.0)]
     initial_soc: Soc
     limits: LimitsBody | None = None
@@ -51,6 +53,16 @@ class RunBody(Body):
     seed: Seed | None = None
     finish_alone: bool = False
     band: BandBody | None = None
+    continues: Id | None = None
+    on_interruption: Literal["stop", "resume"] | None = None
+
+
+class DescriptionBody(Body):
+    """What a person says of a run."""
+
+    label: Name | None = None
+    operator: Name | None = None
+    notes: Annotated[str, Field(min_length=1, max_length=20_000)] | None = None
 
 
 @router.post("", status_code=201)
@@ -68,17 +80,26 @@ def list_runs(
     bench: Annotated[str | None, Query(max_length=64)] = None,
     state: RunState | None = None,
     campaign_id: Annotated[str | None, Query(max_length=64)] = None,
+    q: Annotated[str | None, Query(max_length=200)] = None,
     limit: Limit = 100,
     offset: Offset = 0,
 ) -> Answer:
-    """List runs, newest first."""
-    return {"runs": [asdict(run) for run in services.store.runs.page(bench, state, campaign_id, limit, offset)]}
+    """List runs, newest first; with ``q`` those in whose name, label, operator, notes, bench or date each word is."""
+    found = services.store.runs.page(bench, state, campaign_id, limit, offset, q)
+    return {"runs": [asdict(run) for run in found]}
 
 
 @router.get("/{run_id}")
 def get_run(run_id: PathId, services: ServicesOf) -> Answer:
     """Give one run."""
     return asdict(services.store.runs.get(run_id))
+
+
+@router.patch("/{run_id}")
+async def describe(run_id: PathId, body: DescriptionBody, services: ServicesOf) -> Answer:
+    """Write label, operator or notes of a run; what is left out stays, null takes it away. Kept as an event."""
+    told = body.model_dump(exclude_unset=True)
+    return asdict(await describe_run(services.store, services.journal, run_id, told))
 
 
 @router.post("/{run_id}/stop")

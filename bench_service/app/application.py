@@ -23,9 +23,12 @@ from bench_service.api import (
     live,
     models,
     profiles,
+    protocols,
+    run_steps,
     runs,
     samples,
 )
+from bench_service.api.compression import Compression
 from bench_service.api.errors import install_error_handlers
 from bench_service.api.gate import Gate
 from bench_service.app.lifespan import running_services
@@ -38,7 +41,9 @@ from bench_service.web import routes as web
 _RESOURCES = (
     benches,
     profiles,
+    protocols,
     runs,
+    run_steps,
     samples,
     events,
     formats,
@@ -87,12 +92,14 @@ def create_app(
         redoc_url=None,
     )
     app.state.services = services
+    app.add_middleware(Compression)
     app.add_middleware(Gate, host=host, token=token)
     app.add_middleware(GivesBack)
     install_error_handlers(app)
     api = APIRouter(prefix="/api/v1")
     for resource in _RESOURCES:
         api.include_router(resource.router)
+    api.include_router(protocols.tests_router)
     api.include_router(models.bulk_router)
     app.include_router(api)
     app.include_router(health.router)

@@ -27,6 +27,7 @@ from bench_service.campaign.journal import Journal
 from bench_service.campaign.latches import unacknowledged
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.protocol_resumer import ProtocolResumer
 from bench_service.campaign.resuming import resumed_soc
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.seal import Seal
@@ -40,6 +41,7 @@ from bench_service.simulation import SimulatorProcess
 from bench_service.store.interrupted import mark_interrupted_runs
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.samples import SampleReader
+from bench_service.store.views import Views
 from bench_service.store.watch import MEGABYTE
 
 _SEALS = "seals"  # in the data directory
@@ -83,11 +85,13 @@ async def running_services(
         stack.push_async_callback(campaigns.close)
         await asyncio.gather(*(bench.supervisor.start() for bench in benches))
         await campaigns.resume_by_policy()
+        await _resume_protocols(stack, store, runs, benches, journal)
         yield Services(
             config=config,
             version=code_version,
             store=store,
             samples=samples,
+            views=Views(samples),
             journal=journal,
             benches=benches,
             runs=runs,
@@ -102,6 +106,17 @@ async def running_services(
             storage=storage,
             commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
         )
+
+
+async def _resume_protocols(
+    stack: AsyncExitStack, store: MetadataStore, runs: Runs, benches: Benches, journal: Journal
+) -> None:
+    """Let protocols go on that were cut off with an earlier service, or are with a control process of this one."""
+    resumer = ProtocolResumer(store, runs, benches, journal.note)
+    stack.push_async_callback(resumer.close)
+    runs.on_cut_off = resumer.look
+    for bench in benches:
+        resumer.look(bench.name)
 
 
 async def _jobs(stack: AsyncExitStack, config: ServiceConfig) -> JobRunner:

@@ -19,8 +19,10 @@ class RefusedError(Exception):
     """A run that must not start; the message says why and what to do."""
 
 
-def check_start(settings: BenchSettings, capabilities: Capabilities, request: RunRequest, player: Player) -> None:
-    """Check a run before any command is sent.
+def check_start(
+    settings: BenchSettings, capabilities: Capabilities, request: RunRequest, player: Player | None = None
+) -> None:
+    """Check a run before any command is sent; a protocol, which has no player, checks its steps itself.
 
     Raises
     ------
@@ -39,6 +41,8 @@ def check_start(settings: BenchSettings, capabilities: Capabilities, request: Ru
         raise RefusedError(f"the run's limits leave the bench's: {outside}; narrow them")
     if settings.lock_step and not capabilities.lock_step:
         raise RefusedError("lock-step is configured, but the device has none; remove lock_step")
+    if player is None:
+        return
     _check_currents(request, capabilities, player)
     _check_charge(request, player)
     duration_s = player.n_ticks * player.dt_s

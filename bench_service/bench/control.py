@@ -112,8 +112,8 @@ class BenchControl:
             self.quit("stopped", "the service was shut down")
         elif operation == "stop_port":
             self._direct.open(Guard(str(header["token"]), tuple(header["origins"])))
-        elif operation in ("pause", "resume"):
-            self._pause.wanted = operation == "pause"
+        elif operation in ("pause", "resume", "skip"):
+            self._pause.take(operation)
         elif operation != "lease":
             self._commands.append((header, body))
             self._wake.set()

@@ -3,8 +3,10 @@
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from bench_service.bench.plausibility import Finding, Sample, Watch, band_of, expected, observe
+from bench_service.bench.plausibility.throughput import Throughput
 from bench_service.bench.run import RunPlan
 from bench_service.bench.safety import Context, Trip, implausible, second_master
 from drivers.cycler import Cycler, Reading
@@ -30,6 +32,13 @@ class PlausibilityJudge:
         self._watch = Watch()
         self._expected, self._outside_s = plan.expected, math.nan
         self._told = set[str]()
+
+    def begin_step(self) -> None:
+        """Count charge and energy anew: a step of a protocol has begun.
+
+        What holds for one step does not for many cycles: each of them loses some energy, and a little charge.
+        """
+        self._watch = replace(self._watch, throughput=Throughput())
 
     def judge(self, reading: Reading, context: Context) -> Trip | None:
         """Return why the output must go off."""

@@ -1,6 +1,6 @@
 """What a control process says to the API on the command link, without the key ``op`` that names the kind."""
 
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 
 class StateMessage(TypedDict):
@@ -48,3 +48,11 @@ class LiveMessage(TypedDict):
     progress: float | None
     missed_ticks: int
     lateness_p99_s: float | None
+    # Of a protocol alone; a run of a profile has none of these keys.
+    step_count: NotRequired[int]
+    cycle_count: NotRequired[int]
+    step_index: NotRequired[int | None]
+    step_name: NotRequired[str | None]
+    step_time_s: NotRequired[float]
+    step_charge_Ah: NotRequired[float]
+    step_energy_Wh: NotRequired[float]

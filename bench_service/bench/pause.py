@@ -15,6 +15,8 @@ class PauseSwitch:
     ----------
     wanted : bool
         Whether the run is to be held.
+    skip_wanted : bool
+        Whether the step that plays is to end.
     active : bool
         Whether it is: the output is off, and verified to be.
     """
@@ -22,7 +24,15 @@ class PauseSwitch:
     def __init__(self, on_change: Callable[[], None] | None = None) -> None:
         self._on_change = on_change
         self.wanted = False
+        self.skip_wanted = False
         self.active = False
+
+    def take(self, operation: str) -> None:
+        """Take an order: ``pause``, ``resume``, or ``skip`` the step of a protocol that plays."""
+        if operation == "skip":
+            self.skip_wanted = True
+        else:
+            self.wanted = operation == "pause"
 
     def note(self, *, active: bool) -> None:
         """Say that the run is held, or goes on."""

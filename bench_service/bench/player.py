@@ -1,12 +1,77 @@
-"""A profile on the grid of ticks: which set-point each tick applies, and where the profile ends."""
+"""What gives a run its set-points; and a profile on the grid of ticks: what each tick applies, and where it ends."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from drivers.cycler import Reading
+
 # Times such as 3 * 0.1 fall a rounding error short of the grid.
 _GRID_TOLERANCE = 1e-6
+
+
+class SetPoints(Protocol):
+    """What the loop plays: a profile, or a protocol that looks at each sample.
+
+    Attributes
+    ----------
+    dt_s : float
+        Period of the ticks.
+    closed_loop : bool
+        Whether set-points follow from what is measured.
+    due : bool or None
+        Whether the last sample is to be stored; None: as the run's sampling time says.
+    step_count, cycle_count : int
+        That the last sample belongs to; 0 where there are none.
+    stopped : str or None
+        Why it could not be played to its end.
+    view : mapping
+        What plays now, for people.
+    """
+
+    @property
+    def dt_s(self) -> float: ...  # noqa: D102
+    @property
+    def closed_loop(self) -> bool: ...  # noqa: D102
+    @property
+    def skipped_points(self) -> int: ...  # noqa: D102
+    @property
+    def due(self) -> bool | None: ...  # noqa: D102
+    @property
+    def step_count(self) -> int: ...  # noqa: D102
+    @property
+    def cycle_count(self) -> int: ...  # noqa: D102
+    @property
+    def stopped(self) -> str | None: ...  # noqa: D102
+    @property
+    def view(self) -> Mapping[str, Any]: ...  # noqa: D102
+
+    def progress(self, tick: int) -> float:
+        """Return the share that has been played."""
+        ...
+
+    def follow(self, tick: int, reading: Reading, time_s: float, soc: float | None) -> float | None:
+        """Take a sample; return the set-point until the next tick, in A; None where there is nothing left to play."""
+        ...
+
+    def wait(self, time_s: float) -> None:
+        """Pass over a sample during which somebody holds the run."""
+        ...
+
+    def skip(self) -> None:
+        """End the step that plays."""
+        ...
+
+    def close(self) -> None:
+        """The run ends."""
+        ...
+
+    def take_rows(self, time_s: float) -> Sequence[tuple[float, ...]]:
+        """Return rows of the stream ``steps`` that have come since the last call."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +91,12 @@ class Player:
     setpoint_A: tuple[float, ...]
     dt_s: float
     skipped_points: int
+    closed_loop: bool = field(default=False, init=False)
+    due: bool | None = field(default=None, init=False)
+    step_count: int = field(default=0, init=False)
+    cycle_count: int = field(default=0, init=False)
+    stopped: str | None = field(default=None, init=False)
+    view: Mapping[str, Any] = field(default_factory=dict, init=False)
 
     @property
     def n_ticks(self) -> int:
@@ -35,6 +106,27 @@ class Player:
     def setpoint(self, tick: int) -> float | None:
         """Return the set-point that tick `tick` applies, in A; None when the profile has ended."""
         return self.setpoint_A[tick] if tick < len(self.setpoint_A) else None
+
+    def progress(self, tick: int) -> float:
+        """Return the share of the profile that has been played."""
+        return min(1.0, tick / self.n_ticks)
+
+    def follow(self, tick: int, reading: Reading, time_s: float, soc: float | None) -> float | None:
+        """See `SetPoints`; a profile does not look at what is measured."""
+        return self.setpoint(tick)
+
+    def wait(self, time_s: float) -> None:
+        """See `SetPoints`."""
+
+    def skip(self) -> None:
+        """See `SetPoints`: a profile has no steps."""
+
+    def close(self) -> None:
+        """See `SetPoints`."""
+
+    def take_rows(self, time_s: float) -> Sequence[tuple[float, ...]]:
+        """See `SetPoints`."""
+        return ()
 
 
 def make_player(time_s: ArrayLike, current_A: ArrayLike, dt_s: float) -> Player:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 from bench_service.bench.links import FrameLink
 from bench_service.framing import Header
-from bench_service.streams import STREAMS, layout_to_json, pack
+from bench_service.streams import STEPS, STREAMS, layout_to_json, pack
 
 QUEUE_S = 60.0
 LOCK_STEP_ROWS = 60_000
@@ -113,7 +113,10 @@ class Recording:
         """
         rows = self._rows[stream]
         rows.append(row)
-        if len(rows) >= _BATCH_ROWS:
+        if stream == STEPS:
+            # The end of a step is stored after the samples before it, and before those after it.
+            self._flush_all()
+        elif len(rows) >= _BATCH_ROWS:
             self._flush(stream)
         elif self._flush_at is None:
             self._flush_at = asyncio.get_running_loop().call_later(_BATCH_S, self._flush_all)

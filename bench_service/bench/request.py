@@ -36,6 +36,14 @@ class BandOrder(TypedDict):
     for_s: float
 
 
+class ProtocolOrder(TypedDict):
+    """A protocol that is to be played: its document, where to go on (None: at the beginning), its likely length."""
+
+    document: dict[str, Any]
+    standing: dict[str, Any] | None
+    expected_s: float | None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RunRequest:
     """One run.
@@ -57,6 +65,8 @@ class RunRequest:
         Time after a change of the set-point in which measured and commanded current are not compared.
     stale_limit : int
         Stale readings in a row that are a fault.
+    protocol : ProtocolOrder or None
+        In place of a profile, whose arrays are then empty.
     finish_alone : bool
         Plays on to its end where the service is gone; False: rest.
     band : BandOrder or None
@@ -77,6 +87,7 @@ class RunRequest:
     finish_alone: bool = False
     unverified: bool = False
     band: BandOrder | None = None
+    protocol: ProtocolOrder | None = None
 
     def to_frame(self) -> Frame:
         """Return header and body of the ``start`` message."""
@@ -93,6 +104,7 @@ class RunRequest:
             "finish_alone": self.finish_alone,
             "unverified": self.unverified,
             "band": self.band,
+            "protocol": self.protocol,
             "n": len(self.time_s),
         }
         body = np.asarray(self.time_s, "<f8").tobytes() + np.asarray(self.current_A, "<f8").tobytes()
@@ -127,6 +139,7 @@ class RunRequest:
                 finish_alone=bool(header["finish_alone"]),
                 unverified=bool(header["unverified"]),
                 band=header["band"],
+                protocol=header["protocol"],
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f"start message: {error!r}") from error

@@ -9,7 +9,7 @@ from bench_service.bench.live import LiveFeed
 from bench_service.bench.observer_link import ObserverLink
 from bench_service.bench.pause import PauseSwitch
 from bench_service.bench.plausibility import ExpectedVoltage
-from bench_service.bench.player import Player
+from bench_service.bench.player import SetPoints
 from bench_service.bench.request import RunRequest
 from bench_service.bench.safety import Rules
 from bench_service.bench.stop import StopSignal
@@ -99,20 +99,24 @@ class RunPlan:
     Parameters
     ----------
     request : RunRequest
-    player : Player
-        On the grid of ticks.
+    player : SetPoints
+        A profile, or a protocol, on the grid of ticks.
     rules : Rules
     watchdog_s : float
         To set in the device.
     every : int
         Ticks per recorded sample.
+    counted_soc_limits : bool
+        Whether limits hold for the counted state of charge. A test that finds the capacity out by its voltage, on a
+        bench that allows the whole range, must be free to find more or less than was thought.
     expected : ExpectedVoltage or None
         Of a model, along the profile.
     """
 
     request: RunRequest
-    player: Player
+    player: SetPoints
     rules: Rules
     watchdog_s: float
     every: int
+    counted_soc_limits: bool = True
     expected: ExpectedVoltage | None = None

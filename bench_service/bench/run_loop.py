@@ -26,7 +26,7 @@ from bench_service.bench.safety import (
     follow,
 )
 from bench_service.bench.soc import count_charge
-from bench_service.streams import OBSERVER, SAMPLES
+from bench_service.streams import OBSERVER, SAMPLES, STEPS
 from drivers.cycler import CyclerError, DeviceLimits, Reading, SetPointRefusedError
 
 _log = logging.getLogger(__name__)
@@ -72,6 +72,7 @@ class RunLoop:
         finally:
             self._parts.clock.close()
             unrested = await uncancelled(bring_to_rest(self._parts.cycler))
+        self._tell_steps(closing=True)
         if unrested is not None and state != "fault":
             state, code, reason = "fault", "not_at_rest", f"the cycler did not confirm rest: {unrested}"
         return RunEnd(state, code, reason, unrested is None, self._missed)
@@ -120,7 +121,8 @@ class RunLoop:
             if await self._holding.follow(tick):
                 self._commanded_A, self._gap = 0.0, not self._holding.active
             if stop.order is None and await self._tick(tick):
-                return "completed", "completed", None
+                why = self._plan.player.stopped
+                return ("completed", "completed", None) if why is None else ("stopped", "protocol", why)
             if recording.full:
                 await self._queue_full()
 
@@ -140,8 +142,13 @@ class RunLoop:
         self._gap = self._gap or tick.missed > 0
         reading, refused = await self._sample()
         trip = self._judge(tick, reading)
-        if tick.index >= self._next_record or trip or refused:
-            self._record(tick, reading, suspect=trip is not None or refused is not None)
+        # What follows a sample is known before it is stored: the last one of a step always is.
+        setpoint_A = None if trip or refused else self._next_A(tick, reading)
+        on_grid, due = tick.index >= self._next_record, self._plan.player.due
+        if due is None or (on_grid and self._observer is not None):
+            due = on_grid  # an observer steps in the run's sampling time, whatever else is stored between
+        if due or trip or refused:
+            self._record(tick, reading, suspect=trip is not None or refused is not None, on_grid=on_grid)
         self._parts.feed.note_lateness(tick.lateness_s)
         if self._parts.feed.due:
             self._show(tick, reading)
@@ -151,7 +158,6 @@ class RunLoop:
             raise TripError(trip)
         if refused is not None:
             raise refused
-        setpoint_A = 0.0 if self._holding.active else self._plan.player.setpoint(self._holding.position(tick))
         if setpoint_A is None:
             return True
         if self._parts.stop.order is not None:
@@ -162,6 +168,30 @@ class RunLoop:
             if trip := await self._settings.judge(lambda: self._context(tick)):
                 raise TripError(trip)
         return False
+
+    def _next_A(self, tick: Tick, reading: Reading) -> float | None:
+        """Return the set-point until the next tick; None: there is nothing left to play."""
+        player, time_s, pause = self._plan.player, self._track.time_s, self._parts.pause
+        if self._holding.active:
+            player.wait(time_s)
+            return 0.0
+        if self._track.stale and player.closed_loop:
+            return self._commanded_A  # not applied either; the next fresh sample counts for both
+        if pause.skip_wanted:
+            pause.skip_wanted = False
+            player.skip()
+        setpoint_A = player.follow(self._holding.position(tick), reading, time_s, self._soc)
+        self._tell_steps()
+        return setpoint_A
+
+    def _tell_steps(self, *, closing: bool = False) -> None:
+        """Hand over what ended steps have moved."""
+        player = self._plan.player
+        if closing:
+            player.close()
+        for row in player.take_rows(self._track.time_s):
+            self._parts.recording.put(STEPS, row)
+            self._plausibility.begin_step()
 
     def _heed_input(self, reading: Reading) -> None:
         """Take a button that is wired to the cycler for a stop; the map says which bit that is."""
@@ -190,9 +220,10 @@ class RunLoop:
     def _context(self, tick: Tick) -> Context:
         now_s = self._parts.clock.elapsed_s(tick)
         held_s = (tick.index - self._holding.position(tick)) * self._plan.player.dt_s
-        return Context(self._plan.rules, self._track, now_s, self._soc, self._commanded_A, held_s)
+        soc = self._soc if self._plan.counted_soc_limits else None
+        return Context(self._plan.rules, self._track, now_s, soc, self._commanded_A, held_s)
 
-    def _record(self, tick: Tick, reading: Reading, *, suspect: bool) -> None:
+    def _record(self, tick: Tick, reading: Reading, *, suspect: bool, on_grid: bool) -> None:
         parts, time_s = self._parts, self._track.time_s
         settling = time_s < self._settled_from_s - _TIME_TOLERANCE_S
         self._next_record = (tick.index // self._plan.every + 1) * self._plan.every
@@ -209,11 +240,14 @@ class RunLoop:
             reading.sequence,
             flags,
             tick.lateness_s,
+            self._plan.player.step_count,
+            self._plan.player.cycle_count,
         )
         parts.recording.put(SAMPLES, row)
         self._gap = False
         if parts.observer is not None:
-            self._observed = self._observe(reading)
+            if on_grid:
+                self._observed = self._observe(reading)
             parts.recording.put(OBSERVER, (time_s, *self._observed))
 
     def _observe(self, reading: Reading) -> ObserverRow:
@@ -234,7 +268,7 @@ class RunLoop:
 
     def _show(self, tick: Tick, reading: Reading) -> None:
         counted = math.nan if self._soc is None else self._soc
-        n_ticks = self._plan.player.n_ticks
+        player = self._plan.player
         self._parts.feed.send(
             reading,
             run_id=self._plan.request.run_id,
@@ -243,8 +277,9 @@ class RunLoop:
             setpoint_A=self._commanded_A,
             soc=counted if self._parts.observer is None else self._observed.soc,
             soc_std=self._observed.soc_std,
-            progress=min(1.0, self._holding.position(tick) / n_ticks),
+            progress=player.progress(self._holding.position(tick)),
             missed_ticks=self._missed,
+            **player.view,
         )
 
     async def _apply(self, tick: Tick, setpoint_A: float) -> None:
@@ -253,7 +288,8 @@ class RunLoop:
         if trip := check_age(self._context(tick)):
             raise TripError(trip)
         change_A = abs(setpoint_A - self._commanded_A)
-        if change_A > 0:
+        # A hold moves the current a little at every tick; each of them must be followed at once.
+        if change_A > (self._plan.rules.current_tolerance_A if self._plan.player.closed_loop else 0.0):
             ramp = self._limits.ramp_A_per_s
             ramp_s = 0.0 if ramp is None else change_A / ramp
             self._settled_from_s = now_s + self._plan.request.settle_s + ramp_s

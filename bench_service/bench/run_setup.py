@@ -10,14 +10,20 @@ from bench_service.bench.clock import Clock, LockStepClock, WallClock
 from bench_service.bench.limits import Limits
 from bench_service.bench.observer_link import ObserverError, ObserverLink
 from bench_service.bench.plausibility import ExpectedVoltage
-from bench_service.bench.player import make_player
+from bench_service.bench.player import SetPoints, make_player
+from bench_service.bench.protocol_play import ProtocolPlay
+from bench_service.bench.protocol_window import soc_window, window_of
 from bench_service.bench.realtime import no_garbage_collection, real_time_priority
 from bench_service.bench.recording import queue_rows
 from bench_service.bench.request import RunRequest
 from bench_service.bench.run import RunPlan
 from bench_service.bench.safety import Rules
 from bench_service.bench.settings import BenchSettings
-from bench_service.streams import OBSERVER, SAMPLES
+from bench_service.protocol.compiling import compile_protocol
+from bench_service.protocol.document import read_protocol
+from bench_service.protocol.errors import ProtocolError
+from bench_service.protocol.state import Standing
+from bench_service.streams import OBSERVER, SAMPLES, STEPS
 from drivers.cycler import Capabilities
 
 _DEFAULT_TOLERANCE = 0.005  # share of the range
@@ -72,26 +78,42 @@ async def prepare(settings: BenchSettings, capabilities: Capabilities, request: 
     """
     lock_step = capabilities.lock_step if settings.lock_step is None else settings.lock_step
     try:
-        player = make_player(request.time_s, request.current_A, request.dt_s)
-        check_start(settings, capabilities, request, player)
         every = ticks_per_sample(request.dt_s, settings.watchdog_s, lock_step)
-        if every > 1:
-            player = make_player(request.time_s, request.current_A, request.dt_s / every)
+        player = _set_points(settings, capabilities, request, every)
         # The first step compiles; that must not happen with the output on.
         observer = await asyncio.to_thread(build_observer, request)
         expected = await asyncio.to_thread(_expected, request)
-    except (ValueError, ObserverError) as error:
+    except (ValueError, ObserverError, ProtocolError) as error:
         raise RefusedError(str(error)) from error
     return PreparedRun(
         plan=RunPlan(
-            request, player, _rules(settings, capabilities, request, player.dt_s), settings.watchdog_s, every, expected
+            request,
+            player,
+            _rules(settings, capabilities, request, player.dt_s),
+            settings.watchdog_s,
+            every,
+            counted_soc_limits=request.protocol is None or soc_window(request.limits) is not None,
+            expected=expected,
         ),
         clock=LockStepClock() if lock_step else WallClock(),
         observer=observer,
-        streams=(SAMPLES,) if observer is None else (SAMPLES, OBSERVER),
+        streams=(SAMPLES, *((OBSERVER,) if observer else ()), *((STEPS,) if request.protocol else ())),
         queue_rows=queue_rows(request.dt_s, lock_step),
         notes=tuple(_notes(settings, request, player.skipped_points)),
     )
+
+
+def _set_points(settings: BenchSettings, capabilities: Capabilities, request: RunRequest, every: int) -> SetPoints:
+    if request.protocol is None:
+        player = make_player(request.time_s, request.current_A, request.dt_s)
+        check_start(settings, capabilities, request, player)
+        return player if every == 1 else make_player(request.time_s, request.current_A, request.dt_s / every)
+    check_start(settings, capabilities, request)
+    order = request.protocol
+    window = window_of(request.limits, capabilities.current_A, soc_known=request.initial_soc is not None)
+    program = compile_protocol(read_protocol(order["document"]), request.capacity_Ah, window)
+    standing = None if order["standing"] is None else Standing.from_json(order["standing"])
+    return ProtocolPlay(program, request.dt_s / every, standing, order["expected_s"])
 
 
 def build_observer(request: RunRequest) -> ObserverLink | None:

@@ -130,6 +130,11 @@ class BenchSupervisor:
         if self._link is not None:
             self._link.send({"op": "pause" if on else "resume"})
 
+    def skip(self) -> None:
+        """End the step of a protocol that plays; harmless where there is none."""
+        if self._link is not None:
+            self._link.send({"op": "skip"})
+
     def acknowledge(self) -> None:
         """Clear a latched fault; the bench stays in fault where its cause is still there."""
         if self._link is not None:
@@ -267,8 +272,6 @@ class BenchSupervisor:
             case "ended" if message["run_id"] == self._run_id:
                 self._run_id = None
                 self._listener.on_ended(self.name, message)
-            case _:
-                pass
 
     def _repeat_acknowledgement(self) -> None:
         """A process that died with an acknowledgement in its queue has left the fault to the next one."""

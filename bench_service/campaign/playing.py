@@ -6,8 +6,8 @@ import asyncio
 import contextlib
 from collections.abc import Sequence
 
+from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.resuming import Policy, order_of_rest
-from bench_service.campaign.runs import RunOrder
 from bench_service.campaign.workshop import Report, Workshop
 from bench_service.errors import BenchBusyError, BenchOfflineError, StoreError
 from bench_service.jobs.counting import counted_soc

@@ -10,7 +10,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_service.campaign.runs import RunOrder
+from bench_service.campaign.ordering import RunOrder
+from bench_service.campaign.protocol_standing import left_to_resume as protocol_left
 from bench_service.campaign.workshop import CampaignFailedError, CampaignStoppedError
 from bench_service.errors import ConflictError, ServiceError
 from bench_service.jobs.counting import counted_soc
@@ -116,6 +117,8 @@ def order_of_rest(
         played_s += order.dt_s * math.floor(float(columns["time_s"][-1]) / order.dt_s + 0.5)
         soc = float(counted_soc(columns["time_s"], columns["current_A"], part.initial_soc, part.capacity_Ah)[-1])
     soc = min(max(soc, 0.0), 1.0)
+    if order.profile_id is None:
+        raise ConflictError("a protocol goes on in another way than a profile", ("continues",))
     left = rest_of(*store.profiles.points(order.profile_id), played_s, order.dt_s)
     if left is None:
         return None
@@ -157,7 +160,7 @@ def resumed_soc(store: MetadataStore, samples: SampleReader, bench: str) -> floa
 
     A simulated cell is made anew with the service, and must stand where the stored samples have left it.
     """
-    if left_to_resume(store, bench) is None:
+    if left_to_resume(store, bench) is None and protocol_left(store, bench) is None:
         return None
     for run in store.runs.page(bench=bench, limit=100):
         data = samples.read(run.id)

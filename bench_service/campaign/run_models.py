@@ -1,4 +1,4 @@
-"""The models that a run works with: its observer's, and that whose band its voltage must not leave."""
+"""The model whose band a run's voltage must not leave."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bench_service.bench.request import BandOrder, ObserverOrder
+from bench_service.bench.request import BandOrder
 from bench_service.store.models import ModelTable
 
 _ROOM_DEGC = 25.0
@@ -19,13 +19,6 @@ class BandWish:
     model_id: str
     margin_V: float = 0.05
     for_s: float = 30.0
-
-
-def observer_order(models: ModelTable, model_id: str | None, initial_soc: float) -> ObserverOrder | None:
-    """Return the order for a live observer; raises `NotFoundError`."""
-    if model_id is None:
-        return None
-    return ObserverOrder(model=models.document(model_id), settings={"initial_soc": initial_soc})
 
 
 def band_order(models: ModelTable, wish: BandWish | None, live: Mapping[str, Any] | None) -> BandOrder | None:

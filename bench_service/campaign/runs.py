@@ -5,19 +5,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from bench_service.bench.messages import EndedMessage, EventMessage
 from bench_service.bench.request import RunRequest
-from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.journal import Journal
-from bench_service.campaign.run_models import BandWish, band_order, observer_order
+from bench_service.campaign.ordering import RunOrder, request_of
+from bench_service.campaign.protocol_standing import taken_up
 from bench_service.campaign.storage import Storage
 from bench_service.errors import BenchBusyError, BenchOfflineError, ConflictError, ServiceError
 from bench_service.store.metadata import MetadataStore
@@ -29,30 +27,6 @@ _RECORDER_S = 15.0
 _LOOK_S = 0.1
 _RETRY_S = 2.0
 _SEVERITY: dict[str, Severity] = {"completed": "info", "stopped": "warning"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunOrder:
-    """What a client or a campaign asks for; units are in the names.
-
-    ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
-    at ``observer_initial_soc`` (default: ``initial_soc``). With ``finish_alone`` it plays on where the service is gone.
-    ``continues`` names the run whose profile is taken up again, ``band`` a model whose band the voltage must not leave.
-    """
-
-    bench: str
-    profile_id: str
-    dt_s: float
-    initial_soc: float
-    limits: Mapping[str, Any] | None = None
-    model_id: str | None = None
-    observer_initial_soc: float | None = None
-    name: str | None = None
-    seed: int | None = None
-    campaign_id: str | None = None
-    finish_alone: bool = False
-    continues: str | None = None
-    band: BandWish | None = None
 
 
 class Runs:
@@ -67,6 +41,11 @@ class Runs:
         Asked whether a run could be stored.
     code_version : str
         Noted with each run.
+
+    Attributes
+    ----------
+    on_cut_off : callable
+        Told the bench of a run that was interrupted, once that is written down.
     """
 
     def __init__(
@@ -84,6 +63,7 @@ class Runs:
         self._open: dict[str, asyncio.Event] = {}
         self._on_bench: dict[str, str] = {}
         self._paused: set[str] = set()
+        self.on_cut_off: Callable[[str], None] = lambda _: None
 
     async def start(self, benches: Benches, order: RunOrder) -> RunRecord:
         """Check an order, write down the intent, start the run.
@@ -98,8 +78,10 @@ class Runs:
             The profile or the limits are not admitted.
         """
         bench = benches.get(order.bench)
+        if order.protocol_id is not None and order.continues is not None:
+            order = await asyncio.to_thread(taken_up, order, bench, self._store, self._samples)
         bench.hardware = await asyncio.to_thread(Hardware.read, self._store, bench.name, bench.config)
-        request = await asyncio.to_thread(self._check, bench, order)
+        request = await asyncio.to_thread(request_of, order, bench, self._store, self._storage)
         self._refuse_offline(bench)
         self.refuse_busy(bench)
         # Two orders at once: the first one holds the bench while its intent is written down.
@@ -143,6 +125,14 @@ class Runs:
         bench.supervisor.hold(on=on)
         return bench
 
+    def skip(self, benches: Benches, name: str) -> Bench:
+        """End the step of the protocol on a bench; raises `ConflictError` where none plays."""
+        bench = benches.get(name)
+        if bench.supervisor.status.state != "running" or bench.live is None or bench.live.get("step_count") is None:
+            raise ConflictError(f"bench {name!r} is {bench.supervisor.status.state}: there is no step to skip")
+        bench.supervisor.skip()
+        return bench
+
     async def wait(self, run_id: str) -> RunRecord:
         """Wait until a run has ended and is written down."""
         if run_id in self._open:
@@ -170,29 +160,6 @@ class Runs:
         self._closing.set()
         await asyncio.gather(*self._ends.values(), return_exceptions=True)
 
-    def _check(self, bench: Bench, order: RunOrder) -> RunRequest:
-        """Build the request of an order, or refuse it; reads the store, so it runs in a thread."""
-        limits = narrowed(bench.limits, order.limits)
-        time_s, current_A = self._store.profiles.points(order.profile_id)
-        capacity_Ah = bench.config.capacity_Ah
-        admit(time_s, current_A, limits, dt_s=order.dt_s, initial_soc=order.initial_soc, capacity_Ah=capacity_Ah)
-        self._storage.refuse(math.ceil(float(time_s[-1]) / order.dt_s))
-        start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
-        return RunRequest(
-            run_id="",
-            dt_s=order.dt_s,
-            limits=limits,
-            capacity_Ah=capacity_Ah,
-            time_s=time_s,
-            current_A=current_A,
-            initial_soc=order.initial_soc,
-            observer=observer_order(self._store.models, order.model_id, start_soc),
-            band=band_order(self._store.models, order.band, bench.live),
-            settle_s=bench.config.settle_s,
-            finish_alone=order.finish_alone,
-            unverified=(standing := bench.standing()) is not None and standing.warns,
-        )
-
     def _refuse_offline(self, bench: Bench) -> None:
         status = bench.supervisor.status
         if status.state == "offline":
@@ -212,8 +179,7 @@ class Runs:
             raise
         # Queued before the run's end can be: the journal keeps the order.
         started = await self._journal.write(self._store.runs.start, record.id)
-        duration_s = float(request.time_s[-1])
-        text = f"{_called(started)} started: {duration_s:g} s, a sample each {order.dt_s:g} s, from SoC "
+        text = f"{_called(started)} started: {_length(request)}, a sample each {order.dt_s:g} s, from SoC "
         self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}")
         if standing is not None and standing.warns:
             self._journal.note(bench.name, standing.warning(bench.name, started.id), started.campaign_id)
@@ -224,6 +190,9 @@ class Runs:
             RunIntent(
                 bench=order.bench,
                 profile_id=order.profile_id,
+                protocol_id=order.protocol_id,
+                on_interruption=order.on_interruption,
+                standing=order.standing,
                 dt_s=order.dt_s,
                 initial_soc=order.initial_soc,
                 capacity_Ah=request.capacity_Ah,
@@ -241,6 +210,7 @@ class Runs:
 
     async def _end(self, ended: EndedMessage) -> None:
         run_id = ended["run_id"]
+        bench = self._on_bench.get(run_id)
         try:
             if ended["n_samples"] is None:
                 ended = await self._counted(ended)
@@ -250,6 +220,8 @@ class Runs:
                     await asyncio.wait_for(self._closing.wait(), _RETRY_S)
         finally:
             self._forget(run_id)
+        if ended["state"] == "interrupted" and bench is not None and not self._closing.is_set():
+            self.on_cut_off(bench)
 
     async def _write_end(self, ended: EndedMessage) -> bool:
         run_id, state, reason = ended["run_id"], ended["state"], ended["reason"]
@@ -292,3 +264,11 @@ class Runs:
 
 def _called(run: RunRecord) -> str:
     return f"run {run.name or run.id[:8]!r}"
+
+
+def _length(request: RunRequest) -> str:
+    """Return how long a run takes, in words."""
+    if request.protocol is None:
+        return f"{float(request.time_s[-1]):g} s"
+    expected_s = request.protocol["expected_s"]
+    return "a protocol of unknown length" if expected_s is None else f"a protocol of about {expected_s / 3600.0:.2g} h"

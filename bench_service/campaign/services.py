@@ -20,6 +20,7 @@ from bench_service.jobs.runner import JobRunner
 from bench_service.jobs.screening import Screen
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.samples import SampleReader
+from bench_service.store.views import Views
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,7 @@ class Services:
     version: str
     store: MetadataStore
     samples: SampleReader
+    views: Views
     journal: Journal
     benches: Benches
     runs: Runs

@@ -11,12 +11,12 @@ from typing import Any, cast
 from bench_service.campaign.designing import pauses_between_s, round_request
 from bench_service.campaign.diagnosing import DiagnosisOrder
 from bench_service.campaign.modelling import FitOrder
+from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.plan import CHANGED, CHANGED_VALIDATE, TRAIN, VALIDATE, plan_profiles
 from bench_service.campaign.playing import Playing
 from bench_service.campaign.progress import Progress, Round, campaign_result
 from bench_service.campaign.request import OBSERVER_OFFSET_SOC, CampaignRequest
 from bench_service.campaign.resuming import Policy, tried
-from bench_service.campaign.runs import RunOrder
 from bench_service.campaign.stages import stages_of
 from bench_service.campaign.workshop import CampaignFailedError, Report, Workshop
 from bench_service.errors import ServiceError

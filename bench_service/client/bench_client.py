@@ -9,6 +9,7 @@ from typing import Self, Unpack
 
 from bench_service.client.connection import API, Connection, Record, part
 from bench_service.client.model_calls import ModelCalls
+from bench_service.client.protocol_calls import ProtocolCalls
 from bench_service.client.run_options import RunOptions
 from bench_service.client.stop_ports import StopPorts
 from bench_service.client.waiting import ENDED_CAMPAIGN_STATES, ENDED_RUN_STATES, LOOK_S, Look, wait_until
@@ -53,6 +54,15 @@ class BenchClient:
         self.add_effect = models.add_effect
         self.refit = models.refit
         self.model_chain = models.model_chain
+        protocols = ProtocolCalls(self._connection)
+        self.upload_protocol = protocols.upload_protocol
+        self.add_standard_test = protocols.add_standard_test
+        self.standard_tests = protocols.standard_tests
+        self.preview_protocol = protocols.preview_protocol
+        self.protocols = protocols.protocols
+        self.protocol = protocols.protocol
+        self.run_steps = protocols.run_steps
+        self.run_cycles = protocols.run_cycles
 
     def __enter__(self) -> Self:
         """Give itself."""
@@ -94,6 +104,10 @@ class BenchClient:
         """Let the bench's run go on."""
         return self._connection.post(f"{API}/benches/{part(name)}/resume")
 
+    def skip_step(self, name: str) -> Record:
+        """End the step of the protocol on a bench, and go on to the next."""
+        return self._connection.post(f"{API}/benches/{part(name)}/skip")
+
     def open_seal(self, name: str) -> Record:
         """Tell which effect is hidden in a bench's simulated cell: ``{"sha256", "opened"}``."""
         return self._connection.post(f"{API}/benches/{part(name)}/seal/open")
@@ -130,17 +144,21 @@ class BenchClient:
         return self._connection.get(f"{API}/profiles/{part(profile_id)}", points=points)
 
     def start_run(
-        self, bench: str, profile_id: str, dt_s: float, initial_soc: float, **options: Unpack[RunOptions]
+        self, bench: str, profile_id: str | None, dt_s: float, initial_soc: float, **options: Unpack[RunOptions]
     ) -> Record:
-        """Start a run; give its record, with state ``running``. Options are those of `RunOptions`."""
-        stated = {"bench": bench, "profile_id": profile_id, "dt_s": float(dt_s), "initial_soc": float(initial_soc)}
+        """Start a run of a profile; give its record, with state ``running``. Options are those of `RunOptions`.
+
+        With ``protocol_id`` among them `profile_id` is None.
+        """
+        stated = {"bench": bench, "dt_s": float(dt_s), "initial_soc": float(initial_soc)}
+        stated["profile_id"] = profile_id
         given = {key: value for key, value in options.items() if value is not None}
         run = self._connection.post(f"{API}/runs", stated | given)
         self._stop_ports.learn(bench)
         return run
 
     def runs(self, **filters: object) -> list[Record]:
-        """Runs, newest first; filters are bench, state, campaign_id, limit, offset."""
+        """Runs, newest first; filters are bench, state, campaign_id, q (words), limit, offset."""
         return self._connection.get(f"{API}/runs", **filters)["runs"]
 
     def run(self, run_id: str) -> Record:
@@ -179,15 +197,29 @@ class BenchClient:
         stream: str = "samples",
         from_s: float | None = None,
         to_s: float | None = None,
+        after_seq: int | None = None,
+        points: int | None = None,
         max_points: int | None = None,
+        columns: Sequence[str] | None = None,
         damaged: str | None = None,
     ) -> Record:
         """Columns of a run's samples, or with ``stream="observer"`` of its observer; None is a missing value.
 
-        A damaged run is refused, unless ``damaged="include"`` asks for what is left.
+        With `points` (`max_points` is its older name) at most so many rows, extremes and steps kept; `after_seq` gives
+        what is new since that row. A damaged run is refused, unless ``damaged="include"`` asks for what is left.
         """
         address = f"{API}/runs/{part(run_id)}/{part(stream)}"
-        return self._connection.get(address, from_s=from_s, to_s=to_s, max_points=max_points, damaged=damaged)
+        rows = {"from_s": from_s, "to_s": to_s, "after_seq": after_seq, "points": points or max_points}
+        names = None if columns is None else ",".join(columns)
+        return self._connection.get(address, **rows, columns=names, damaged=damaged)
+
+    def incremental(self, run_id: str, *, from_s: float | None = None, to_s: float | None = None) -> Record:
+        """dQ/dV and dV/dQ of a run or a part of it, ``charge`` and ``discharge`` apart."""
+        return self._connection.get(f"{API}/runs/{part(run_id)}/incremental", from_s=from_s, to_s=to_s)
+
+    def describe_run(self, run_id: str, **told: str | None) -> Record:
+        """Write `label`, `operator` or `notes` of a run; None takes it away. Each change is kept as an event."""
+        return self._connection.send("PATCH", f"{API}/runs/{part(run_id)}", json=told).json()
 
     def export(self, run_id: str, format: str = "bdf") -> bytes:  # noqa: A002  # the option's public name
         """Give the run as the bytes of a file."""

@@ -14,6 +14,7 @@ from bench_service.store.engine import LockHolder
 from bench_service.store.events import EventTable
 from bench_service.store.models import ModelTable
 from bench_service.store.profiles import ProfileTable
+from bench_service.store.protocols import ProtocolTable
 from bench_service.store.records import utc_text
 from bench_service.store.runs import RunTable
 
@@ -26,7 +27,7 @@ class MetadataStore:
 
     Attributes
     ----------
-    profiles, runs, models, comparisons, diagnoses, campaigns, events, commissionings
+    profiles, protocols, runs, models, comparisons, diagnoses, campaigns, events, commissionings
         The tables; each is a file of its own.
     """
 
@@ -37,6 +38,7 @@ class MetadataStore:
             return utc_text(clock())
 
         self.profiles = ProfileTable(file, now)
+        self.protocols = ProtocolTable(file, now)
         self.runs = RunTable(file, now)
         self.models = ModelTable(file, now)
         self.comparisons = ComparisonTable(file, now)

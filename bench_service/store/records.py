@@ -54,11 +54,33 @@ class ProfileRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ProtocolRecord:
+    """A protocol without its document; `sha256` is that of the document in canonical JSON."""
+
+    id: str
+    name: str
+    sha256: str
+    n_steps: int
+    created_utc: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunIntent:
-    """A run as it was decided; what is None nobody has said."""
+    """A run as it was decided; what is None nobody has said.
+
+    Attributes
+    ----------
+    on_interruption : str or None
+        ``resume``: a protocol that is cut off by something outside the cell goes on by itself.
+    standing : dict or None
+        Where a protocol that goes on had been cut off; see `protocol.state.Standing`.
+    """
 
     bench: str
-    profile_id: str
+    profile_id: str | None
+    protocol_id: str | None = None
+    on_interruption: str | None = None
+    standing: Json | None = None
     dt_s: float
     initial_soc: float
     capacity_Ah: float
@@ -91,6 +113,8 @@ class RunRecord:
         When a damaged run was repaired: count and hash are since then those of what is left, `damage` says what is not.
     removed_utc : str or None
         When its samples were given up, by the rule of retention.
+    label, operator, notes : str or None
+        What people have written about it.
     commissioning : dict or None
         What was known of the bench's hardware when it started: `campaign.hardware.Standing`.
     """
@@ -99,7 +123,10 @@ class RunRecord:
     number: int = 0
     name: str | None = None
     bench: str
-    profile_id: str
+    profile_id: str | None
+    protocol_id: str | None = None
+    on_interruption: str | None = None
+    standing: Json | None = None
     state: RunState
     reason: str | None = None
     dt_s: float
@@ -122,6 +149,9 @@ class RunRecord:
     damage: str | None = None
     repaired_utc: str | None = None
     removed_utc: str | None = None
+    label: str | None = None
+    operator: str | None = None
+    notes: str | None = None
     commissioning: Json | None = None
 
 

@@ -64,6 +64,18 @@ profile = Table(
     Column("data", LargeBinary, nullable=False),
 )
 
+protocol = Table(
+    "protocol",
+    META,
+    Column("id", _ID, primary_key=True),
+    _number(),
+    Column("name", Text, nullable=False),
+    Column("sha256", _SHA256, nullable=False),
+    Column("n_steps", Integer, nullable=False),
+    Column("created_utc", _UTC, nullable=False, index=True),
+    _json("document", nullable=False),
+)
+
 campaign = Table(
     "campaign",
     META,
@@ -111,7 +123,9 @@ run = Table(
     _number(),
     Column("name", Text),
     Column("bench", Text, nullable=False, index=True),
-    Column("profile_id", _ID, ForeignKey("profile.id"), nullable=False),
+    # A run plays one of the two.
+    Column("profile_id", _ID, ForeignKey("profile.id")),
+    Column("protocol_id", _ID, ForeignKey("protocol.id")),
     Column("state", String(16), nullable=False, index=True),
     Column("reason", Text),
     Column("dt_s", Float(53), nullable=False),
@@ -133,8 +147,14 @@ run = Table(
     Column("elapsed_s", Float(53)),
     # No foreign key: a run may be kept longer than the one that it goes on from.
     Column("continues", _ID),
+    Column("on_interruption", String(16)),
+    _json("standing"),
     Column("repaired_utc", _UTC),
     Column("removed_utc", _UTC),
+    # What people write about it.
+    Column("label", Text),
+    Column("operator", Text),
+    Column("notes", Text),
     _json("commissioning"),
 )
 

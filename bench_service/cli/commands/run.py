@@ -14,8 +14,8 @@ from bench_service.cli.command import Command
 from bench_service.cli.output import Output, Report
 
 if TYPE_CHECKING:
+    from bench_service.cli.playable import Playable
     from bench_service.client import BenchClient
-    from bench_service.exchange.profile import ProfileFile
 
 _LONGEST_DEFAULT_DT_S = 1.0
 _DEFAULT_SOC = 0.5
@@ -25,16 +25,28 @@ _UNVERIFIED = ("missing", "failed", "void")
 
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
-        "profile", type=Path, metavar="PROFILE.csv", help="columns time_s,current_A; charge is positive"
+        "profile",
+        type=Path,
+        metavar="PROFILE.csv|PROTOCOL.json",
+        help="columns time_s,current_A; or a protocol, also of aurora-unicycler; charge is positive",
     )
     parser.add_argument("--bench", required=True, metavar="NAME")
     parser.add_argument("--out", type=Path, required=True, metavar="RUN.csv", help="RUN.bdf.csv takes BDF labels")
     parser.add_argument("--config", type=Path, metavar="bench.toml")
     parser.add_argument(
-        "--dt", type=positive, metavar="S", help="sampling time; default: 1 s, or the profile's shortest step if less"
+        "--dt",
+        type=positive,
+        metavar="S",
+        help="sampling time; default: 1 s, or the shortest step or record time",
     )
     parser.add_argument(
         "--initial-soc", type=fraction, metavar="S", help="0..1, for the limits on state of charge; default: 0.5"
+    )
+    parser.add_argument(
+        "--resume", metavar="RUN", help="go on with this run's protocol where it was cut off: step, cycle and counts"
+    )
+    parser.add_argument(
+        "--on-interruption", choices=["stop", "resume"], help="whether a protocol that is cut off goes on by itself"
     )
     parser.add_argument(
         "--acknowledge", action="store_true", help="clear a fault that an earlier run has left; look at the bench first"
@@ -43,12 +55,12 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: sqlalchemy, pydantic and httpx take 520 ms.
+    from bench_service.cli.playable import read_playable
     from bench_service.cli.service import acknowledge, connected
     from bench_service.config import load_config
     from bench_service.exchange.atomic import check_writable, write_atomically
-    from bench_service.exchange.profile import read_profile
 
-    profile = read_profile(options.profile)
+    profile = read_playable(options.profile)
     check_writable(options.out)
     config = load_config(options.config)
     if options.initial_soc is None:
@@ -75,12 +87,17 @@ def _run(options: Namespace, output: Output) -> int:
     return 0 if run["state"] == "completed" else 1
 
 
-def _play(client: BenchClient, profile: ProfileFile, options: Namespace, output: Output) -> dict[str, Any]:
+def _play(client: BenchClient, profile: Playable, options: Namespace, output: Output) -> dict[str, Any]:
     """Start the run and wait for its end; Ctrl-C stops it safely and waits for that."""
-    stored = client.upload_profile(profile.name, profile.time_s.tolist(), profile.current_A.tolist())
-    dt_s = options.dt or min(_LONGEST_DEFAULT_DT_S, float((profile.time_s[1:] - profile.time_s[:-1]).min()))
+    dt_s = options.dt or min(_LONGEST_DEFAULT_DT_S, profile.shortest_s)
     soc = _DEFAULT_SOC if options.initial_soc is None else options.initial_soc
-    run = client.start_run(options.bench, stored["id"], dt_s, soc, name=profile.name)
+    profile_id, further = profile.upload(client, options.bench)
+    if options.resume is not None:
+        further["continues"] = options.resume
+    if options.on_interruption is not None:
+        further["on_interruption"] = options.on_interruption
+    further["name"] = profile.name
+    run = client.start_run(options.bench, profile_id, dt_s, soc, **further)
     try:
         with output.progress(f"Playing {profile.name} on {options.bench}") as report:
             return client.wait_run(run["id"], lambda _, live: _tell(report, live))

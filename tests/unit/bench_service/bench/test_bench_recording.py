@@ -51,7 +51,7 @@ async def pair() -> AsyncIterator[tuple[Recording, FakeRecorder, list[str]]]:
 
 
 def row(k: int) -> tuple[float, ...]:
-    return (k * 0.1, 1.0, 3.7, 25.0, math.nan, 1.0, k, 0, 0.0)
+    return (k * 0.1, 1.0, 3.7, 25.0, math.nan, 1.0, k, 0, 0.0, 0, 0)
 
 
 async def turn() -> None:

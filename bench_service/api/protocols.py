@@ -1,0 +1,69 @@
+"""Protocols: tests as data, in our own schema or that of aurora-unicycler."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict
+from typing import Any
+
+from fastapi import APIRouter
+
+from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.strict import Body, BulkRoute, Id, Positive, Soc
+from bench_service.campaign.protocols import add_protocol, look_ahead
+from bench_service.protocol.library import standard_tests
+
+router = APIRouter(prefix="/protocols", tags=["protocols"], route_class=BulkRoute)
+tests_router = APIRouter(prefix="/standard-tests", tags=["protocols"])
+
+
+class ProtocolBody(Body):
+    """A protocol to store: a document, or a standard test of the library with what differs from its defaults.
+
+    A standard test, and a design block, are made for a bench: for its limits and its cell's capacity.
+    """
+
+    document: dict[str, Any] | None = None
+    standard_test: Id | None = None
+    parameters: dict[str, Any] = {}
+    bench: Id | None = None
+
+
+class LookAheadBody(ProtocolBody):
+    """A protocol, stored or not, to look at before it is started."""
+
+    protocol_id: Id | None = None
+    initial_soc: Soc = 0.5
+    dt_s: Positive = 1.0
+
+
+@router.post("", status_code=201)
+async def add(body: ProtocolBody, services: ServicesOf) -> Answer:
+    """Check a protocol and store it."""
+    return asdict(await add_protocol(services, body.model_dump()))
+
+
+@router.post("/preview")
+async def preview(body: LookAheadBody, services: ServicesOf) -> Answer:
+    """Say what a protocol would do on a bench: its steps, its length, current and voltage of a nominal cell."""
+    return await asyncio.to_thread(look_ahead, services, body.model_dump())
+
+
+@router.get("")
+def list_protocols(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
+    """List protocols, newest first."""
+    return {"protocols": [asdict(each) for each in services.store.protocols.page(limit, offset)]}
+
+
+@router.get("/{protocol_id}")
+def get_protocol(protocol_id: PathId, services: ServicesOf) -> Answer:
+    """Give one protocol with its document."""
+    return asdict(services.store.protocols.get(protocol_id)) | {
+        "document": services.store.protocols.document(protocol_id)
+    }
+
+
+@tests_router.get("")
+def list_standard_tests() -> Answer:
+    """List the library of standard tests: what each is for, and its parameters."""
+    return {"standard_tests": [test.to_json() for test in standard_tests()]}

@@ -1,0 +1,60 @@
+"""What ends a protocol before a safety rule has to: limits of a step, and set-points that would leave those of the run.
+
+The safety rules of the bench stay what they are and come first; a run that is ended here has broken none of them.
+"""
+
+from __future__ import annotations
+
+from bench_service.protocol.laws import Seen
+from bench_service.protocol.program import Play, Program
+from bench_service.protocol.response import Response
+
+_CLOSE_V = 0.002
+_UNITS = {"voltage_V": "V", "current_A": "A", "temperature_degC": "degC", "soc": ""}
+
+
+def broken_limit(play: Play, seen: Seen) -> str | None:
+    """Return which of a step's own limits a sample has left; None if none."""
+    for name, low, high in play.limits:
+        value = getattr(seen, name)
+        if value is not None and not low <= value <= high:
+            return f"{name} = {value:.4g} {_UNITS[name]} is outside the step's {low:g} to {high:g} {_UNITS[name]}"
+    return None
+
+
+def leaves(
+    program: Program, play: Play, cell: Response, seen: Seen, set_A: tuple[float, float], dt_s: float
+) -> tuple[str, str] | None:
+    """Return which quantity would leave its limits before the next sample, and in words; None if none.
+
+    Parameters
+    ----------
+    set_A : (now, next)
+        Set-point in force and the one that is wanted.
+    dt_s : float
+        Until the next sample.
+    """
+    window, current_A = program.window, set_A[1]
+    if current_A == 0.0:
+        return None
+    charge_Ah = current_A * dt_s / 3600.0
+    if window.soc is not None and seen.soc is not None:
+        soc = seen.soc + charge_Ah / program.capacity_Ah
+        low, high = window.soc
+        if (soc < low and current_A < 0) or (soc > high and current_A > 0):
+            return "soc", f"the counted state of charge would leave {low:g} to {high:g}: {soc:.4f}"
+    if play.law in ("voltage", "cc_cv"):
+        return None
+    ahead_V = _ahead(cell, seen, set_A, dt_s)
+    low, high = window.voltage_V
+    if (ahead_V > high - _CLOSE_V and current_A > 0) or (ahead_V < low + _CLOSE_V and current_A < 0):
+        return "voltage_V", f"the voltage would leave {low:g} to {high:g} V: {seen.voltage_V:.4g} V now"
+    return None
+
+
+def _ahead(cell: Response, seen: Seen, set_A: tuple[float, float], dt_s: float) -> float:
+    """Return the voltage to expect at the next sample."""
+    step_A = set_A[1] - set_A[0]
+    jump_V = cell.resistance_Ohm * step_A if cell.known else 0.0
+    drift_V = cell.drift_V_per_s * dt_s if cell.drift_V_per_s * set_A[1] > 0 else 0.0
+    return seen.voltage_V + jump_V + drift_V

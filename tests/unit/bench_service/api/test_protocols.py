@@ -1,0 +1,119 @@
+"""Protocols over REST: taken in, looked at on a bench before they are started, and what their runs have moved."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench_service.api import protocols, run_steps
+from bench_service.bench.limits import Limits
+from bench_service.errors import NotFoundError
+from bench_service.store.reading import StreamData
+from bench_service.store.records import ProtocolRecord
+from bench_service.streams import STEPS, STREAMS
+from tests.unit.bench_service.api.route_rig import MOMENT, AsyncPart, Store, client_of, error_of
+
+RECORD = ProtocolRecord(id="p1", name="test", sha256="abc", n_steps=1, created_utc=MOMENT)
+REST = {"step": "rest", "until": {"time_s": 60}}
+DOCUMENT: dict[str, Any] = {"schema": "bench-protocol-1", "name": "test", "steps": [REST]}
+LIMITS = Limits((2.5, 4.2), (-10.0, 5.0), (-20.0, 60.0), (0.0, 1.0), None, 1e6)
+
+
+class Benches:
+    def get(self, name: str) -> SimpleNamespace:
+        if name != "sim":
+            raise NotFoundError.of("bench", name)
+        return SimpleNamespace(limits=LIMITS, config=SimpleNamespace(capacity_Ah=2.5))
+
+
+def client() -> tuple[Any, AsyncPart]:
+    journal = AsyncPart(write=RECORD)
+    answers = {"add": RECORD, "get": RECORD, "document": DOCUMENT, "page": [RECORD]}
+    return client_of(protocols.router, journal=journal, store=Store(protocols=answers), benches=Benches()), journal
+
+
+def written(journal: AsyncPart) -> dict[str, Any]:
+    ((_, (_, _, _, document), _),) = journal.calls
+    return document
+
+
+def test_a_protocol_is_checked_and_stored() -> None:
+    service, journal = client()
+    answer = service.post("/protocols", json={"document": DOCUMENT})
+    assert answer.status_code == 201 and answer.json()["id"] == "p1"
+    assert written(journal) == DOCUMENT
+
+
+def test_a_protocol_of_unicycler_is_stored_as_our_own() -> None:
+    service, journal = client()
+    method = [{"step": "open_circuit_voltage", "until_time_s": "60"}]
+    answer = service.post("/protocols", json={"document": {"record": {"time_s": 1}, "method": method}})
+    assert answer.status_code == 201
+    assert written(journal)["steps"] == [{"step": "rest", "until": {"time_s": 60.0}}]
+
+
+def test_a_standard_test_and_a_design_are_made_for_their_bench() -> None:
+    service, journal = client()
+    body = {"standard_test": "capacity", "parameters": {"rounds": 3}, "bench": "sim"}
+    assert service.post("/protocols", json=body).status_code == 201
+    assert written(journal)["steps"][0]["count"] == 3
+    service, journal = client()
+    request = {"initial_soc": 0.5, "duration_s": 20000, "rate_C": 1}
+    design = {**DOCUMENT, "steps": [{"step": "design", "request": request}]}
+    assert service.post("/protocols", json={"document": design, "bench": "sim"}).status_code == 201
+    assert written(journal)["steps"][0]["step"] == "profile"
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ({}, "give one of document, standard_test or protocol_id"),
+        ({"document": {**DOCUMENT, "steps": [{"step": "nap"}]}}, "unknown step at steps.0.step"),
+        ({"standard_test": "capacity"}, "say for which bench"),
+        ({"standard_test": "alchemy", "bench": "sim"}, "no such standard test"),
+        ({"document": DOCUMENT, "bench": "other"}, "unknown bench"),
+    ],
+)
+def test_what_is_wrong_is_told(body: dict[str, Any], told: str) -> None:
+    service, journal = client()
+    answer = service.post("/protocols", json=body)
+    assert answer.status_code in (404, 422) and told in error_of(answer)["message"]
+    assert journal.calls == []
+
+
+def test_a_preview_says_what_to_expect() -> None:
+    service, _ = client()
+    seen = service.post("/protocols/preview", json={"protocol_id": "p1", "bench": "sim"}).json()
+    assert seen["duration_s"] == pytest.approx(60, abs=15) and seen["stopped"] is None
+    assert [step["law"] for step in seen["steps"]] == ["rest"]
+    hot = {**DOCUMENT, "steps": [{"step": "constant_current", "rate_C": 4, "until": {"time_s": 9}}]}
+    refused = service.post("/protocols/preview", json={"document": hot, "bench": "sim"})
+    assert refused.status_code == 422 and error_of(refused)["where"] == ["steps", 0, "rate_C"]
+
+
+def test_what_is_stored_is_listed() -> None:
+    service, _ = client()
+    assert service.get("/protocols").json()["protocols"][0]["name"] == "test"
+    assert service.get("/protocols/p1").json()["document"] == DOCUMENT
+
+
+def test_the_library_is_listed() -> None:
+    tests = client_of(protocols.tests_router).get("/standard-tests").json()["standard_tests"]
+    assert len(tests) >= 12 and all(test["sentence"] and test["parameters"] for test in tests)
+
+
+def test_steps_and_cycles_of_a_run() -> None:
+    columns = {column.name: np.arange(2).astype(column.numpy) + 1 for column in STREAMS[STEPS]}
+    columns["mean_voltage_V"] = np.array([np.nan, 3.7])
+    data = StreamData(STREAMS[STEPS], columns, np.arange(2), ())
+    run = SimpleNamespace(id="r1", continues=None, protocol_id="p1")
+    samples = SimpleNamespace(read=lambda run_id, stream: data)
+    service = client_of(run_steps.router, store=Store(runs={"get": run}), samples=samples)
+    first, second = service.get("/runs/r1/steps").json()["steps"]
+    assert (first["step_count"], first["ended_by"], first["mean_voltage_V"]) == (1, "voltage", None)
+    assert (second["ended_by"], second["charged_Ah"]) == ("current", 2.0)
+    cycles = service.get("/runs/r1/cycles").json()["cycles"]
+    assert [cycle["coulombic_efficiency"] for cycle in cycles] == [1.0, 1.0]
