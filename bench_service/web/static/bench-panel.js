@@ -72,12 +72,18 @@ function drawState(state, parts, bench) {
   setText(parts.about, [device, quantity(bench.capacity_Ah, 2, "Ah"), bench.lock_step ? "lock-step (simulated time)" : bench.commissioning?.state === "simulated" ? "simulated" : "", bench.url]
     .filter((text) => text && text !== MISSING).join(" · "));
   renderKeyed(parts.reason, JSON.stringify([bench.state, bench.reason]), () => reason(state, bench));
-  renderKeyed(parts.hardware, JSON.stringify(bench.commissioning ?? null), () => hardware(bench));
   drawTimeLeft(parts, bench);
   renderKeyed(parts.hold, bench.state, () => holdButton(state, bench));
+  renderKeyed(parts.hardware, JSON.stringify(bench.commissioning ?? null), () => hardware(bench));
   const answer = state.answers.get(bench.name);
   setText(parts.answer, answer ? `${localTime(answer.at)} ${answer.text}` : "");
   parts.answer.dataset.tone = answer ? { true: "good", false: "bad", null: "neutral" }[answer.ok] : "";
+}
+
+function drawTimeLeft(parts, bench) {
+  const text = inMotion(bench) ? parts.timeLeft.words(bench) : "";
+  parts.left.hidden = !text;
+  setText(parts.left, text);
 }
 
 /** Hardware that nobody has looked at says so for as long as that is so. */
@@ -86,12 +92,6 @@ function hardware(bench) {
   return el("div", { class: "notice", id: "not-commissioned", data: { tone: "warn" } },
     el("p", {}, el("strong", { text: "Hardware not commissioned: " }), bench.commissioning.reason ?? "no reason given"),
     el("p", {}, "Its runs say so in their data. ", el("code", { text: `bench-service commission ${bench.name}` }), " proves sign, watchdog, limits and stop."));
-}
-
-function drawTimeLeft(parts, bench) {
-  const text = inMotion(bench) ? parts.timeLeft.words(bench) : "";
-  parts.left.hidden = !text;
-  setText(parts.left, text);
 }
 
 function reason(state, bench) {
