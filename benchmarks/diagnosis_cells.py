@@ -162,6 +162,21 @@ def play(
     return TimeSeries(time_s, read[:, 1], read[:, 0], read[:, 2], read[:, 3], stated, name)
 
 
+def begun_late(run: TimeSeries, capacity_Ah: float, start_s: float) -> tuple[TimeSeries, float]:
+    """A log that begins somewhere in a run, with the state of charge that a person counts for its first sample."""
+    first = round(start_s / DT_S)
+    counted_Ah = float(np.sum(run.current_A[1 : first + 1])) * DT_S / 3600.0
+    assert run.soc_ref is not None
+    stated = np.full(len(run) - first, np.nan)
+    stated[0] = run.soc_ref[0] + counted_Ah / capacity_Ah
+    time_s = run.time_s[first:] - run.time_s[first]
+    ambient = None if run.ambient_degC is None else run.ambient_degC[first:]
+    later = TimeSeries(
+        time_s, run.current_A[first:], run.voltage_V[first:], run.temperature_degC[first:], ambient, stated, run.name
+    )
+    return later, float(stated[0])
+
+
 def _late(outputs: list, delay_s: float) -> list:
     """Voltages between two samples, as a sensor that reads `delay_s` late sees them."""
     share = delay_s / DT_S

@@ -4,7 +4,8 @@
 
 A base is a cell without any effect that the structure lacks (open-circuit curve, ohmic resistance and two fast pairs
 remain; NMC or LFP, every parameter moved at random) with a profile (load cycle, pulses and rests, or designed; chamber
-still or moving) and a network of just the structure of that bare cell; cases share bases. Each case draws one effect,
+still or moving) and a network of just the structure of that bare cell, whose two time constants are only nearly the
+cell's; logs begin anywhere in their profiles; cases share bases. Each case draws one effect,
 a third of them two, that a refit of the network cannot take in, of a size that leaves 2 to 20 mV after a refit (noise:
 1 mV). The network is fitted to the training run with the effect; the diagnosis sees that run and a second one. Every
 sixth case also adds what was named and what is true, and compares the errors on a third run.
@@ -32,6 +33,7 @@ from diagnosis_cells import (
     CHEMISTRIES,
     PROFILES,
     Rig,
+    begun_late,
     chamber_degC,
     changed,
     current_A,
@@ -73,6 +75,10 @@ LACKING = (
     "temperature_dependence",
 )
 BRANCHES_S = (1.5, 25.0)
+# Factor by which the cell's are off.
+MOVED = (0.7, 1.4)
+# How far into its profile a log begins.
+BEGINS_S = (0.0, 3_000.0)
 EXCHANGE_C_RATE = (0.1, 0.8)
 _EVERY = 4
 
@@ -92,13 +98,14 @@ class Base:
 
 
 def bare_cell(chemistry: str, rng: np.random.Generator) -> CellParameters:
-    """A cell with an open-circuit curve, an ohmic resistance and two pairs whose time constants are known."""
+    """A cell with an open-circuit curve, an ohmic resistance and two pairs whose time constants are nearly known."""
     p = random_cell(chemistry, rng)
+    first_s, second_s = (tau_s * float(np.exp(rng.uniform(*np.log(MOVED)))) for tau_s in BRANCHES_S)
     return replace(
         p,
         ohmic_at_empty_Ohm=0.0,
-        fast_1=Branch(p.fast_1.resistance_Ohm, BRANCHES_S[0]),
-        fast_2=Branch(p.fast_2.resistance_Ohm, BRANCHES_S[1]),
+        fast_1=Branch(p.fast_1.resistance_Ohm, first_s),
+        fast_2=Branch(p.fast_2.resistance_Ohm, second_s),
         slow=Branch(0.0, p.slow.time_constant_s),
         hysteresis_amplitude_V=0.0,
         charge_transfer_V=0.0,
@@ -147,9 +154,10 @@ def judge(seed: int, number: int, null: bool) -> Row:
             break
     own, rig, truth, sizes, shows = drawn
     capacity_Ah = own.rig.cell.capacity_Ah
-    runs = [play(rig, own.current[k], own.chamber[k], INITIAL_SOC, rng, f"run {k}") for k in range(2)]
-    network, _ = quick_network(to_grid(runs[0], 1.0), INITIAL_SOC, capacity_Ah, bare_structure(), own.choice)
-    answer = diagnose(network, [runs[1]], [INITIAL_SOC], train=[runs[0]], train_soc=[INITIAL_SOC], mode="structure")
+    logs = [_log(own, rig, k, rng) for k in range(2)]
+    runs, soc = [run for run, _ in logs], [start for _, start in logs]
+    network, _ = quick_network(to_grid(runs[0], 1.0), soc[0], capacity_Ah, bare_structure(), own.choice)
+    answer = diagnose(network, [runs[1]], [soc[1]], train=[runs[0]], train_soc=[soc[0]], mode="structure")
     row = answered(answer, truth)
     off = ratio = None
     if len(truth) == 1 and row["right"] and row["named"][0] == truth[0]:
@@ -158,8 +166,8 @@ def judge(seed: int, number: int, null: bool) -> Row:
     if truth and row["right"] and number % ADDED_EVERY < 2:
         values = {name: row["parameters"][name] for name in row["named"]}
         right = {name: _true_values(name, own.rig, rig, x) for name, x in zip(truth, sizes, strict=True)}
-        held_out = play(rig, own.current[2], own.chamber[2], INITIAL_SOC, rng, "held out")
-        errors = [_with(network, own.choice, each, runs[0], held_out) for each in (values, right)]
+        held_out = _log(own, rig, 2, rng)
+        errors = [_with(network, own.choice, each, logs[0], held_out) for each in (values, right)]
         ratio = errors[0] / errors[1]
     return row | {
         "cell": own.chemistry,
@@ -170,6 +178,12 @@ def judge(seed: int, number: int, null: bool) -> Row:
         "parameter_error": off,
         "held_out_ratio": ratio,
     }
+
+
+def _log(own: Base, rig: Rig, number: int, rng: np.random.Generator) -> tuple[TimeSeries, float]:
+    """A measured profile of a base from anywhere on, with the state of charge at its start."""
+    whole = play(rig, own.current[number], own.chamber[number], INITIAL_SOC, rng, f"run {number}")
+    return begun_late(whole, own.rig.cell.capacity_Ah, float(rng.uniform(*BEGINS_S)))
 
 
 def _drawn(
@@ -223,19 +237,20 @@ def _with(
     network: LocalModelNetwork,
     choice: GivenCandidate,
     added: dict[str, dict[str, float]],
-    train: TimeSeries,
-    held_out: TimeSeries,
+    trained: tuple[TimeSeries, float],
+    judged: tuple[TimeSeries, float],
 ) -> float:
     """RMS error on a held-out run, in V, of a network to which effects were added."""
     capacity_Ah, structure = network.cell.capacity_Ah, network.structure
+    (train, train_soc), (held_out, soc) = trained, judged
     for name, values in added.items():
         extend = effect(name).extend
         if extend is not None:
             structure = extend(structure, values, capacity_Ah)
         train, held_out = corrected(train, effect(name), values), corrected(held_out, effect(name), values)
-    wider, _ = quick_network(to_grid(train, 1.0), INITIAL_SOC, capacity_Ah, structure, replace(choice, given=structure))
+    wider, _ = quick_network(to_grid(train, 1.0), train_soc, capacity_Ah, structure, replace(choice, given=structure))
     run = to_grid(held_out, 1.0)
-    return float(np.sqrt(np.mean((run.voltage_V - free_run_V(wider, run, INITIAL_SOC)) ** 2)))
+    return float(np.sqrt(np.mean((run.voltage_V - free_run_V(wider, run, soc)) ** 2)))
 
 
 if __name__ == "__main__":

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import json
+from typing import Annotated
 
-from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Query, WebSocket, WebSocketDisconnect
 
 from bench_service.api.dependencies import ServicesOf
 from bench_service.campaign.live import Message, Subscription, TooManyReadersError
 
 router = APIRouter(tags=["live"])
 _TRY_AGAIN_LATER = 1013
+Pace = Annotated[float, Query(ge=0.0, le=60.0, allow_inf_nan=False)]
 
 
 @router.websocket("/live")
-async def live(socket: WebSocket, services: ServicesOf) -> None:
-    """Send the state of every bench, then whatever happens; a slow reader loses messages."""
+async def live(socket: WebSocket, services: ServicesOf, every_s: Pace = 0.0) -> None:
+    """Send the state of every bench, then whatever happens; a slow reader loses messages.
+
+    Of the values of each bench one message in ``every_s`` is sent, the newest.
+    """
     try:
-        reader = services.live.subscribe()
+        reader = services.live.subscribe(every_s)
     except TooManyReadersError as error:
         await socket.accept()
         await socket.close(_TRY_AGAIN_LATER, str(error))

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
+from bench_service.campaign.describing import describe_run
 from bench_service.campaign.ordering import RunOrder
 from bench_service.store.records import RunState
 
@@ -46,6 +47,14 @@ class RunBody(Body):
     on_interruption: Literal["stop", "resume"] | None = None
 
 
+class DescriptionBody(Body):
+    """What a person says of a run."""
+
+    label: Name | None = None
+    operator: Name | None = None
+    notes: Annotated[str, Field(min_length=1, max_length=20_000)] | None = None
+
+
 @router.post("", status_code=201)
 async def start_run(body: RunBody, services: ServicesOf) -> Answer:
     """Start a run, after every check that needs no cycler."""
@@ -59,17 +68,26 @@ def list_runs(
     bench: Annotated[str | None, Query(max_length=64)] = None,
     state: RunState | None = None,
     campaign_id: Annotated[str | None, Query(max_length=64)] = None,
+    q: Annotated[str | None, Query(max_length=200)] = None,
     limit: Limit = 100,
     offset: Offset = 0,
 ) -> Answer:
-    """List runs, newest first."""
-    return {"runs": [asdict(run) for run in services.store.runs.page(bench, state, campaign_id, limit, offset)]}
+    """List runs, newest first; with ``q`` those in whose name, label, operator, notes, bench or date each word is."""
+    found = services.store.runs.page(bench, state, campaign_id, limit, offset, q)
+    return {"runs": [asdict(run) for run in found]}
 
 
 @router.get("/{run_id}")
 def get_run(run_id: PathId, services: ServicesOf) -> Answer:
     """Give one run."""
     return asdict(services.store.runs.get(run_id))
+
+
+@router.patch("/{run_id}")
+async def describe(run_id: PathId, body: DescriptionBody, services: ServicesOf) -> Answer:
+    """Write label, operator or notes of a run; what is left out stays, null takes it away. Kept as an event."""
+    told = body.model_dump(exclude_unset=True)
+    return asdict(await describe_run(services.store, services.journal, run_id, told))
 
 
 @router.post("/{run_id}/stop")

@@ -27,6 +27,7 @@ from bench_service.api import (
     runs,
     samples,
 )
+from bench_service.api.compression import Compression
 from bench_service.api.errors import install_error_handlers
 from bench_service.api.gate import Gate
 from bench_service.app.lifespan import running_services
@@ -89,6 +90,7 @@ def create_app(
         redoc_url=None,
     )
     app.state.services = services
+    app.add_middleware(Compression)
     app.add_middleware(Gate, host=host, token=token)
     app.add_middleware(GivesBack)
     install_error_handlers(app)

@@ -39,6 +39,7 @@ from bench_service.simulation import SimulatorProcess
 from bench_service.store.interrupted import mark_interrupted_runs
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.samples import SampleReader
+from bench_service.store.views import Views
 from bench_service.store.watch import MEGABYTE
 
 _SEALS = "seals"  # in the data directory
@@ -88,6 +89,7 @@ async def running_services(
             version=code_version,
             store=store,
             samples=samples,
+            views=Views(samples),
             journal=journal,
             benches=benches,
             runs=runs,

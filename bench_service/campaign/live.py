@@ -16,13 +16,35 @@ class TooManyReadersError(RuntimeError):
 class Subscription:
     """What one reader has not yet fetched; the oldest message goes when it is full."""
 
-    def __init__(self, depth: int) -> None:
+    def __init__(self, depth: int, every_s: float = 0.0) -> None:
         self._waiting: deque[Message] = deque(maxlen=depth)
         self._ready = asyncio.Event()
+        self._every_s = every_s
+        self._newest: dict[str, Message] = {}
+        self._due: asyncio.TimerHandle | None = None
         self.dropped = 0
 
     def put(self, message: Message) -> None:
-        """Take a message in; never waits."""
+        """Take a message in; never waits. Values of a bench wait for their time, and newer ones take their place."""
+        if self._every_s > 0.0 and message.get("type") == "live":
+            self._newest[message["bench"]] = message
+            if self._due is None:
+                self._due = asyncio.get_running_loop().call_later(self._every_s, self._hand_on)
+            return
+        self._add(message)
+
+    def end(self) -> None:
+        """Stop waiting for anything."""
+        if self._due is not None:
+            self._due.cancel()
+
+    def _hand_on(self) -> None:
+        self._due = None
+        newest, self._newest = self._newest, {}
+        for message in newest.values():
+            self._add(message)
+
+    def _add(self, message: Message) -> None:
         if len(self._waiting) == self._waiting.maxlen:
             self.dropped += 1
         self._waiting.append(message)
@@ -57,8 +79,8 @@ class Broadcaster:
         for reader in self._readers:
             reader.put(message)
 
-    def subscribe(self) -> Subscription:
-        """Start reading.
+    def subscribe(self, every_s: float = 0.0) -> Subscription:
+        """Start reading; of a bench's values at most one message in `every_s`, 0 for all of them.
 
         Raises
         ------
@@ -67,10 +89,11 @@ class Broadcaster:
         """
         if len(self._readers) >= self._max_readers:
             raise TooManyReadersError(f"{self._max_readers} readers are connected already; close one")
-        reader = Subscription(self._depth)
+        reader = Subscription(self._depth, every_s)
         self._readers.add(reader)
         return reader
 
     def unsubscribe(self, reader: Subscription) -> None:
         """End reading; harmless if it has ended."""
+        reader.end()
         self._readers.discard(reader)

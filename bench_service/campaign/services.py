@@ -19,6 +19,7 @@ from bench_service.jobs.runner import JobRunner
 from bench_service.jobs.screening import Screen
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.samples import SampleReader
+from bench_service.store.views import Views
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,7 @@ class Services:
     version: str
     store: MetadataStore
     samples: SampleReader
+    views: Views
     journal: Journal
     benches: Benches
     runs: Runs

@@ -144,7 +144,7 @@ class BenchClient:
         return run
 
     def runs(self, **filters: object) -> list[Record]:
-        """Runs, newest first; filters are bench, state, campaign_id, limit, offset."""
+        """Runs, newest first; filters are bench, state, campaign_id, q (words), limit, offset."""
         return self._connection.get(f"{API}/runs", **filters)["runs"]
 
     def run(self, run_id: str) -> Record:
@@ -183,15 +183,29 @@ class BenchClient:
         stream: str = "samples",
         from_s: float | None = None,
         to_s: float | None = None,
+        after_seq: int | None = None,
+        points: int | None = None,
         max_points: int | None = None,
+        columns: Sequence[str] | None = None,
         damaged: str | None = None,
     ) -> Record:
         """Columns of a run's samples, or with ``stream="observer"`` of its observer; None is a missing value.
 
-        A damaged run is refused, unless ``damaged="include"`` asks for what is left.
+        With `points` (`max_points` is its older name) at most so many rows, extremes and steps kept; `after_seq` gives
+        what is new since that row. A damaged run is refused, unless ``damaged="include"`` asks for what is left.
         """
         address = f"{API}/runs/{part(run_id)}/{part(stream)}"
-        return self._connection.get(address, from_s=from_s, to_s=to_s, max_points=max_points, damaged=damaged)
+        rows = {"from_s": from_s, "to_s": to_s, "after_seq": after_seq, "points": points or max_points}
+        names = None if columns is None else ",".join(columns)
+        return self._connection.get(address, **rows, columns=names, damaged=damaged)
+
+    def incremental(self, run_id: str, *, from_s: float | None = None, to_s: float | None = None) -> Record:
+        """dQ/dV and dV/dQ of a run or a part of it, ``charge`` and ``discharge`` apart."""
+        return self._connection.get(f"{API}/runs/{part(run_id)}/incremental", from_s=from_s, to_s=to_s)
+
+    def describe_run(self, run_id: str, **told: str | None) -> Record:
+        """Write `label`, `operator` or `notes` of a run; None takes it away. Each change is kept as an event."""
+        return self._connection.send("PATCH", f"{API}/runs/{part(run_id)}", json=told).json()
 
     def export(self, run_id: str, format: str = "bdf") -> bytes:  # noqa: A002  # the option's public name
         """Give the run as the bytes of a file."""

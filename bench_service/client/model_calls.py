@@ -78,7 +78,7 @@ class ModelCalls:
 
     def import_model(self, document: Record) -> Record:
         """Store a MODEL.json; give its record."""
-        return self._connection.post(f"{API}/models/import", document)
+        return self._connection.post(f"{API}/models/import", document, at_work=True)
 
     def design(self, name: str, request: Record, **patience: Unpack[Patience]) -> Record:
         """Design a profile, wait for it, and give ``{"profile_id", "name", "figures"}``.
@@ -91,7 +91,7 @@ class ModelCalls:
     def compare(self, model_id: str, run_ids: Sequence[str], initial_soc: float | None = None) -> Record:
         """Compare a model with runs."""
         body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc}
-        return self._connection.post(f"{API}/comparisons", body)
+        return self._connection.post(f"{API}/comparisons", body, at_work=True)
 
     def comparison(self, comparison_id: str) -> Record:
         """One comparison."""

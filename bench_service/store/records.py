@@ -112,6 +112,8 @@ class RunRecord:
         When a damaged run was repaired: count and hash are since then those of what is left, `damage` says what is not.
     removed_utc : str or None
         When its samples were given up, by the rule of retention.
+    label, operator, notes : str or None
+        What people have written about it.
     """
 
     id: str
@@ -144,6 +146,9 @@ class RunRecord:
     damage: str | None = None
     repaired_utc: str | None = None
     removed_utc: str | None = None
+    label: str | None = None
+    operator: str | None = None
+    notes: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

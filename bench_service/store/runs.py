@@ -5,7 +5,7 @@ import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
-from sqlalchemy import case, func, select, update
+from sqlalchemy import case, func, or_, select, update
 
 from bench_service.errors import ConflictError, NotFoundError
 from bench_service.store import rows, schema
@@ -19,6 +19,10 @@ from bench_service.store.records import (
     RunState,
 )
 from bench_service.store.run_states import before
+
+_SEARCHED = tuple(
+    schema.run.c[name] for name in ("id", "name", "label", "operator", "notes", "bench", "reason", "created_utc")
+)
 
 
 class RunTable:
@@ -115,6 +119,14 @@ class RunTable:
         with self._file.write() as link:
             link.execute(update(table).where(table.c.id == run_id).values(values))
 
+    def describe(self, run_id: str, told: dict[str, str | None]) -> tuple[RunRecord, RunRecord]:
+        """Write down what a person says of a run, in `label`, `operator` or `notes`; return it before and after."""
+        table = schema.run
+        before = self.get(run_id)
+        with self._file.write() as link:
+            link.execute(update(table).where(table.c.id == run_id).values(told))
+        return before, self.get(run_id)
+
     def last_number(self) -> int:
         """Return the number of the newest run, 0 where there is none."""
         with self._file.read() as link:
@@ -144,9 +156,12 @@ class RunTable:
         campaign_id: str | None = None,
         limit: int = 100,
         offset: int = 0,
+        words: str | None = None,
     ) -> list[RunRecord]:
-        """Return runs, of one bench, state or campaign where that is given."""
+        """Return runs, of one bench, state or campaign where that is given, in whose texts each of `words` occurs."""
         query = select(schema.run)
+        for word in (words or "").split():
+            query = query.where(or_(*(column.icontains(word, autoescape=True) for column in _SEARCHED)))
         for column, wanted in (("bench", bench), ("state", state), ("campaign_id", campaign_id)):
             if wanted is not None:
                 query = query.where(schema.run.c[column] == wanted)

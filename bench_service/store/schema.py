@@ -151,6 +151,10 @@ run = Table(
     _json("standing"),
     Column("repaired_utc", _UTC),
     Column("removed_utc", _UTC),
+    # What people write about it.
+    Column("label", Text),
+    Column("operator", Text),
+    Column("notes", Text),
 )
 
 comparison = Table(

@@ -30,8 +30,18 @@ _static = StaticFiles(directory=_HERE / "static")
 @router.get("/", response_class=HTMLResponse)
 async def page(request: Request) -> Response:
     """Return the page; everything that changes reaches it through the API."""
+    return _page(request, "bench.html")
+
+
+@router.get("/runs/{run_id}", response_class=HTMLResponse)
+async def run_page(request: Request, run_id: str) -> Response:
+    """Return the page of a run; it says by itself where there is none of that name."""
+    return _page(request, "run.html")
+
+
+def _page(request: Request, template: str) -> Response:
     context = {"version": request.app.version, "openapi_url": request.app.openapi_url}
-    return _templates.TemplateResponse(request, "bench.html", context, headers=_page_headers(request))
+    return _templates.TemplateResponse(request, template, context, headers=_page_headers(request))
 
 
 def _page_headers(request: Request) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """The service in a process of its own, for tests that look at its page."""
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -15,6 +16,12 @@ DESKTOP = {"width": 1280, "height": 800}
 PHONE = {"width": 390, "height": 844}
 
 OpenPage = Callable[..., Page]
+
+
+def picture(page: Page, name: str) -> None:
+    """Keep what a person would see, in the folder that ``BENCH_SCREENSHOTS`` names; nowhere where it names none."""
+    if folder := os.environ.get("BENCH_SCREENSHOTS"):
+        page.screenshot(path=Path(folder) / f"{name}.png", full_page=True)
 
 
 @contextmanager

@@ -88,6 +88,17 @@ def test_samples_of_a_range_and_thinned(rest: Rest, finished: dict[str, Any]) ->
     assert thin["decimated"] is True and thin["n"] == len(thin["columns"]["voltage_V"]) <= 50
     assert max(thin["columns"]["voltage_V"]) == max(whole) and min(thin["columns"]["voltage_V"]) == min(whole)
     assert rest.client.samples(finished["id"], stream="observer") == {"columns": {}, "n": 0, "decimated": False}
+    new = rest.client.samples(finished["id"], after_seq=590, columns=["seq", "charge_Ah"])["columns"]
+    assert new["seq"] == list(range(591, 601)) and len(new["charge_Ah"]) == 10
+    assert set(rest.client.incremental(finished["id"])) == {"charge", "discharge"}
+
+
+def test_what_a_person_says_of_a_run_is_stored_found_and_told(rest: Rest, finished: dict[str, Any]) -> None:
+    told = rest.client.describe_run(finished["id"], label="Cell 7", notes="cold\nroom")
+    assert (told["label"], told["operator"], told["notes"]) == ("Cell 7", None, "cold\nroom")
+    assert [run["id"] for run in rest.client.runs(q="cell cold first")] == [finished["id"]]
+    texts = [event["text"] for event in rest.client.events(finished["id"]) if event["code"] == "run_described"]
+    assert texts == ["run 'first': label 'Cell 7'; notes 'cold room'"]
 
 
 def test_export_is_a_file(rest: Rest, finished: dict[str, Any]) -> None:

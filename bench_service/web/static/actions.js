@@ -29,6 +29,18 @@ export async function stopBench(state, name) {
   }
 }
 
+/** Hold the run, or let it go on. */
+export async function hold(state, name, on) {
+  const word = on ? "Pause" : "Resume";
+  state.setAnswer(name, { ok: null, text: `${word} sent …` });
+  try {
+    await (on ? api.pauseBench(name) : api.resumeBench(name));
+    state.setAnswer(name, { ok: true, text: on ? "Pause: taken. The output goes off, the profile waits." : "Resume: taken." });
+  } catch (error) {
+    state.setAnswer(name, { ok: false, text: `${word}: ${error.message}` });
+  }
+}
+
 export async function acknowledge(state, name) {
   state.setAnswer(name, { ok: null, text: "Acknowledging …" });
   try {

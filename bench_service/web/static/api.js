@@ -12,7 +12,10 @@ export class ApiError extends Error {
 
 async function request(method, path, body, timeout_s) {
   const options = { method, headers: { Accept: "application/json" }, signal: AbortSignal.timeout(timeout_s * 1000) };
-  if (body !== undefined) {
+  if (body instanceof Blob) {
+    options.headers["Content-Type"] = body.type;
+    options.body = body;
+  } else if (body !== undefined) {
     options.headers["Content-Type"] = "application/json";
     options.body = JSON.stringify(body);
   }
@@ -32,6 +35,7 @@ async function request(method, path, body, timeout_s) {
 
 const get = (path, timeout_s = 15) => request("GET", BASE + path, undefined, timeout_s);
 const post = (path, body, timeout_s = 15) => request("POST", BASE + path, body, timeout_s);
+const patch = (path, body, timeout_s = 15) => request("PATCH", BASE + path, body, timeout_s);
 const query = (values) => new URLSearchParams(Object.entries(values).filter(([, v]) => v !== undefined)).toString();
 const id = encodeURIComponent;
 const list = (payload, name) => (Array.isArray(payload) ? payload : payload?.[name] ?? []);
@@ -72,14 +76,23 @@ export const api = {
   acknowledge: (name) => post(`/benches/${id(name)}/acknowledge`),
   runs: async (filter) => list(await get(`/runs?${query(filter)}`), "runs"),
   run: (runId) => get(`/runs/${id(runId)}`),
-  samples: (runId, max_points) => get(`/runs/${id(runId)}/samples?${query({ max_points })}`, 60),
-  observer: (runId, max_points) => get(`/runs/${id(runId)}/observer?${query({ max_points })}`, 60),
+  /** `part`: from_s, to_s, after_seq, points, columns; all may be left out. */
+  samples: (runId, part) => get(`/runs/${id(runId)}/samples?${query(part)}`, 60),
+  observer: (runId, part) => get(`/runs/${id(runId)}/observer?${query(part)}`, 60),
+  incremental: (runId, part) => get(`/runs/${id(runId)}/incremental?${query(part)}`, 60),
+  describeRun: (runId, body) => patch(`/runs/${id(runId)}`, body),
+  runEvents: async (runId) => list(await get(`/runs/${id(runId)}/events`), "events"),
+  pauseBench: (name) => post(`/benches/${id(name)}/pause`, undefined, 5),
+  resumeBench: (name) => post(`/benches/${id(name)}/resume`, undefined, 5),
+  profiles: async () => list(await get("/profiles?limit=200"), "profiles"),
+  profile: (profileId, points) => get(`/profiles/${id(profileId)}?${query({ points })}`, 60),
+  addProfile: (text, name) => request("POST", `${BASE}/profiles?${query({ name })}`, new Blob([text], { type: "text/csv" }), 60),
   exportUrl: (runId, format, damaged) => `${BASE}/runs/${id(runId)}/export?format=${format}${damaged ? "&damaged=include" : ""}`,
   campaigns: async () => list(await get("/campaigns"), "campaigns"),
   startCampaign: (body) => post("/campaigns", body),
   estimateCampaign: (body) => post("/campaigns/estimate", body),
   stopCampaign: (campaignId) => post(`/campaigns/${id(campaignId)}/stop`, undefined, 5),
-  comparisonSeries: (comparisonId) => get(`/comparisons/${id(comparisonId)}/series?max_points=2000`, 60),
+  comparisonSeries: (comparisonId, max_points = 2000) => get(`/comparisons/${id(comparisonId)}/series?${query({ max_points })}`, 60),
   models: async () => list(await get("/models?limit=200"), "models"),
   model: (modelId) => get(`/models/${id(modelId)}`),
   importModel: (document, name) => post(`/models/import?${query({ name })}`, document, 60),

@@ -7,7 +7,7 @@ export function benchCards(state, { select }) {
   const box = document.getElementById("bench-cards");
   const readings = new Map();
   const draw = () => {
-    const benches = [...state.benches.values()];
+    const benches = state.benchesWorstFirst;
     box.hidden = benches.length < 2;
     const key = JSON.stringify([state.selected, state.connected, benches.map((bench) => [bench.name, bench.state])]);
     renderKeyed(box, key, () => benches.map((bench) => card(state, bench, readings, select)));

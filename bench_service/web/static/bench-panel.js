@@ -2,7 +2,9 @@
 import { acknowledge } from "./actions.js";
 import { chip, el, renderKeyed, setText } from "./dom.js";
 import { BAND, MISSING, currentWord, duration, fixed, localTime, percent, quantity } from "./format.js";
+import { holdButton } from "./run-control.js";
 import { liveChart } from "./live-chart.js";
+import { TimeLeft } from "./time-left.js";
 import { benchWord, inMotion } from "./words.js";
 
 const OLD_AFTER_S = 3; // readings come several times a second while a bench is connected
@@ -21,6 +23,7 @@ export function benchPanel(state, traces) {
   state.on("benches select answers link", draw);
   state.on("live", ({ name }) => {
     if (name !== state.selected || !parts) return;
+    drawTimeLeft(parts, state.bench);
     drawReadings(parts, state.bench);
     drawAge(state, parts, state.bench);
   });
@@ -37,12 +40,13 @@ function build(state, traces, root, name) {
   const parts = {
     name, chip: el("span", { role: "status" }), about: el("p", { class: "about" }), reason: el("div"),
     answer: el("p", { class: "answer", role: "status" }), age: el("p", { class: "age" }), readings: readings(),
+    hold: el("div", { class: "form-end" }), left: el("p", { class: "time-left", hidden: true }), timeLeft: new TimeLeft(),
   };
   root.dataset.key = name;
   root.setAttribute("aria-label", `Bench ${name}`);
   root.replaceChildren(
     el("div", { class: "bench-side" },
-      el("header", { class: "bench-head" }, el("h2", { text: name }), parts.chip), parts.about, parts.reason, parts.readings.node, parts.age, parts.answer),
+      el("header", { class: "bench-head" }, el("h2", { text: name }), parts.chip), parts.about, parts.reason, parts.left, parts.hold, parts.readings.node, parts.age, parts.answer),
     liveChart(state, traces, name));
   return parts;
 }
@@ -68,9 +72,17 @@ function drawState(state, parts, bench) {
   setText(parts.about, [device, quantity(bench.capacity_Ah, 2, "Ah"), bench.lock_step ? "lock-step (simulated time)" : "", bench.url]
     .filter((text) => text && text !== MISSING).join(" · "));
   renderKeyed(parts.reason, JSON.stringify([bench.state, bench.reason]), () => reason(state, bench));
+  drawTimeLeft(parts, bench);
+  renderKeyed(parts.hold, bench.state, () => holdButton(state, bench));
   const answer = state.answers.get(bench.name);
   setText(parts.answer, answer ? `${localTime(answer.at)} ${answer.text}` : "");
   parts.answer.dataset.tone = answer ? { true: "good", false: "bad", null: "neutral" }[answer.ok] : "";
+}
+
+function drawTimeLeft(parts, bench) {
+  const text = inMotion(bench) ? parts.timeLeft.words(bench) : "";
+  parts.left.hidden = !text;
+  setText(parts.left, text);
 }
 
 function reason(state, bench) {

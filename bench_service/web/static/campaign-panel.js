@@ -3,7 +3,7 @@ import { api } from "./api.js";
 import { campaignForm } from "./campaign-form.js";
 import { campaignResult } from "./campaign-result.js";
 import { chip, el, renderKeyed, setText } from "./dom.js";
-import { MISSING, duration, percent, quantity, timeElement } from "./format.js";
+import { MISSING, duration, localMoment, percent, quantity, timeElement } from "./format.js";
 import { stageTitle, wordFor } from "./words.js";
 
 export function campaignPanel(state) {
@@ -102,13 +102,19 @@ function drawProgress(parts, campaign, view) {
   parts.bar.value = campaign.progress ?? 0;
   parts.barBox.dataset.tone = tone;
   setText(parts.share, percent(campaign.progress ?? 0, 0));
-  setText(parts.message, campaign.state === "completed" ? "" : campaign.message ?? "");
+  setText(parts.message, campaign.state === "completed" ? "" : [campaign.message, finish(campaign)].filter(Boolean).join(" · "));
   parts.message.dataset.tone = campaign.state === "failed" ? "bad" : "";
   setText(parts.answer, view.message);
   parts.stop.hidden = campaign.state !== "running";
   const rows = campaign.stages ?? [];
   setText(parts.said, `Campaign ${word}, stage ${stageTitle(campaign.stage)}`);
   renderKeyed(parts.stages, JSON.stringify(rows), () => rows.map(stage));
+}
+
+/** What the service says of the end of a campaign that runs. */
+function finish({ state: is, time_left_s: left_s, finish_utc: end }) {
+  if (is !== "running" || !end || !Number.isFinite(left_s)) return "";
+  return `its runs take ${duration(left_s)} more, done about ${localMoment(new Date(end))}`;
 }
 
 function stage({ name, state, detail, seconds }) {

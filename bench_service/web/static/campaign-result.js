@@ -100,7 +100,7 @@ function overlay(comparisonId, keep) {
 function soc(runId, keep) {
   return chartBox("Live observer against the coulomb counter", [["soc", "observer, band 95 %"], ["ink", "coulomb counter"], ["residual", "difference"]],
     "State of charge of the observer and of the coulomb counter over test time, their difference below", async () => {
-      const [run, samples, observer] = await Promise.all([api.run(runId), api.samples(runId), api.observer(runId, 2000)]);
+      const [run, samples, observer] = await Promise.all([api.run(runId), api.samples(runId, { points: 4000, columns: "time_s,charge_Ah" }), api.observer(runId, { points: 2000 })]);
       if (!observer?.columns?.time_s?.length) throw new Error("no observer ran in this run.");
       return (node) => socChart(node, run, samples.columns, observer.columns);
     }, keep);

@@ -52,6 +52,8 @@ const TIME = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-di
 const DAY_TIME = new Intl.DateTimeFormat(undefined, {
   year: "numeric", month: "short", day: "2-digit", hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23",
 });
+const MOMENT = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
+const DAY_MOMENT = new Intl.DateTimeFormat(undefined, { weekday: "short", month: "short", day: "2-digit", hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
 
 /** A <time> element: local on the page, UTC on hover. Text without a zone is UTC: records are. */
 export function timeElement(iso) {
@@ -65,6 +67,12 @@ export function timeElement(iso) {
 
 export function localTime(date) {
   return TIME.format(date);
+}
+
+/** A moment to come: the time of day, with the day where it is not today. */
+export function localMoment(date) {
+  const today = date.toDateString() === new Date().toDateString();
+  return (today ? MOMENT : DAY_MOMENT).format(date);
 }
 
 /** What a current does to the cell; `restBelow_A` is what counts as none. */

@@ -4,6 +4,8 @@ import { el, setText } from "./dom.js";
 import { duration, percent } from "./format.js";
 import { inMotion, wordFor } from "./words.js";
 
+const MOST_STOPS = 3;
+
 export function header(state, { reconnect }) {
   const service = document.getElementById("service");
   const banner = document.getElementById("offline-banner");
@@ -49,23 +51,31 @@ function drawBanner(state, banner, text) {
   setText(text, `${why}${age}Benches keep to their limits by themselves, and go to rest if the service itself is gone. ${next}`);
 }
 
-/** One STOP button per bench in motion, in a place that never scrolls away. */
+/** STOP in a place that never scrolls away: of the selected bench always, of every other one while it moves. */
 export function stopButtons(state) {
   const box = document.getElementById("stops");
   const entries = new Map();
+  const all = el("button", { id: "stop-all", class: "stop", type: "button", on: { click: () => {
+    for (const [name, bench] of state.benches) if (bench.state !== "offline") stopBench(state, name);
+  } } }, el("span", { class: "stop-sign", "aria-hidden": "true" }), "STOP all");
   const draw = () => {
+    const moving = [...state.benches.values()].filter(inMotion).length;
+    // Beyond a handful one button for all of them is what a hand finds.
+    const many = moving > MOST_STOPS;
     for (const [name, bench] of state.benches) {
-      const moving = inMotion(bench);
-      if (moving && !entries.has(name)) entries.set(name, addEntry(state, box, name));
-      if (!moving && entries.has(name)) {
+      const shown = name === state.selected || (inMotion(bench) && !many);
+      if (shown && !entries.has(name)) entries.set(name, addEntry(state, box, name));
+      if (!shown && entries.has(name)) {
         entries.get(name).node.remove();
         entries.delete(name);
       }
-      if (moving) drawEntry(entries.get(name), bench);
+      if (shown) drawEntry(entries.get(name), bench);
     }
+    if (moving > 1 && !all.isConnected) box.append(all);
+    if (moving < 2) all.remove();
     document.body.classList.toggle("has-stops", entries.size > 0);
   };
-  state.on("benches live", draw);
+  state.on("benches live select", draw);
 }
 
 function addEntry(state, box, name) {
@@ -75,11 +85,12 @@ function addEntry(state, box, name) {
   }, el("span", { class: "stop-sign", "aria-hidden": "true" }), `STOP ${name}`);
   const node = el("div", { class: "stop-entry" }, text, button);
   box.append(node);
-  return { node, text };
+  return { node, text, button };
 }
 
 function drawEntry(entry, bench) {
   const [, word] = wordFor("bench", bench.state);
-  const progress = bench.live?.progress;
+  const progress = inMotion(bench) ? bench.live?.progress : null;
+  entry.button.dataset.moves = String(inMotion(bench));
   setText(entry.text, Number.isFinite(progress) ? `${word}, ${percent(progress, 0)}` : word);
 }

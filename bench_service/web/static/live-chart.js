@@ -19,15 +19,18 @@ export function liveChart(state, traces, name) {
   const view = { window_s: state.benches.get(name).lock_step ? Infinity : 600, dirty: true };
   const title = el("h3", { class: "chart-title" });
   const empty = el("p", { class: "empty over", text: "No run yet. Start a campaign below: voltage, current and state of charge appear here." });
+  const whole = el("a", { class: "run-link", hidden: true, text: "Open the run" });
   const plot = el("div", { class: "plot", role: "img", "aria-label": `Voltage, current and state of charge of ${name} over test time` });
   const node = el("div", { class: "bench-chart" },
-    el("header", { class: "chart-head" }, title, windowChooser(view)),
+    el("header", { class: "chart-head" }, title, whole, windowChooser(view, trace)),
     legend([["voltage", "voltage"], ["current", "current"], ["soc", "state of charge with 95 % band, where an observer runs"]]),
     el("div", { class: "plot-box" }, plot, empty));
   let chart = null;
   const draw = () => {
     if (!node.isConnected) return;
     drawTitle(state, trace, title, name);
+    whole.hidden = !trace.runId;
+    if (trace.runId) whole.href = `/runs/${encodeURIComponent(trace.runId)}`;
     empty.hidden = trace.points.length > 0;
     if (!view.dirty || document.hidden || !trace.points.length) return;
     view.dirty = false;
@@ -48,8 +51,13 @@ export function liveChart(state, traces, name) {
   return node;
 }
 
-function windowChooser(view) {
-  const select = el("select", { on: { change: () => { view.window_s = Number(select.value); view.dirty = true; } } },
+function windowChooser(view, trace) {
+  trace.window_s = view.window_s;
+  const select = el("select", { on: { change: () => {
+    view.window_s = Number(select.value);
+    view.dirty = true;
+    trace.show(view.window_s).then(() => { view.dirty = true; }, (error) => console.warn(error.message));
+  } } },
     WINDOWS.map(([text, seconds]) => el("option", { value: seconds, text, selected: seconds === view.window_s })));
   return el("label", { class: "inline" }, "Show ", select);
 }
@@ -87,7 +95,7 @@ function option(colours, trace, view) {
     ]),
     series: [
       line("Voltage", colours.voltage, 0, pick(points, "v")),
-      line("Current", colours.current, 1, pick(points, "i"), { areaStyle: { color: colours.current, opacity: 0.12, origin: 0 } }),
+      line("Current", colours.current, 1, pick(points, "i"), { step: "start", areaStyle: { color: colours.current, opacity: 0.12, origin: 0 } }),
       ...(known.length ? socSeries(colours, known) : []),
     ],
   };

@@ -3,6 +3,7 @@
 const FIRST_RETRY_S = 0.5;
 const LAST_RETRY_S = 8;
 const GREETED_WITHIN_S = 5;
+const EVERY_S = 0.5; // readings for the eye; what is drawn comes from the store
 
 /** Calls `onMessage(object)` per frame and `onLink({state, retryAt, reason})`, state "connecting" | "live" | "down". */
 export class LiveLink {
@@ -18,7 +19,7 @@ export class LiveLink {
     clearTimeout(this.#timer);
     this.#drop();
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/api/v1/live`);
+    const socket = new WebSocket(`${scheme}://${location.host}/api/v1/live?every_s=${EVERY_S}`);
     this.#socket = socket;
     this.onLink({ state: "connecting" });
     this.#timer = setTimeout(() => this.#lost(socket), GREETED_WITHIN_S * 1000);

@@ -8,6 +8,7 @@ import { eventsPanel } from "./events-panel.js";
 import { header, stopButtons } from "./header.js";
 import { improvePanel } from "./improve-panel.js";
 import { LiveLink } from "./live.js";
+import { runStart } from "./run-start.js";
 import { runsPanel } from "./runs-panel.js";
 import { State } from "./state.js";
 import { Trace } from "./trace.js";
@@ -21,6 +22,7 @@ const SETTLED_AFTER_MS = 1000;
 const state = new State();
 const traces = new Map();
 let runsShown = RUNS_PAGE;
+let runsFilter = null;
 let silent = 0;
 
 const link = new LiveLink(onMessage, onLink);
@@ -61,9 +63,13 @@ async function loadAll() {
 
 async function loadRuns() {
   try {
-    const runs = await api.runs({ limit: runsShown + 1 });
-    state.runs = runs.slice(0, runsShown);
-    state.moreRuns = runs.length > runsShown;
+    const filter = runsFilter;
+    const newest = await api.runs({ limit: runsShown + 1 });
+    const found = filter ? await api.runs({ ...filter, limit: runsShown + 1 }) : newest;
+    state.runs = newest.slice(0, runsShown);
+    if (filter !== runsFilter) return; // something else was asked for meanwhile
+    state.listedRuns = found.slice(0, runsShown);
+    state.moreRuns = found.length > runsShown;
     state.tell("runs");
   } catch (error) {
     console.warn(error.message);
@@ -129,14 +135,15 @@ benchCards(state, { select });
 benchPanel(state, { get: traceOf });
 campaignPanel(state);
 improvePanel(state);
-runsPanel(state, { more: () => { runsShown += RUNS_PAGE; loadRuns(); } });
+runStart(state, document.getElementById("start-section"), () => loadRuns());
+runsPanel(state, { more: () => { runsShown += RUNS_PAGE; loadRuns(); }, look: (filter) => { runsFilter = Object.values(filter).some(Boolean) ? filter : null; runsShown = RUNS_PAGE; loadRuns(); } });
 eventsPanel(state);
 
 link.open();
 setInterval(() => state.tell("tick"), 1000);
 setInterval(checkHealth, HEALTH_EVERY_MS);
-// In lock-step a second on the wall is minutes of test: the feed alone would draw pulses as slopes.
-setInterval(() => { if (state.connected && !document.hidden && state.bench?.lock_step && state.bench.run_id) fillTrace(); }, REFILL_EVERY_MS);
+// What is drawn comes from the store, each time only what is new: the feed is for the eye and would draw pulses as slopes.
+setInterval(() => { if (state.connected && !document.hidden && state.bench?.run_id) fillTrace(); }, REFILL_EVERY_MS);
 setInterval(() => {
   const moving = [...state.benches.values()].some((bench) => bench.run_id) || state.runs?.some((run) => run.state === "running");
   if (state.connected && moving) loadRuns();

@@ -46,16 +46,6 @@ export function overlayChart(node, run) {
   }));
 }
 
-/** SoC by counting charge from the run's stated start; a sample's current is that of the interval before it. */
-export function coulombCount(samples, initialSoc, capacity_Ah) {
-  const soc = [initialSoc];
-  for (let k = 1; k < samples.time_s.length; k += 1) {
-    const current_A = samples.current_A[k] ?? 0; // missing: nothing to count
-    soc.push(soc[k - 1] + (current_A * (samples.time_s[k] - samples.time_s[k - 1])) / (3600 * capacity_Ah));
-  }
-  return soc;
-}
-
 function at(times, values, wanted) {
   let k = 0;
   return wanted.map((t) => {
@@ -65,7 +55,7 @@ function at(times, values, wanted) {
 }
 
 export function socChart(node, run, samples, observer) {
-  const counted = coulombCount(samples, run.initial_soc, run.capacity_Ah);
+  const counted = samples.charge_Ah.map((charge_Ah) => run.initial_soc + charge_Ah / run.capacity_Ah);
   const reference = at(samples.time_s, counted, observer.time_s);
   const difference = observer.soc.map((soc, k) => (Number.isFinite(soc) ? soc - reference[k] : null));
   const bands = observer.time_s.map((t, k) => [t, observer.soc[k], observer.soc_std?.[k]]).filter((row) => row.every(Number.isFinite))

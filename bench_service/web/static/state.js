@@ -1,6 +1,8 @@
 // What the page knows. Views subscribe to a topic; only main.js and actions.js write.
 
 const MAX_EVENTS = 100;
+const TROUBLE = ["fault", "offline"];
+const MOVES = ["running", "paused", "stopping"];
 
 export class State {
   #listeners = new Map();
@@ -19,6 +21,7 @@ export class State {
     this.campaigns = new Map();
     this.shownCampaign = null; // null: the newest
     this.runs = null;
+    this.listedRuns = null; // those of the list, which may be searched
     this.moreRuns = false;
     this.events = null;
   }
@@ -38,13 +41,19 @@ export class State {
     return this.benches.get(this.selected) ?? null;
   }
 
+  /** Benches in trouble first, then those that move; among equals as they are configured. */
+  get benchesWorstFirst() {
+    const rank = (bench) => [TROUBLE, MOVES].findIndex((states) => states.includes(bench.state)) >>> 0;
+    return [...this.benches.values()].sort((a, b) => rank(a) - rank(b));
+  }
+
   get connected() {
     return this.link.state === "live";
   }
 
   setBenches(benches) {
     this.benches = new Map(benches.map((bench) => [bench.name, bench]));
-    if (!this.benches.has(this.selected)) this.selected = benches[0]?.name ?? null;
+    if (!this.benches.has(this.selected)) this.selected = this.benchesWorstFirst[0]?.name ?? null;
     for (const bench of benches) if (bench.live && !this.heard.has(bench.name)) this.heard.set(bench.name, Date.now());
     this.tell("benches");
   }
@@ -54,7 +63,6 @@ export class State {
     const { type: _, ...bench } = change;
     const known = this.benches.get(bench.name) ?? {};
     this.benches.set(bench.name, { ...known, ...bench });
-    this.selected ??= bench.name;
     this.tell("benches", { name: bench.name, before: known.state, runBefore: known.run_id ?? null });
   }
 

@@ -22,8 +22,9 @@ from models.diagnosis.reference.reference import Reference
 from models.diagnosis.structure.structure import StructureAnalysis, held_out_mse
 
 _SHOWN_RIVALS = 3
-# What a refit may leave, in units of the noise, where nothing is said to be missing.
-_MUCH_LEFT = 2.5
+# What a refit may leave, in units of the noise, where nothing is said to be missing; and what any may, in V: a quiet
+# sensor makes no model worse.
+_MUCH_LEFT, _LITTLE_V = 2.5, 1e-3
 
 
 def unexplained(analysis: StructureAnalysis) -> bool:
@@ -79,7 +80,8 @@ def structure_answer(
 def _much_left(analysis: StructureAnalysis, cost_V2: float) -> bool:
     """Whether an error far above the noise remains: then it is not so that nothing is missing."""
     comparison = analysis.comparison
-    return 0.0 < _MUCH_LEFT**2 * comparison.noise_mse < cost_V2 / len(comparison.evidence.error_V)
+    allowed_V2 = max(_MUCH_LEFT**2 * comparison.noise_mse, _LITTLE_V**2)
+    return comparison.noise_mse > 0.0 and allowed_V2 < cost_V2 / len(comparison.evidence.error_V)
 
 
 def _findings(analysis: StructureAnalysis, record: Record) -> list[Finding]:

@@ -53,12 +53,14 @@ class Evidence:
     regressors : (n, p) of the model
     information : (p, p) that the training runs gave of its parameters, for a noise of 1 V^2
     blocks : (n,) number of the block in time that each sample lies in, from 0 on
+    per_run : first column of the model and the one after the last that stand for one run alone, such as its start
     """
 
     error_V: FloatArray
     regressors: FloatArray
     information: FloatArray
     blocks: np.ndarray
+    per_run: tuple[int, int] = (0, 0)
 
     def with_information(self, information: FloatArray) -> Evidence:
         """The same error with other information; products of the regressors are not made again."""
@@ -70,7 +72,7 @@ class Evidence:
         """The samples for which (n,) `chosen` holds, with their share of what the training runs say."""
         blocks = np.unique(self.blocks[chosen], return_inverse=True)[1]
         information = float(np.mean(chosen)) * self.information
-        return Evidence(self.error_V[chosen], self.regressors[chosen], information, blocks)
+        return Evidence(self.error_V[chosen], self.regressors[chosen], information, blocks, self.per_run)
 
     @cached_property
     def _parts(self) -> list[np.ndarray]:
@@ -108,6 +110,14 @@ class Evidence:
     def absorbed(self, error_V: FloatArray) -> FloatArray:
         """(n,) part of an error that the model's parameters take in."""
         return self.regressors @ cho_solve(self._factor, self.regressors.T @ error_V)
+
+    def of_runs(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """(n,) part of (n,) errors that belongs to single runs, beside (n, k) regressors and all of the model."""
+        solution = self.solve(x, y)
+        left = y - x @ solution.coefficients
+        whole = cho_solve(self._factor, self.regressors.T @ left)
+        own = slice(*self.per_run)
+        return self.regressors[:, own] @ whole[own]
 
     def reduced(self, z: FloatArray) -> FloatArray:
         """(k, k) products of (n, k) columns once the model's parameters have adapted to each."""

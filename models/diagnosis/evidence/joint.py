@@ -92,7 +92,7 @@ def with_form(comparison: Comparison, form: Form) -> Comparison:
     information[added, added] = _INFORMATION * (form.columns**2).sum(axis=0) + 1e-12
     error_V = evidence.error_V if form.fixed_V is None else evidence.error_V - form.fixed_V
     wider = np.hstack([evidence.regressors, form.columns])
-    return replace(comparison, evidence=Evidence(error_V, wider, information, evidence.blocks))
+    return replace(comparison, evidence=Evidence(error_V, wider, information, evidence.blocks, evidence.per_run))
 
 
 def _ranked_beside(comparison: Comparison, ranking: Ranking, given: Form, wanted: Form) -> Named | None:

@@ -20,6 +20,8 @@ _OF_SYSTEMATIC, _LOG_LIKELIHOOD = 0.25, 10.0
 _SPECIAL_CASE = 0.3
 # Least size of an effect: absolute, and relative to the model's own error and to the systematic part of that.
 _LEAST_V, _LEAST_OF_OWN, _LEAST_OF_BIAS = 3e-4, 0.2, 0.4
+# Least of what a refit without it leaves, in units of the noise: less is also left by corners of the model.
+_LEAST_SHOWN = 0.4
 # Before anything counts as new, the squared error must go beyond the model's own by this share of the latter, and by
 # this multiple of what the latter has beyond the measurement's noise: a model that is wrong in one record is about as
 # wrong in another.
@@ -47,11 +49,13 @@ class Ranking:
     rivals : of the named one, those that these data cannot tell from it
     ratio : squared error over the model's own on the training runs
     size_V : size of the named effect
+    shown_V : what a refit without it leaves of that, in the root mean square
     share : of the squared error that the named effect explains
     share_of_new : of what goes beyond the model's own error
     held_out_share : share that it explains in held-out blocks
     margin : by how much the best rival's remaining error is larger; below 1 the two cannot be told apart
-    own_V, bias_V : the model's own error on the training runs, and the part of it beyond the measurement's noise
+    own_V, bias_V, noise_V : the model's own error on the training runs, the part of it beyond the measurement's noise,
+        and that
     something_new : whether the error goes beyond the model's own
     beyond_chance : whether the named effect explains more than chance does
     stands_out : whether it does so by far, and leaves little
@@ -62,12 +66,14 @@ class Ranking:
     rivals: tuple[str, ...]
     ratio: float
     size_V: float
+    shown_V: float
     share: float
     share_of_new: float
     held_out_share: float
     margin: float
     own_V: float
     bias_V: float
+    noise_V: float
     something_new: bool
     beyond_chance: bool
     stands_out: bool
@@ -82,7 +88,7 @@ class Ranking:
     @property
     def significant(self) -> bool:
         """Whether the named effect is more than chance and more than the model's own error."""
-        large = self.size_V >= self.least_V
+        large = self.size_V >= self.least_V and self.shown_V >= _LEAST_SHOWN * self.noise_V
         return self.something_new and large and self.beyond_chance
 
     @property
@@ -140,6 +146,7 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
         tuple(each.effect.name for each in rivals),
         ratio=cost / own,
         size_V=float(np.sqrt(np.mean(named.contribution_V**2))),
+        shown_V=float(np.sqrt(max(gained, 0.0) / n)),
         share=gained / cost,
         share_of_new=gained / max(cost - own, gained, 1e-300),
         held_out_share=held_out,
@@ -148,6 +155,7 @@ def rank(comparison: Comparison, candidates: list[Candidate]) -> Ranking:
         ),
         own_V=float(np.sqrt(comparison.own_mse)),
         bias_V=allowance * float(np.sqrt(max(systematic, 0.0))),
+        noise_V=float(np.sqrt(comparison.noise_mse)),
         something_new=surely_new or cost / n - comparison.own_mse >= beyond,
         beyond_chance=held_out >= _LEAST_HELD_OUT_SHARE or above_chance,
         stands_out=far_above and named.solution.cost <= _OFF_ELSEWHERE * own,

@@ -17,7 +17,7 @@ from models.diagnosis.likelihood.power import first_direction, smallest_shown
 from models.diagnosis.likelihood.shapes import granted, shapes_of
 from models.diagnosis.likelihood.sight import Sight, background, look
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.verdict import Tried, Verdict, judge, prior_alone, try_shapes
+from models.diagnosis.likelihood.verdict import Tried, Verdict, judge, prior_alone, together, try_shapes
 from models.effects import Effect
 from models.effects.view import View
 
@@ -57,9 +57,7 @@ class Analysis:
         """Sizes of the named effects, found together, and of every other effect alone."""
         out = {each.effect.name: each.weighed for each in self.tried}
         if len(self.named) > 1:
-            moved = [each.moved for each in self.named if each.moved is not None]
-            columns = np.column_stack([each.columns for each in self.named])
-            both = self.back.weigh(columns, np.sum(moved, axis=0) if moved else None)
+            both, _ = together(self.back, self.named)
             first = 0
             for each in self.named:
                 part = slice(first, first + each.columns.shape[1])
@@ -167,7 +165,7 @@ def _held(sight: Sight, soc_std: list[float] | None, effects: list[Effect]) -> A
     shapes = {name: own for name, own in shapes.items() if own}
     back = background(sight, soc_std, granted(sight, shapes))
     tried = [try_shapes(back, one, shapes[one.name]) for one in effects if one.name in shapes]
-    return Analysis(sight, back, tuple(tried), judge(back, tried))
+    return Analysis(sight, back, tuple(tried), judge(back, tried, sight.n_voltage))
 
 
 def _moved_soc(analysis: Analysis) -> Callable[[View], FloatArray] | None:

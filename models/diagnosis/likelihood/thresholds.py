@@ -25,6 +25,9 @@ class Thresholds:
     nothing, unknown, pairs : prior probabilities; the rest is shared by the effects
     twins : weight of a pair that one log can hardly tell apart, beside that of any other
     claim : probability of "nothing" below which something is said to be there
+    worse : factor by which an explanation may raise the voltage's error, start and all that is open left aside: more is
+        an explanation by what nobody knows, which only its opposite hides
+    in_question : difference of logarithms to the likeliest, within which pairs are asked for that
     rival : factor of the probability within which two effects cannot be told apart
     power : share of cases in which an effect of the stated size is seen
     start_share : a signal at the start, over its root mean square in the training runs
@@ -58,6 +61,8 @@ class Thresholds:
     pairs: float = 0.1
     twins: float = 0.1
     claim: float = 0.05
+    worse: float = 1.2
+    in_question: float = 8.0
     rival: float = 10.0
     power: float = 0.9
     start_share: float = 1.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -109,6 +110,22 @@ class Verdict:
         return self.nothing < THRESHOLDS.claim
 
 
+def together(back: Background, several: Sequence[Tried]) -> tuple[Weighed, FloatArray]:
+    """Sizes of effects that are there at once, in their order, and (N,) what they stand for."""
+    moved = [each.moved for each in several if each.moved is not None]
+    columns = np.column_stack([each.columns for each in several])
+    whole = np.sum(moved, axis=0) if moved else None
+    weighed = back.weigh(columns, whole)
+    part = columns @ weighed.mean
+    return weighed, part if whole is None else part + whole
+
+
+def _worsens(back: Background, contribution: FloatArray, n_voltage: int) -> bool:
+    """Whether an explanation raises the error of the voltage instead of lowering it."""
+    before, part = back.error[:n_voltage], contribution[:n_voltage]
+    return float(np.mean((before - part) ** 2)) > THRESHOLDS.worse**2 * float(np.mean(before**2))
+
+
 def prior_alone(tried: list[Tried]) -> FloatArray:
     """(effects,) prior probability of each effect alone."""
     share, at = _shares(tried), THRESHOLDS
@@ -123,8 +140,15 @@ def _shares(tried: list[Tried]) -> FloatArray:
     return np.array([each.effect.expected.share for each in tried])
 
 
-def judge(back: Background, tried: list[Tried]) -> Verdict:
-    """Weigh everything against everything."""
+def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
+    """Weigh everything against everything.
+
+    Parameters
+    ----------
+    back : error and covariance
+    tried : every effect
+    n_voltage : points of the voltage, the first ones
+    """
     at = THRESHOLDS
     share, alone = _shares(tried), np.log(prior_alone(tried))
     couples = [] if len(tried) < 2 else list(combinations(range(len(tried)), 2))
@@ -132,13 +156,20 @@ def judge(back: Background, tried: list[Tried]) -> Verdict:
     joint = np.log(at.pairs * products / max(products.sum(), 1e-300))
     gains = pair_gains(back, [each.columns for each in tried], [each.moved for each in tried], couples)
     broken = np.array([tried[i].broken + tried[j].broken for i, j in couples])
-    logs = np.concatenate(
-        [
-            [np.log(at.nothing), np.log(at.unknown) + at.tempering * back.unknown],
-            alone + at.tempering * np.array([each.weighed.log_likelihood for each in tried]),
-            joint + at.tempering * (np.array(gains) - broken),
-        ]
-    )
+    single_logs = alone + at.tempering * np.array([each.weighed.log_likelihood for each in tried])
+    single_logs[[_worsens(back, each.contribution, n_voltage) for each in tried]] = -np.inf
+    joint_logs = joint + at.tempering * (np.array(gains) - broken)
+    nothing_logs = np.array([np.log(at.nothing), np.log(at.unknown) + at.tempering * back.unknown])
+    least = max(float(nothing_logs.max()), *single_logs.tolist()) - at.in_question
+    for c in np.argsort(-joint_logs):
+        if joint_logs[c] < least:
+            break
+        both = [tried[number] for number in couples[c]]
+        if _worsens(back, together(back, both)[1], n_voltage):
+            joint_logs[c] = -np.inf
+        else:
+            least = max(least, float(joint_logs[c]) - at.in_question)
+    logs = np.concatenate([nothing_logs, single_logs, joint_logs])
     posterior = np.exp(logs - log_sum(logs))
     single = sorted(zip(posterior[2 : 2 + len(tried)].tolist(), tried, strict=True), key=lambda pair: -pair[0])
     pairs = sorted(

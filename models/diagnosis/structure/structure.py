@@ -14,24 +14,19 @@ import numpy as np
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.evidence.candidates import Candidate, Comparison, lean_columns, try_effect, try_lean
-from models.diagnosis.evidence.evidence import Evidence
 from models.diagnosis.evidence.joint import Named, named_effects
 from models.diagnosis.evidence.noise import noise_mse
 from models.diagnosis.evidence.ranking import Ranking, rank
 from models.diagnosis.reference.reference import Reference
 from models.diagnosis.reference.samples import Samples, all_samples, visible
+from models.diagnosis.structure.nuisances import nuisances_of
+from models.diagnosis.structure.resolution import resolved
 from models.diagnosis.structure.sensitivities import directions_V
 from models.effects import Effect
-from models.effects.spline import SplineBasis
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 
 _SAMPLES = 8_000
-_RESOLUTIONS = (0, 10, 20, 40)
-_RIDGES = (1e-7, 1e-5, 1e-3)
-_EFFECTS_RIDGE = 1e-5
-# A finer curve must lower the held-out error by this share.
-_WORTH = 0.01
 _HELD_OUT_RIDGE = 1e-5
 # Here the own error is what all effects together leave of the same runs: no other record is held against it.
 _BIAS_ALLOWANCE = 0.2
@@ -81,9 +76,10 @@ def analyse_structure(
     samples = _inside(all_samples(reference, [*train, *runs], [*train_soc, *soc], _SAMPLES), len(train))
     error = np.concatenate([_error_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
     own = np.vstack([directions_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
+    open_ = nuisances_of(network, samples.views)
     usable = [effect for effect in effects if not effect.absorbed and visible(effect, [*train, *runs])]
     columns = {effect.name: samples.regressors(effect) for effect in usable}
-    evidence, resolution = _resolved(samples, error, own, np.hstack(list(columns.values())))
+    evidence, resolution = resolved(samples, error, own, open_, np.hstack(list(columns.values())))
     everything = evidence.solve(np.hstack(list(columns.values()))).cost / len(error)
     noise = min(noise_mse(samples), everything)
     comparison = Comparison(samples, tuple(usable), columns, evidence, everything, noise, _BIAS_ALLOWANCE)
@@ -126,32 +122,6 @@ def _error_V(network: LocalModelNetwork, run: GridRun, initial_soc: float, index
     return run.voltage_V[index] - free_run_V(network, run, initial_soc)[index]
 
 
-def _resolved(samples: Samples, error: FloatArray, own: FloatArray, others: FloatArray) -> tuple[Evidence, int]:
-    """Raise the resolution of the open-circuit curve until the held-out error stops falling.
-
-    The effects are in the model meanwhile: beside one that is not, no finer curve would show.
-    """
-    soc = np.concatenate([view.soc[view.index] for view in samples.views])
-    best: tuple[float, Evidence, int] | None = None
-    for size in _RESOLUTIONS:
-        curve = SplineBasis(float(soc.min()), float(soc.max()), size).matrix(soc) if size else np.zeros((len(soc), 0))
-        regressors = np.hstack([own, curve])
-        p, wider = regressors.shape[1], np.hstack([regressors, others])
-        scale = (wider**2).sum(axis=0) + 1e-12
-        plain = Evidence(error, wider, np.diag(scale), samples.blocks)
-        losses = {}
-        for ridge in _RIDGES:
-            prior = np.concatenate([ridge * scale[:p], _EFFECTS_RIDGE * scale[p:]])
-            losses[ridge] = float((plain.with_information(np.diag(prior)).null_errors_V ** 2).sum())
-        ridge = min(losses, key=losses.__getitem__)
-        if best is not None and losses[ridge] > (1.0 - _WORTH) * best[0]:
-            break
-        found = Evidence(error, regressors, np.diag(ridge * scale[:p]), samples.blocks)
-        best = (losses[ridge], found, size)
-    assert best is not None
-    return best[1], best[2]
-
-
 def held_out_mse(comparison: Comparison, n_train: int, candidate: Candidate | None = None) -> float:
     """Mean squared error of the diagnosed runs when network and effect are refitted to the training runs, V^2.
 
@@ -169,15 +139,16 @@ def held_out_mse(comparison: Comparison, n_train: int, candidate: Candidate | No
     x, y = np.zeros((len(evidence.error_V), 0)), evidence.error_V
     if candidate is not None:
         x, y = _form(comparison, candidate), candidate.target_V
+    y = y - evidence.of_runs(x, y)
     if n == 0:
         gained = evidence.gains(x, y).sum() if candidate is not None else 0.0
         return float(((evidence.null_errors_V**2).sum() - gained) / len(y))
-    whole = np.hstack([evidence.regressors, x])
-    p = evidence.regressors.shape[1]
+    model = np.delete(np.arange(evidence.regressors.shape[1]), slice(*evidence.per_run))
+    whole, p = np.hstack([evidence.regressors[:, model], x]), len(model)
     # What the training runs do not show stays where it was instead of running away in the others.
     ridge = _HELD_OUT_RIDGE * (whole**2).sum(axis=0) + 1e-12
     information = whole[:n].T @ whole[:n] + np.diag(ridge)
-    information[:p, :p] += evidence.information
+    information[:p, :p] += evidence.information[np.ix_(model, model)]
     scale = np.sqrt(np.diag(information))
     b = np.linalg.solve(information / np.outer(scale, scale), whole[:n].T @ y[:n] / scale) / scale
     return float(np.mean((y[n:] - whole[n:] @ b) ** 2))

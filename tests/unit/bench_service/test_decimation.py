@@ -52,3 +52,23 @@ def test_rows_rise_and_hold_the_range(values: np.ndarray, max_points: int) -> No
     if not np.isnan(values).all():
         assert np.nanmin(values[rows]) == np.nanmin(values)
         assert np.nanmax(values[rows]) == np.nanmax(values)
+
+
+def test_steps_stay_where_they_were_as_long_as_they_are_few() -> None:
+    setpoint_A = np.zeros(100_000)
+    setpoint_A[[40_000, 40_001]] = np.nan  # missing twice is one step there and one back
+    setpoint_A[61_234:71_234] = 5.0
+    columns = {"current_A": setpoint_A, "setpoint_A": setpoint_A}
+    rows = set(kept_rows(columns, 100_000, 200, ["current_A"], ["setpoint_A", "step"]).tolist())
+    assert {61_233, 61_234, 71_233, 71_234, 39_999, 40_000, 40_001, 40_002} <= rows and len(rows) <= 200
+    noisy = np.arange(100_000.0) % 2
+    assert len(kept_rows({"setpoint_A": noisy}, 100_000, 200, [], ["setpoint_A"])) <= 200
+
+
+def test_a_pulse_in_a_million_samples_has_its_true_length_when_zoomed_to_ten_minutes() -> None:
+    time_s = np.arange(6000) * 0.1
+    setpoint_A = np.where((time_s >= 200.0) & (time_s < 300.0), 5.0, 0.0)
+    rows = kept_rows({"setpoint_A": setpoint_A, "current_A": setpoint_A}, 6000, 300, ["current_A"], ["setpoint_A"])
+    shown_s, shown_A = time_s[rows], setpoint_A[rows]
+    edges = shown_s[1:][np.diff(shown_A) != 0]
+    assert edges.tolist() == pytest.approx([200.0, 300.0])

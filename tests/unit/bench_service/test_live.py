@@ -39,3 +39,19 @@ async def test_readers_are_capped_and_make_room() -> None:
     feed.publish({"k": 1})
     with pytest.raises(TimeoutError):
         await asyncio.wait_for(first.get(), 0.05)
+
+
+async def test_of_a_benchs_values_a_paced_reader_gets_the_newest() -> None:
+    feed = Broadcaster()
+    reader = feed.subscribe(every_s=0.01)
+    for k in range(5):
+        feed.publish({"type": "live", "bench": "a", "k": k})
+        feed.publish({"type": "live", "bench": "b", "k": 10 * k})
+    feed.publish({"type": "event", "k": -1})
+    assert (await reader.get())["k"] == -1, "what happens does not wait"
+    got = [await asyncio.wait_for(reader.get(), PATIENCE_S) for _ in range(2)]
+    assert [(each["bench"], each["k"]) for each in got] == [("a", 4), ("b", 40)]
+    feed.publish({"type": "live", "bench": "a", "k": 6})
+    feed.unsubscribe(reader)
+    with pytest.raises(TimeoutError):
+        await asyncio.wait_for(reader.get(), 0.05)

@@ -285,3 +285,15 @@ def test_a_disk_without_room_for_the_lock_is_told(tmp_path: Path, monkeypatch: p
         MetadataStore.open(tmp_path)
     monkeypatch.undo()
     MetadataStore.open(tmp_path).close()  # the refused one has left nothing locked
+
+
+def test_what_people_write_about_runs_is_found_by_words(store):
+    first, second = add_run(store, name="hppc"), add_run(store, bench="rig_2")
+    before, after = store.runs.describe(first.id, {"label": "Cell 7", "notes": "50 % cold"})
+    assert (before.label, after.label, after.notes, after.operator) == (None, "Cell 7", "50 % cold", None)
+    found = lambda words: [run.id for run in store.runs.page(words=words)]  # noqa: E731
+    assert found("cell HPPC") == found("50 %") == [first.id]
+    assert found("rig_2") == [second.id] and found("rig%2") == []
+    assert found("2026-01-01") == [second.id, first.id]
+    with pytest.raises(NotFoundError):
+        store.runs.describe("nothing", {"label": "x"})

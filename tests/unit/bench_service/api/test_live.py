@@ -19,8 +19,8 @@ async def talk(feed: Any, *received: dict[str, Any]) -> list[Any]:
 class Chatty(Broadcaster):
     """A feed on which two messages wait as soon as anybody reads."""
 
-    def subscribe(self) -> Any:
-        reader = super().subscribe()
+    def subscribe(self, every_s: float = 0.0) -> Any:
+        reader = super().subscribe(every_s)
         self.publish({"type": "sample", "voltage_V": 3.7})
         self.publish({"type": "event", "text": "rest"})
         return reader

@@ -67,8 +67,8 @@ def test_a_list_is_narrowed_by_bench_state_and_campaign() -> None:
     assert client.get("/runs").json()["runs"][0]["id"] == "r1"
     client.get("/runs?bench=sim&state=fault&campaign_id=c1&limit=2&offset=1")
     assert [arguments for _, arguments, _ in store.calls] == [
-        (None, None, None, 100, 0),
-        ("sim", "fault", "c1", 2, 1),
+        (None, None, None, 100, 0, None),
+        ("sim", "fault", "c1", 2, 1, None),
     ]
     assert client.get("/runs?state=broken").status_code == 422
 
@@ -86,3 +86,43 @@ def test_a_run_that_is_not_there_is_neither_given_nor_stopped() -> None:
     client = client_of(runs.router, runs=part, store=store, benches=BENCHES)
     assert client.get("/runs/r9").status_code == client.post("/runs/r9/stop").status_code == 404
     assert part.calls == []
+
+
+class Journal(AsyncPart):
+    """Writes at once, and keeps what is noted."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.noted: list[Any] = []
+
+    async def write(self, function: Any, *arguments: Any) -> Any:
+        return function(*arguments)
+
+    def note(self, bench: str, event: Any) -> None:
+        self.noted.append((bench, event["code"], event["text"]))
+
+
+def described(body: dict[str, Any]) -> tuple[Any, Store, list[Any]]:
+    before = run_record(label="old", notes="a\nb")
+    store, journal = Store(runs={"describe": (before, run_record(label="new"))}), Journal()
+    client = client_of(runs.router, store=store, journal=journal)
+    return client.request("PATCH", "/runs/r1", json=body), store, journal.noted
+
+
+def test_what_a_person_says_of_a_run_is_kept_with_what_stood_there_before() -> None:
+    answer, store, noted = described({"label": "new", "notes": None})
+    assert (answer.status_code, answer.json()["label"]) == (200, "new")
+    assert store.calls[0][1] == ("r1", {"label": "new", "notes": None})
+    assert noted == [("sim", "run_described", "run 'r1': label 'new', was 'old'; notes taken away, was 'a b'")]
+
+
+def test_what_changes_nothing_is_no_event_and_what_is_no_text_is_refused() -> None:
+    assert described({"label": "old"})[2] == []
+    for body in ({"label": ""}, {"operator": "a\tb"}, {"notes": 3}, {"joy": "x"}):
+        assert described(body)[0].status_code == 422
+
+
+def test_runs_are_looked_for_by_words() -> None:
+    store = Store(runs={"page": [run_record()]})
+    assert client_of(runs.router, store=store).get("/runs?q=formation%20b&state=completed").status_code == 200
+    assert store.calls[0][1] == (None, "completed", None, 100, 0, "formation b")

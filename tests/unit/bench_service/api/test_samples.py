@@ -10,6 +10,7 @@ from bench_service.api import samples
 from bench_service.errors import NotFoundError
 from bench_service.exchange.write import export_formats
 from bench_service.store.reading import Gap, StreamData
+from bench_service.store.views import Views
 from bench_service.streams import OBSERVER, SAMPLES, STREAMS, content_hash
 from tests.unit.bench_service.api.route_rig import Part, Store, client_of, error_of, run_record
 
@@ -26,7 +27,8 @@ def rig(data: StreamData, **run: Any) -> tuple[Any, Part]:
     store = Store(runs={"get": run_record(**run)})
     reader = Part(read=data, n_rows=data.n)
     storage = Part(note_damage=None)
-    return client_of(samples.router, store=store, samples=reader, storage=storage), reader
+    parts = {"store": store, "samples": reader, "views": Views(reader), "storage": storage}  # type: ignore[arg-type]
+    return client_of(samples.router, **parts), reader
 
 
 def test_all_columns_with_their_sequence_numbers() -> None:
@@ -179,3 +181,50 @@ def test_samples_that_are_not_those_that_were_recorded_are_refused() -> None:
 def test_a_run_that_goes_on_has_as_many_samples_as_it_has() -> None:
     client, _ = rig(stream(3), state="running")
     assert client.get("/runs/r1/samples").status_code == 200
+
+
+def test_columns_that_are_counted_come_where_they_are_asked_for() -> None:
+    client, _ = rig(stream(4, current_A=np.full(4, 3.6), voltage_V=np.full(4, 2.0)))
+    document = client.get("/runs/r1/samples?columns=time_s,charge_Ah, energy_Wh").json()
+    assert document["columns"]["charge_Ah"] == pytest.approx([0.0, 1e-3, 2e-3, 3e-3])
+    assert document["columns"]["energy_Wh"] == pytest.approx([0.0, 2e-3, 4e-3, 6e-3])
+    assert list(document["columns"]) == ["time_s", "charge_Ah", "energy_Wh"]
+    answer = client.get("/runs/r1/samples?columns=time_s,joy")
+    assert (answer.status_code, error_of(answer)["where"]) == (422, ["columns"])
+    assert "no column 'joy'; there are ambient_degC, charge_Ah" in error_of(answer)["message"]
+
+
+def test_only_what_is_new_is_sent() -> None:
+    client, _ = rig(stream(4), state="running")
+    document = client.get("/runs/r1/samples?after_seq=6&points=50").json()
+    assert document["columns"]["seq"] == [7, 8] and not document["decimated"]
+    assert client.get("/runs/r1/samples?after_seq=8").json()["columns"] == {}
+
+
+def test_points_and_their_older_name_give_one_picture() -> None:
+    client, _ = rig(stream(900, voltage_V=np.sin(np.arange(900.0))))
+    one, other = (client.get(f"/runs/r1/samples?{name}=90").json() for name in ("points", "max_points"))
+    assert one == other and one["decimated"] and one["n"] <= 90
+
+
+def test_who_takes_gzip_gets_it() -> None:
+    client, _ = rig(stream(5000))
+    packed = client.get("/runs/r1/samples")
+    plain = client.get("/runs/r1/samples", headers={"Accept-Encoding": "identity"})
+    assert packed.headers["content-encoding"] == "gzip" and "content-encoding" not in plain.headers
+    assert packed.json() == plain.json()
+
+
+def test_incremental_capacity_of_a_part() -> None:
+    n = 3601
+    current_A = np.where(np.arange(n) < 1801, 1.0, -1.0)
+    voltage_V = 3.0 + np.concatenate([[0.0], np.cumsum(current_A[1:])]) / 3600.0
+    client, _ = rig(stream(n, current_A=current_A, voltage_V=voltage_V))
+    document = client.get("/runs/r1/incremental?step_mV=50").json()
+    assert set(document) == {"charge", "discharge"}
+    # One volt an ampere-hour, both ways round.
+    assert document["charge"]["dQ_dV_Ah_per_V"][1:-1] == pytest.approx([1.0] * 8, rel=0.01)
+    assert document["discharge"]["dV_dQ_V_per_Ah"] == pytest.approx([1.0] * len(document["discharge"]["charge_Ah"]))
+    assert set(client.get("/runs/r1/incremental?to_s=1000").json()) == {"charge"}
+    assert client.get("/runs/r1/incremental?from_s=9e9").json() == {}
+    assert client.get("/runs/r1/incremental?step_mV=0").status_code == 422

@@ -1,0 +1,62 @@
+// What a run is and what people have written about it.
+import { api } from "./api.js";
+import { chip, el, renderKeyed } from "./dom.js";
+import { MISSING, count, duration, fixed, percent, quantity, timeElement } from "./format.js";
+import { wordFor } from "./words.js";
+
+export function factsPanel(of) {
+  const node = el("div");
+  const show = () => {
+    const { run, samples, end_s: end, damage, name } = of();
+    const totals = ["charge_Ah", "energy_Wh"].map((key) => samples[key]?.at(-1));
+    renderKeyed(node, JSON.stringify([run, end, damage, totals]), () => [
+      el("header", { class: "run-head" }, el("h1", { text: name }), chip(...wordFor("run", run.state)),
+        damage ? chip("bad", "damaged") : null, el("a", { href: `/?bench=${encodeURIComponent(run.bench)}`, text: `Bench ${run.bench}` })),
+      run.reason ? el("p", { class: "about", text: run.reason }) : null,
+      damage ? el("p", { class: "form-message", text: `What is left of it is shown: ${damage}` }) : null,
+      el("dl", { class: "run-facts" }, rows(run, end).map(([title, value]) => el("div", {}, el("dt", { text: title }), el("dd", {}, value)))),
+    ]);
+  };
+  return { node, show };
+}
+
+function rows(run, end) {
+  const stored = run.n_samples ?? null;
+  return [
+    ["Started", timeElement(run.started_utc ?? run.created_utc)], ["Test time", end ? duration(end) : MISSING],
+    ["Samples", stored === null ? "being recorded" : count(stored)], ["Missed ticks", count(run.missed_ticks)],
+    ["Sample period", quantity(run.dt_s, run.dt_s < 1 ? 3 : 0, "s")], ["SoC at the start", percent(run.initial_soc)],
+    ["Capacity", quantity(run.capacity_Ah, 2, "Ah")], ["Current limits", limits(run.limits?.current_A, 1, "A")], ["Voltage limits", limits(run.limits?.voltage_V, 2, "V")],
+    ["Operator", run.operator ?? MISSING],
+  ];
+}
+
+const limits = (pair, digits, unit) => (pair ? `${fixed(pair[0], digits)} … ${fixed(pair[1], digits)} ${unit}` : MISSING);
+
+/** Label, operator and notes; what is changed is stored, and each change is an event. */
+export function notesPanel(data, stored) {
+  const message = el("p", { class: "form-message", role: "alert" });
+  const answer = el("p", { class: "about", role: "status" });
+  const field = (name, title, node) => el("div", { class: "field" }, el("label", { for: `run-${name}`, text: title }), node);
+  const label = el("input", { id: "run-label", name: "label", maxlength: 200, autocomplete: "off", value: data.run.label ?? "" });
+  const operator = el("input", { id: "run-operator", name: "operator", maxlength: 200, autocomplete: "off", value: data.run.operator ?? "" });
+  const notes = el("textarea", { id: "run-notes-text", name: "notes", maxlength: 20000, rows: 4 }, data.run.notes ?? "");
+  const save = el("button", { class: "primary", type: "submit", text: "Save" });
+  return el("form", { class: "notes-form", "aria-label": "Label, operator and notes", on: { submit: async (event) => {
+    event.preventDefault();
+    message.textContent = answer.textContent = "";
+    const written = { label: label.value.trim() || null, operator: operator.value.trim() || null, notes: notes.value.trim() || null };
+    const changed = Object.fromEntries(Object.entries(written).filter(([name, value]) => value !== (data.run[name] ?? null)));
+    if (!Object.keys(changed).length) { answer.textContent = "Nothing has changed."; return; }
+    save.disabled = true;
+    try {
+      data.run = await api.describeRun(data.run.id, changed);
+      answer.textContent = "Saved.";
+      stored();
+    } catch (error) {
+      message.textContent = error.message;
+    } finally {
+      save.disabled = false;
+    }
+  } } }, el("div", { class: "fields" }, field("label", "Label", label), field("operator", "Operator", operator)), field("notes-text", "Notes", notes), el("div", { class: "form-end" }, save, answer, message));
+}

@@ -1,0 +1,187 @@
+"""The page of a run in Chromium: what is drawn is what was measured, and its place survives a reload."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser_rig import PHONE, OpenPage, picture, served
+from playwright.sync_api import Page, expect
+from stored_run import GAP_S, PAUSE_S, store_run
+
+from tests.patience import PATIENCE_S
+
+pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(3 * PATIENCE_S)]
+
+_CONFIG = """
+[bench.slow.simulate]
+lock_step = false
+[bench.fast.simulate]
+lock_step = true
+"""
+_PLOT = "echarts.getInstanceByDom(document.querySelector('.run-plot')).getOption()"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the service is started."""
+    return tmp_path_factory.mktemp("runs")
+
+
+@pytest.fixture(scope="module")
+def run_id(folder: Path) -> str:
+    """A long run, stored before the service starts."""
+    return store_run(folder / "bench-data", "long pulses")
+
+
+@pytest.fixture(scope="module")
+def address(folder: Path, run_id: str) -> Iterator[str]:
+    with served(folder, _CONFIG) as found:
+        yield found
+
+
+def drawn(page: Page, name: str) -> list[list[float]]:
+    """Points of a line of the plot."""
+    return page.evaluate(f"(name) => {_PLOT}.series.find((each) => each.name === name).data", name)
+
+
+def edges_s(points: list[list[float]]) -> list[float]:
+    """Times at which a current comes or goes."""
+    return [round(b[0], 1) for a, b in zip(points, points[1:], strict=False) if abs(b[1] - a[1]) > 1.0]
+
+
+def loaded(page: Page) -> int:
+    page.wait_for_function("() => document.querySelector('.run-plot canvas') && document.body.dataset.loadMs")
+    return int(page.evaluate("document.body.dataset.drawn"))
+
+
+def zoomed(page: Page, act: Any) -> None:
+    """Do something that changes the view, and wait until what the service has of it is drawn."""
+    before = loaded(page)
+    page.evaluate("delete document.body.dataset.loadMs")
+    act()
+    page.wait_for_function("(n) => document.body.dataset.loadMs && Number(document.body.dataset.drawn) > n", arg=before)
+
+
+def test_a_pulse_is_drawn_as_it_was_at_every_zoom_and_a_reload_keeps_the_place(
+    open_page: OpenPage, address: str, run_id: str
+) -> None:
+    page = open_page("fast")
+    page.goto(f"{address}/runs/{run_id}")
+    loaded(page)
+    expect(page.get_by_role("heading", name="long pulses")).to_be_visible()
+    first = edges_s(drawn(page, "Current"))
+    assert first[:4] == [200.0, 300.0, 800.0, 900.0], "few steps stay exact in the whole run too"
+    assert page.evaluate(f"{_PLOT}.series.find((each) => each.name === 'Current').step") == "start"
+    # What is missing, held, and what was noted is marked.
+    areas = f"{_PLOT}.series.find((each) => each.markArea).markArea.data"
+    spans = [(round(a, 1), round(b, 1)) for a, b in page.evaluate(f"{areas}.map(([a, b]) => [a.xAxis, b.xAxis])")]
+    assert (round(GAP_S - 0.1, 1), GAP_S + 20.0) in spans
+    assert any(abs(a - PAUSE_S[0]) < 0.2 and abs(b - PAUSE_S[1]) < 0.2 for a, b in spans)
+    expect(page.locator("#run-events")).to_contain_text("200 ticks were missed")
+    plot = page.locator(".run-plot")
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    assert box is not None
+    # Drag over the second fifth, then the wheel around its middle, and back out by the button.
+    page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 80)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.45 * box["width"], box["y"] + 90, steps=3)
+    zoomed(page, page.mouse.up)
+    narrow = float(page.locator("#view-to").input_value()) - float(page.locator("#view-from").input_value())
+    assert 900.0 < narrow < 1800.0
+    zoomed(page, lambda: page.mouse.wheel(0, -100))
+    assert float(page.locator("#view-to").input_value()) - float(page.locator("#view-from").input_value()) < narrow
+
+    def ten_minutes() -> None:
+        page.locator("#view-from").fill("3000")
+        page.locator("#view-to").fill("3600")
+        page.locator("#view-to").press("Enter")
+
+    zoomed(page, ten_minutes)
+    assert edges_s(drawn(page, "Current")) == [3200.0, 3300.0]
+    page.locator("#row-1-right").select_option("temperature")
+    picture(page, "run-ten-minutes")
+    page.reload()
+    loaded(page)
+    expect(page.locator("#view-from")).to_have_value("3000")
+    expect(page.locator("#row-1-right")).to_have_value("temperature")
+    assert edges_s(drawn(page, "Current")) == [3200.0, 3300.0] and drawn(page, "Temperature")
+    zoomed(page, page.locator("#zoom-reset").click)
+    expect(page.locator("#view-from")).to_have_value("0")
+    expect(page.locator("#zoom-reset")).to_be_disabled()
+
+
+def test_cursors_notes_and_incremental_capacity(open_page: OpenPage, address: str, run_id: str) -> None:
+    page = open_page("fast", PHONE)
+    page.goto(f"{address}/runs/{run_id}?from=3000&to=3600")
+    loaded(page)
+    page.locator("#cursor-a").fill("3190")
+    page.locator("#cursor-a").press("Enter")
+    page.locator("#cursor-b").fill("3290")
+    page.locator("#cursor-b").press("Enter")
+    row = page.locator(".cursor-table tr", has_text="Current")
+    expect(row).to_contain_text("−5.000")
+    expect(page.locator(".cursor-table tr", has_text="Test time")).to_contain_text("1\u202fmin 40\u202fs")
+    page.locator("#incremental-show").click()
+    expect(page.locator(".incremental canvas")).to_have_count(2)
+    page.get_by_role("textbox", name="Label").fill("Cell 7")
+    page.get_by_role("textbox", name="Operator").fill("A. Technician")
+    page.get_by_role("button", name="Save").click()
+    expect(page.locator("#run-notes")).to_contain_text("Saved.")
+    expect(page.get_by_role("heading", name="Cell 7")).to_be_visible()
+    expect(page.locator("#run-events")).to_contain_text("label 'Cell 7'")
+    assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
+    picture(page, "run-phone")
+    # The list finds it by what was written, and leads back.
+    page.goto(f"{address}/?bench=fast")
+    expect(page.locator("#runs-body")).to_contain_text("Cell 7")
+    page.get_by_label("Search runs").fill("nobody")
+    expect(page.locator("#runs-body")).to_contain_text("No run is like that")
+    page.get_by_label("Search runs").fill("technician cell")
+    page.get_by_role("link", name="Cell 7", exact=True).click()
+    expect(page.get_by_role("heading", name="Cell 7")).to_be_visible()
+
+
+def test_a_run_is_started_held_and_stopped_from_the_page_and_looked_at_meanwhile(
+    open_page: OpenPage, address: str, run_id: str, tmp_path: Path
+) -> None:
+    page = open_page("slow")
+    page.get_by_text("Start a run of a stored profile").click()
+    strong, weak = tmp_path / "strong.csv", tmp_path / "weak.csv"
+    strong.write_text("time_s,current_A\n0,50\n60,0\n")
+    weak.write_text("time_s,current_A\n0,0\n20,1\n600,0\n7200,0\n")
+    page.locator("#start-file").set_input_files(strong)
+    expect(page.locator("#start-wrong")).to_contain_text("leaves the bench's limits")
+    page.locator("#start-file").set_input_files(weak)
+    expect(page.locator("#start-wrong")).to_be_empty()
+    told = "2.00 h (2\u202fh 00\u202fmin) of real time: started now, it is done at"
+    expect(page.locator("#start-told")).to_contain_text(told)
+    expect(page.locator(".run-preview canvas")).to_be_attached()
+    page.locator("#start-dt_s").fill("0.1")
+    page.locator("#start-initial_soc").fill("50")
+    page.locator("#start-name").fill("from the page")
+    picture(page, "start-a-run")
+    page.locator("#start-submit").click()
+    panel = page.get_by_role("region", name="Bench slow")
+    expect(panel.locator(".bench-head .chip")).to_have_text("running")
+    expect(panel.locator(".time-left")).to_contain_text("left, done at")
+    page.locator("#pause").click()
+    expect(panel.locator(".bench-head .chip")).to_have_text("paused")
+    expect(panel.locator(".time-left")).to_contain_text("Held")
+    page.locator("#resume").click()
+    expect(panel.locator(".bench-head .chip")).to_have_text("running")
+    # Its own page, beside another run; it grows by itself.
+    page.get_by_role("link", name="Open the run").click()
+    loaded(page)
+    page.locator("#run-other").select_option(run_id)
+    zoomed(page, page.locator("#run-add").click)
+    names = page.evaluate(f"{_PLOT}.series.map((each) => each.name)")
+    assert any(name.startswith("Voltage · from the page") for name in names) and len(names) == len(set(names))
+    n = len(drawn(page, "Voltage · from the page"))
+    page.wait_for_function(f"(n) => {_PLOT}.series[0].data.length > n", arg=n)
+    page.get_by_role("button", name="STOP slow").click()
+    expect(page.locator("#run-facts .chip").first).to_have_text("stopped")
+    picture(page, "two-runs")
