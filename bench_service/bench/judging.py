@@ -24,7 +24,8 @@ class PlausibilityJudge:
     """
 
     def __init__(self, plan: RunPlan, notify: Callable[[str, str, str], None]) -> None:
-        self._band = band_of(plan.request.capacity_Ah, plan.request.limits.voltage_V)
+        request = plan.request
+        self._band = band_of(request.capacity_Ah, request.limits.voltage_V, plan.rules.resistance_Ohm)
         self._least_A = plan.rules.current_tolerance_A
         self._notify = notify
         self._watch = Watch()

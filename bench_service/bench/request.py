@@ -55,6 +55,8 @@ class RunRequest:
         In place of a profile, whose arrays are then empty.
     finish_alone : bool
         Plays on to its end where the service is gone; False: rest.
+    unverified : bool
+        The bench's hardware is not commissioned: every sample says so.
     """
 
     run_id: str
@@ -69,6 +71,7 @@ class RunRequest:
     stale_limit: int = 3
     finish_alone: bool = False
     protocol: ProtocolOrder | None = None
+    unverified: bool = False
 
     def to_frame(self) -> Frame:
         """Return header and body of the ``start`` message."""
@@ -84,6 +87,7 @@ class RunRequest:
             "stale_limit": self.stale_limit,
             "finish_alone": self.finish_alone,
             "protocol": self.protocol,
+            "unverified": self.unverified,
             "n": len(self.time_s),
         }
         body = np.asarray(self.time_s, "<f8").tobytes() + np.asarray(self.current_A, "<f8").tobytes()
@@ -117,6 +121,7 @@ class RunRequest:
                 stale_limit=int(header["stale_limit"]),
                 finish_alone=bool(header["finish_alone"]),
                 protocol=header["protocol"],
+                unverified=bool(header["unverified"]),
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f"start message: {error!r}") from error

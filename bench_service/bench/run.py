@@ -2,18 +2,45 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 from bench_service.bench.clock import Clock
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.observer_link import ObserverLink
 from bench_service.bench.pause import PauseSwitch
 from bench_service.bench.player import SetPoints
-from bench_service.bench.recording import Recording
 from bench_service.bench.request import RunRequest
 from bench_service.bench.safety import Rules
 from bench_service.bench.stop import StopSignal
 from drivers.cycler import Cycler
+
+
+class RowSink(Protocol):
+    """Takes what is measured; `bench_service.bench.recording.Recording` in a run."""
+
+    @property
+    def n_rows(self) -> int:
+        """Number of samples handed in."""
+        ...
+
+    @property
+    def n_unacknowledged(self) -> int:
+        """Number of samples handed in and not yet known to be stored."""
+        ...
+
+    @property
+    def full(self) -> bool:
+        """Whether there is no room for another sample."""
+        ...
+
+    def put(self, stream: str, row: tuple[float, ...]) -> None:
+        """Take one row; never waits."""
+        ...
+
+    async def wait_for_room(self, timeout_s: float) -> bool:
+        """Wait until there is room, so long at most; return whether the loop may go on."""
+        ...
+
 
 EndState = Literal["completed", "stopped", "fault", "interrupted"]
 
@@ -56,7 +83,7 @@ class RunParts:
 
     cycler: Cycler
     clock: Clock
-    recording: Recording
+    recording: RowSink
     feed: LiveFeed
     stop: StopSignal
     observer: ObserverLink | None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from bench_service.bench.admission import RefusedError, check_start, ticks_per_sample
 from bench_service.bench.clock import Clock, LockStepClock, WallClock
+from bench_service.bench.limits import Limits
 from bench_service.bench.observer_link import ObserverError, ObserverLink
 from bench_service.bench.player import SetPoints, make_player
 from bench_service.bench.protocol_play import ProtocolPlay
@@ -132,15 +133,16 @@ def _rules(settings: BenchSettings, capabilities: Capabilities, request: RunRequ
     return Rules(
         bench=settings.name,
         limits=request.limits,
-        current_tolerance_A=_tolerance_A(settings, capabilities, request),
+        current_tolerance_A=tolerance_A(settings, capabilities, request.limits),
         max_age_s=_TICKS_OF_AGE * tick_s + settings.timeout_s,
         tick_s=tick_s,
         stale_limit=request.stale_limit,
         has_sequence=capabilities.has_sequence,
+        resistance_Ohm=settings.resistance_Ohm,
     )
 
 
-def _tolerance_A(settings: BenchSettings, capabilities: Capabilities, request: RunRequest) -> float:
+def tolerance_A(settings: BenchSettings, capabilities: Capabilities, limits: Limits) -> float:
     """Return how far measured and commanded current may lie apart.
 
     What a device of that range may be off by, but no more than a share of the run's own limits: half a percent of
@@ -149,7 +151,7 @@ def _tolerance_A(settings: BenchSettings, capabilities: Capabilities, request: R
     if settings.current_tolerance_A is not None:
         return settings.current_tolerance_A
     range_A = max(abs(value) for value in capabilities.current_A)
-    own_A = _SHARE_OF_LIMITS * max(abs(value) for value in request.limits.current_A)
+    own_A = _SHARE_OF_LIMITS * max(abs(value) for value in limits.current_A)
     return min(_DEFAULT_TOLERANCE * range_A, max(own_A, _BEST_ACCURACY * range_A))
 
 

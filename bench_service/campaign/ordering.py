@@ -94,6 +94,7 @@ def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Sto
         settle_s=bench.config.settle_s,
         finish_alone=order.finish_alone,
         protocol=protocol,
+        unverified=(standing := bench.standing()) is not None and standing.warns,
     )
 
 

@@ -73,12 +73,13 @@ def test_a_file_of_the_earlier_schema_gets_the_table(tmp_path):
     engine = create_engine(f"sqlite:///{tmp_path / 'meta.sqlite'}")
     with engine.begin() as link:  # as the first revision left it
         link.exec_driver_sql("DROP TABLE diagnosis")
+        link.exec_driver_sql("DROP TABLE commissioning")
         link.exec_driver_sql("DROP INDEX ix_model_parent_id")
         for table in ("profile", "campaign", "model", "run", "comparison"):
             link.exec_driver_sql(f"DROP INDEX ix_{table}_number")
             link.exec_driver_sql(f"ALTER TABLE {table} DROP COLUMN number")
         link.exec_driver_sql("ALTER TABLE campaign DROP COLUMN done")
-        for column in ("damage", "elapsed_s", "continues", "repaired_utc", "removed_utc"):
+        for column in ("damage", "elapsed_s", "continues", "repaired_utc", "removed_utc", "commissioning"):
             link.exec_driver_sql(f"ALTER TABLE run DROP COLUMN {column}")
         link.exec_driver_sql("UPDATE alembic_version SET version_num = 'meta_0001'")
     engine.dispose()
