@@ -35,7 +35,7 @@ MostPoints = Annotated[int | None, Query(ge=2, le=1_000_000)]
 AfterSeq = Annotated[int | None, Query(ge=-1, le=2**62)]
 Names = Annotated[str | None, Query(max_length=400)]
 _SHAPED_BY = {SAMPLES: ("voltage_V", "current_A", "temperature_degC"), OBSERVER: ("soc", "innovation_V")}
-_STEPPED_BY = ("setpoint_A", "marks", "step", "cycle")
+_STEPPED_BY = ("setpoint_A", "marks", "step_count")
 # Flags that a picture marks: where one of them comes or goes is a step too.
 _MARKS = Flag.GAP_BEFORE | Flag.SUSPECT | Flag.PAUSED
 _ROWS_PER_PART = 20_000

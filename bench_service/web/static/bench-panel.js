@@ -2,7 +2,7 @@
 import { acknowledge } from "./actions.js";
 import { chip, el, renderKeyed, setText } from "./dom.js";
 import { BAND, MISSING, currentWord, duration, fixed, localTime, percent, quantity } from "./format.js";
-import { holdButton } from "./run-control.js";
+import { holdButton, holdKey, stepWords } from "./run-control.js";
 import { liveChart } from "./live-chart.js";
 import { TimeLeft } from "./time-left.js";
 import { benchWord, inMotion, isUnverified } from "./words.js";
@@ -23,7 +23,7 @@ export function benchPanel(state, traces) {
   state.on("benches select answers link", draw);
   state.on("live", ({ name }) => {
     if (name !== state.selected || !parts) return;
-    drawTimeLeft(parts, state.bench);
+    drawTimeLeft(state, parts, state.bench);
     drawReadings(parts, state.bench);
     drawAge(state, parts, state.bench);
   });
@@ -72,16 +72,16 @@ function drawState(state, parts, bench) {
   setText(parts.about, [device, quantity(bench.capacity_Ah, 2, "Ah"), bench.lock_step ? "lock-step (simulated time)" : bench.commissioning?.state === "simulated" ? "simulated" : "", bench.url]
     .filter((text) => text && text !== MISSING).join(" · "));
   renderKeyed(parts.reason, JSON.stringify([bench.state, bench.reason]), () => reason(state, bench));
-  drawTimeLeft(parts, bench);
-  renderKeyed(parts.hold, bench.state, () => holdButton(state, bench));
+  drawTimeLeft(state, parts, bench);
   renderKeyed(parts.hardware, JSON.stringify(bench.commissioning ?? null), () => hardware(bench));
   const answer = state.answers.get(bench.name);
   setText(parts.answer, answer ? `${localTime(answer.at)} ${answer.text}` : "");
   parts.answer.dataset.tone = answer ? { true: "good", false: "bad", null: "neutral" }[answer.ok] : "";
 }
 
-function drawTimeLeft(parts, bench) {
-  const text = inMotion(bench) ? parts.timeLeft.words(bench) : "";
+function drawTimeLeft(state, parts, bench) {
+  renderKeyed(parts.hold, holdKey(bench), () => holdButton(state, bench));
+  const text = inMotion(bench) ? [stepWords(bench.live), parts.timeLeft.words(bench)].filter(Boolean).join(" · ") : "";
   parts.left.hidden = !text;
   setText(parts.left, text);
 }

@@ -32,7 +32,7 @@ export function runsPanel(state, { more, look }) {
   const render = () => {
     const runs = state.listedRuns ?? [];
     renderKeyed(body, JSON.stringify([runs, state.moreRuns, formats]), () => {
-      if (!runs.length) return el("p", { class: "empty", text: filter.active() ? "No run is like that." : "No run yet. Start one above, or a campaign; a program posts to /api/v1/runs." });
+      if (!runs.length) return el("p", { class: "empty", text: filter.active() ? "No run is like that." : "No run yet. Start a test above, or a campaign; a program posts to /api/v1/runs." });
       return [table(runs, formats, chosen, pick), state.moreRuns ? el("button", { id: "runs-more", type: "button", text: "Show more runs", on: { click: more } }) : null];
     });
     showChosen();
