@@ -24,7 +24,6 @@ from bench_service.store.integrity import damaged as damaged_run
 from bench_service.store.reading import StreamData
 from bench_service.store.records import RunRecord
 from bench_service.streams import OBSERVER, SAMPLES, Flag
-from models.readouts.incremental import incremental
 
 router = APIRouter(prefix="/runs", tags=["samples"])
 
@@ -109,6 +108,9 @@ def get_incremental(run_id: PathId, part: Span, request: Request, services: Serv
     both = {}
     if data.n >= _FEWEST_ROWS:
         voltage_V, charge_Ah = data.columns["voltage_V"], data.columns["charge_Ah"]
+        # Lazy: the read-outs stand on the network, which takes 900 ms.
+        from models.readouts.incremental import incremental
+
         both = incremental(voltage_V, charge_Ah, 1e-3 * part.step_mV, part.step_share * run.capacity_Ah)
     answer = {
         name: {key: _numbers(getattr(found, key)) for key in found.__dataclass_fields__} for name, found in both.items()

@@ -18,6 +18,7 @@ from bench_service.bench.stop import StopSignal
 from bench_service.pytest_plugin.background import Background
 from bench_service.pytest_plugin.emulated_cycler import EmulatedCycler
 from bench_service.pytest_plugin.values import EmulatedCell, EmulatedRun
+from bench_service.streams import SAMPLES, STREAMS
 from drivers.cycler import Cycler
 from drivers.errors import CyclerError
 from drivers.factory import open_cycler
@@ -132,7 +133,7 @@ def _prepared(
 
 
 def _as_run(rows: list[tuple[float, ...]], state: str, code: str, reason: str | None, *, at_rest: bool) -> EmulatedRun:
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), 9)
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(STREAMS[SAMPLES]))
     return EmulatedRun(
         time_s=table[:, 0],
         current_A=table[:, 1],

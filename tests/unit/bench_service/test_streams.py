@@ -71,4 +71,4 @@ def test_content_hash_covers_all_columns_but_lateness():
 
 
 def test_flags_keep_their_bits():
-    assert [int(flag) for flag in Flag] == [1, 2, 4, 8, 16, 32, 64, 128, 256]
+    assert [int(flag) for flag in Flag] == [1, 2, 4, 8, 16, 32, 64, 128, 256, 512]
