@@ -95,7 +95,7 @@ class ProtocolPlay:
         self._time_s = time_s
         seen = Seen(reading.voltage_V, reading.current_A, reading.temperature_degC, soc, interval_s)
         setpoint_A = self._engine.advance(seen)
-        self.due = self._is_due(reading, time_s) or setpoint_A is None
+        self.due = True if setpoint_A is None else self._is_due(reading, time_s)
         return setpoint_A
 
     def close(self) -> None:

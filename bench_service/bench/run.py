@@ -8,6 +8,7 @@ from bench_service.bench.clock import Clock
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.observer_link import ObserverLink
 from bench_service.bench.pause import PauseSwitch
+from bench_service.bench.plausibility import ExpectedVoltage
 from bench_service.bench.player import SetPoints
 from bench_service.bench.request import RunRequest
 from bench_service.bench.safety import Rules
@@ -108,6 +109,8 @@ class RunPlan:
     counted_soc_limits : bool
         Whether limits hold for the counted state of charge. A test that finds the capacity out by its voltage, on a
         bench that allows the whole range, must be free to find more or less than was thought.
+    expected : ExpectedVoltage or None
+        Of a model, along the profile.
     """
 
     request: RunRequest
@@ -116,3 +119,4 @@ class RunPlan:
     watchdog_s: float
     every: int
     counted_soc_limits: bool = True
+    expected: ExpectedVoltage | None = None

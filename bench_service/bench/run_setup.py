@@ -9,6 +9,7 @@ from bench_service.bench.admission import RefusedError, check_start, ticks_per_s
 from bench_service.bench.clock import Clock, LockStepClock, WallClock
 from bench_service.bench.limits import Limits
 from bench_service.bench.observer_link import ObserverError, ObserverLink
+from bench_service.bench.plausibility import ExpectedVoltage
 from bench_service.bench.player import SetPoints, make_player
 from bench_service.bench.protocol_play import ProtocolPlay
 from bench_service.bench.protocol_window import soc_window, window_of
@@ -81,6 +82,7 @@ async def prepare(settings: BenchSettings, capabilities: Capabilities, request: 
         player = _set_points(settings, capabilities, request, every)
         # The first step compiles; that must not happen with the output on.
         observer = await asyncio.to_thread(build_observer, request)
+        expected = await asyncio.to_thread(_expected, request)
     except (ValueError, ObserverError, ProtocolError) as error:
         raise RefusedError(str(error)) from error
     return PreparedRun(
@@ -91,6 +93,7 @@ async def prepare(settings: BenchSettings, capabilities: Capabilities, request: 
             settings.watchdog_s,
             every,
             counted_soc_limits=request.protocol is None or soc_window(request.limits) is not None,
+            expected=expected,
         ),
         clock=LockStepClock() if lock_step else WallClock(),
         observer=observer,
@@ -127,6 +130,18 @@ def build_observer(request: RunRequest) -> ObserverLink | None:
     from bench_service.bench.fuzzy_observer_link import fuzzy_link
 
     return fuzzy_link(request, request.observer)
+
+
+def _expected(request: RunRequest) -> ExpectedVoltage | None:
+    if request.band is None:
+        return None
+    # Lazy: as the observer.
+    from bench_service.bench.model_band import expected_voltage
+
+    try:
+        return expected_voltage(request, request.band)
+    except Exception as error:  # whatever a model does, it is a reason not to start
+        raise RefusedError(f"the model's band cannot be computed: {error}") from error
 
 
 def _rules(settings: BenchSettings, capabilities: Capabilities, request: RunRequest, tick_s: float) -> Rules:

@@ -272,8 +272,6 @@ class BenchSupervisor:
             case "ended" if message["run_id"] == self._run_id:
                 self._run_id = None
                 self._listener.on_ended(self.name, message)
-            case _:
-                pass
 
     def _repeat_acknowledgement(self) -> None:
         """A process that died with an acknowledgement in its queue has left the fault to the next one."""

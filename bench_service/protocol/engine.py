@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bench_service.protocol.counters import ENDINGS, Counters, Ending
-from bench_service.protocol.guard import broken_limit, leaves
+from bench_service.protocol.guard import broken_limit, careful, leaves
 from bench_service.protocol.laws import Law, Seen
 from bench_service.protocol.program import Again, End, Jump, Play, Program, Round
 from bench_service.protocol.response import Response
@@ -138,6 +138,8 @@ class Engine:
             play, law = self._play, self._law
             assert play is not None and law is not None
             wanted_A = self._ramped(law.current_A(seen, self.standing.step.time_s, self._set_A))
+            if not self._cell.known and play.law not in ("voltage", "cc_cv"):
+                wanted_A = careful(self.program, self._cell, seen, wanted_A)
             out = leaves(self.program, play, self._cell, seen, (self._set_A, wanted_A), self._dt_s)
             if out is None and self._run_s + (1 - _NEAREST) * self._dt_s > self.program.window.duration_s:
                 out = "duration_s", f"the run would last longer than {self.program.window.duration_s:g} s"

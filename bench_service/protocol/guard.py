@@ -52,6 +52,18 @@ def leaves(
     return None
 
 
+def careful(program: Program, cell: Response, seen: Seen, wanted_A: float) -> float:
+    """Return the first current into a cell of which nothing is known yet.
+
+    It is the one that is wanted, unless a cell of rather high resistance would leave the limits with it; then so much
+    that even this one stays inside. One sample later the resistance is known.
+    """
+    low, high = program.window.voltage_V
+    end = high - _CLOSE_V if wanted_A > 0 else low + _CLOSE_V
+    most_A = (end - seen.voltage_V) / cell.resistance_Ohm
+    return min(wanted_A, max(most_A, 0.0)) if wanted_A > 0 else max(wanted_A, min(most_A, 0.0))
+
+
 def _ahead(cell: Response, seen: Seen, set_A: tuple[float, float], dt_s: float) -> float:
     """Return the voltage to expect at the next sample."""
     step_A = set_A[1] - set_A[0]

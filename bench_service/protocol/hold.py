@@ -74,8 +74,12 @@ class Hold:
         held_A = min(max(wanted_A, low_A), high_A)
         if held_A != wanted_A:
             self._slope_A_per_s = 0.0
-        else:
-            self._slope_A_per_s += _SLOPE_SHARE * gain * gain * step_A / dt_s
+        elif abs(error_V) < _UPSET_V:
+            # A held current dies away. One that still rises is on its way to the voltage, and must not be urged on.
+            slope = self._slope_A_per_s + _SLOPE_SHARE * gain * gain * step_A / dt_s
+            self._slope_A_per_s = 0.0 if slope * held_A > 0 else slope
+        elif self._slope_A_per_s * step_A < 0:
+            self._slope_A_per_s *= 0.5  # it leads away from the voltage
         self.settled = abs(error_V) < _UPSET_V or held_A != wanted_A
         self.current_A = held_A
         return held_A

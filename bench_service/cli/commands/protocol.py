@@ -7,6 +7,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench_service.cli.arguments import positive
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
@@ -32,6 +33,7 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--config", type=Path, metavar="bench.toml")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="parameter of a standard test")
     parser.add_argument("--initial-soc", type=float, default=0.5, metavar="S", help="for the time that it takes; 0.5")
+    parser.add_argument("--capacity-Ah", type=positive, metavar="Q", help="behind C-rates, in place of the protocol's")
     parser.add_argument("--to", choices=_FORMATS, default="own", help="format to write; default: own")
     parser.add_argument("--out", type=Path, metavar="FILE", help="where convert writes")
 
@@ -137,6 +139,11 @@ def _bench(options: Namespace) -> tuple[Limits, float]:
 
 
 def _document(options: Namespace, limits: Limits, capacity_Ah: float) -> dict[str, Any]:
+    document = _written(options, limits, capacity_Ah)
+    return document if options.capacity_Ah is None else {**document, "capacity_Ah": options.capacity_Ah}
+
+
+def _written(options: Namespace, limits: Limits, capacity_Ah: float) -> dict[str, Any]:
     from bench_service.bench.protocol_window import window_of
     from bench_service.cli.playable import read_protocol_file
     from bench_service.protocol.formats.pybamm import read_strings

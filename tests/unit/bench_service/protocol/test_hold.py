@@ -26,6 +26,14 @@ def test_the_hold_of_a_charge(cell: str, dt_s: float, rate: float, cut_off: floa
     assert (played.current_A >= -0.01).all() and played.current_A.max() <= rate * 2.5 + 0.01
 
 
+@pytest.mark.parametrize("dt_s", [1.0, 10.0])
+@pytest.mark.parametrize(("cell", "soc"), [("nmc", 0.93), ("nmc", 0.97), ("lfp", 0.97), ("lfp", 0.99)])
+def test_a_charge_that_begins_near_its_voltage_does_not_run_beyond_it(cell: str, soc: float, dt_s: float) -> None:
+    step = {"step": "cc_cv", "rate_C": 1, "voltage_V": TOP[cell], "until": {"rate_C": 0.05}}
+    played = play(program_of([step], cell), cell, dt_s=dt_s, soc=soc)
+    assert played.true_V.max() < TOP[cell] + 0.010 and played.ended and played.engine.stopped is None
+
+
 @pytest.mark.parametrize("target_V", [3.5, 3.9])
 def test_a_hold_from_rest_reaches_its_voltage_from_either_side(target_V: float) -> None:
     step = {"step": "constant_voltage", "voltage_V": target_V, "rate_C": 1, "until": {"rate_C": 0.05, "time_s": 9000}}
