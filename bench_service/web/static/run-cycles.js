@@ -22,7 +22,7 @@ export function cyclesPanel(data, section) {
     rows = found;
     renderKeyed(cycles, JSON.stringify(found), () => table("Cycles", CYCLE_HEADS, found.map(cycleRow)));
     renderKeyed(steps, JSON.stringify(each), () => table(each.length > MOST_STEPS ? `The last ${MOST_STEPS} of ${each.length} steps` : "Steps", STEP_HEADS, each.slice(-MOST_STEPS).map(stepRow)));
-    plot.hidden = rows.length < 2;
+    plot.hidden = rows.filter((row) => !row.cut_off).length < 2;
     if (plot.hidden) return;
     if (chart) chart.redraw();
     else chart = new Chart(plot, (colours) => option(colours, rows));

@@ -10,7 +10,8 @@ const ROW_PX = { 1: 420, 2: 230, 3: 180, 4: 150 };
 export const RUN_COLOURS = ["voltage", "current", "soc", "residual", "temperature", "neutral"];
 const WIDE = 0.06; // of the view: a narrower stretch has no room for its word
 const STRETCH = { gap: "bad", paused: "neutral", suspect: "bad" };
-const short = (value) => fixed(value, value !== 0 && Math.abs(value) < 10 ? Math.min(4, Math.max(0, 3 - Math.floor(Math.log10(Math.abs(value))))) : 1).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
+/** As many decimals as a tick needs, and no more. */
+const short = (value) => fixed(value, Math.abs(value) < 10 ? 4 : Math.abs(value) < 1000 ? 3 : 1).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
 
 export class RunPlot {
   /** `state` is read at each drawing: runs, rows, over, view, cursors, events. */
