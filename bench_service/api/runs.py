@@ -13,6 +13,7 @@ from bench_service.api.dependencies import Answer, Limit, Offset, PathId, Servic
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.describing import describe_run
 from bench_service.campaign.ordering import RunOrder
+from bench_service.errors import BadRequestError
 from bench_service.store.records import RunState
 
 router = APIRouter(prefix="/runs", tags=["runs"], route_class=StrictRoute)
@@ -58,6 +59,8 @@ class DescriptionBody(Body):
 @router.post("", status_code=201)
 async def start_run(body: RunBody, services: ServicesOf) -> Answer:
     """Start a run, after every check that needs no cycler."""
+    if body.protocol_id is None and (body.continues is not None or body.on_interruption is not None):
+        raise BadRequestError("only a protocol goes on after an interruption", ("protocol_id",), remedy="give one")
     order = RunOrder(**(body.model_dump(exclude={"limits"})), limits=body.limits and body.limits.model_dump())
     return asdict(await services.runs.start(services.benches, order))
 
