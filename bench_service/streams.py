@@ -30,6 +30,7 @@ class Flag(enum.IntFlag):
     GAP_BEFORE = 64  # ticks were missed before this sample
     SUSPECT = 128  # a safety rule or the driver objected to this very sample, or its current does not follow
     PAUSED = 256  # somebody holds the run: output off, no set-point of the profile
+    UNVERIFIED = 512  # the bench's hardware had no valid commissioning record when the run started
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from drivers.errors import (
     CyclerProtocolError,
     SetPointRefusedError,
 )
-from drivers.rest import Step, check_cleared, come_to_rest, wait_for_output
+from drivers.rest import Step, check_cleared, check_same, come_to_rest, wait_for_output
 from drivers.setpoint_watch import SetPointWatch
 
 TICK_SPAN = 1 << 32
@@ -42,6 +42,7 @@ class CanCycler:
         self._watch: SetPointWatch | None = None  # there is one while this driver has control
         self._heartbeat = self._sequence = 0
         self._tick: int | None = None  # None: wall clock
+        self._identity: dict[str, str] = {}  # what the device has said of itself
         self._output = False
         self._current_A = 0.0
         self._voltage_V: tuple[float, float] | None = None  # limits of the run
@@ -55,10 +56,9 @@ class CanCycler:
         try:
             constants = {name: await self._constant(name, signal) for name, signal in self._map.constants.items()}
             self._dialogue.plan = plan = CanPlan(self._map, self._codec, constants)
-            serial = await self._dialogue.read_role("serial")
+            self._identity = await self._read_identity()
             lock_step = await self._dialogue.read_role("lock_step_available")
-            shown = "" if math.isnan(serial) else f"{serial:.0f}"
-            return plan.capabilities(shown, lock_step=lock_step > 0)
+            return plan.capabilities(self._identity, lock_step=lock_step > 0)
         except CyclerError:
             self._link.close()
             raise
@@ -86,6 +86,10 @@ class CanCycler:
                 f"{' or '.join(f'{value:g}' for value in wanted)}: another device, or the wrong map; "
                 "nothing was changed"
             )
+
+    async def _read_identity(self) -> dict[str, str]:
+        found = {role: await self._dialogue.read_role(role) for role in ("serial", "firmware")}
+        return {role: "" if math.isnan(value) else f"{value:.0f}" for role, value in found.items()}
 
     async def _constant(self, name: str, signal: SignalName) -> float:
         value = await self._dialogue.read(signal)
@@ -203,6 +207,11 @@ class CanCycler:
             await self.connect()
         else:
             await self._open()
+            try:
+                check_same(self._link.address, self._identity, await self._read_identity())
+            except CyclerError:
+                self._link.close()
+                raise
 
     def _forget_setpoints(self) -> None:
         """With the output off, what was applied before is no longer what should be in force."""

@@ -24,7 +24,7 @@ CURRENT_ARGUMENTS = frozenset(("set_current", "limit_current_high", "limit_curre
 SAMPLE_ROLES = (
     "sequence", "actual_voltage", "actual_current", "temperature", "ambient_temperature", "setpoint_in_force",
 )  # fmt: skip
-ROLES = frozenset((*SAMPLE_ROLES, "serial", "lock_step_available", "lock_step"))
+ROLES = frozenset((*SAMPLE_ROLES, "serial", "firmware", "lock_step_available", "lock_step"))
 CURRENT_ROLES = frozenset(("actual_current", "setpoint_in_force"))
 SEQUENCES = ("acquire", "settings", "tick", "output", "safe", "release", "clear_fault")
 

@@ -186,7 +186,7 @@ class CanPlan:
         raw = int(raws[role.name.message][role.name.signal])
         return (last + (raw - last) % self._counter) % (1 << COUNTER_BITS)
 
-    def capabilities(self, serial: str, *, lock_step: bool) -> Capabilities:
+    def capabilities(self, identity: Mapping[str, str], *, lock_step: bool) -> Capabilities:
         """What the device can do, by its map and its constants."""
         told = {
             name
@@ -196,7 +196,7 @@ class CanPlan:
         }
         return Capabilities(
             name=self.map.title,
-            serial=serial,
+            **identity,
             current_A=self.current_A,
             voltage_V=self._interval("voltage", (-math.inf, math.inf)),
             watchdog_s=self._interval("watchdog", (0.0, math.inf)) if "watchdog" in self.map.capabilities else None,

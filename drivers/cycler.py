@@ -5,6 +5,7 @@ Positive current charges the cell. NaN is a missing value, never zero.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,6 +19,7 @@ from drivers.errors import (
 )
 
 __all__ = [
+    "IDENTITY",
     "BadMapError",
     "Capabilities",
     "Cycler",
@@ -28,7 +30,12 @@ __all__ = [
     "DeviceLimits",
     "Reading",
     "SetPointRefusedError",
+    "changed_identity",
 ]
+
+
+# What a device says of itself, in the order in which people look at it.
+IDENTITY = {"maker": "maker", "model": "model", "serial": "serial number", "firmware": "firmware"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +62,8 @@ class Reading:
 class Capabilities:
     """What the connected device can do; intervals are (low, high).
 
-    `has_temperature`: it measures the temperature of the cell.
+    `has_temperature`: it measures the temperature of the cell. `maker`, `model`, `serial` and `firmware` are what the
+    device says of itself, empty where its map has no place for it.
     """
 
     name: str
@@ -68,6 +76,24 @@ class Capabilities:
     has_device_limits: bool
     has_ramp: bool
     has_temperature: bool = True
+    maker: str = ""
+    model: str = ""
+    firmware: str = ""
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """What tells this very device from others."""
+        return {key: getattr(self, key) for key in IDENTITY}
+
+
+def changed_identity(before: Mapping[str, str], now: Mapping[str, str]) -> str | None:
+    """Say in what a device is another one than before; None where it is the same, as far as it tells."""
+    told = [
+        f"the {name} is {now[key]!r}, before it was {before[key]!r}"
+        for key, name in IDENTITY.items()
+        if key in before and key in now and before[key] != now[key]
+    ]
+    return ", ".join(told) or None
 
 
 @dataclass(frozen=True, slots=True)

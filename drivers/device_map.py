@@ -27,9 +27,10 @@ SAMPLE_ROLES = (
     "sequence", "actual_voltage", "actual_current", "temperature", "ambient_temperature",
     "setpoint_in_force", "status", "alarms",
 )  # fmt: skip
+IDENTITY_ROLES = ("maker", "model", "serial", "firmware")
 REGISTER_ROLES = frozenset(
     (*SETPOINT_ROLES, *COMMAND_ROLES, *SAMPLE_ROLES, *LIMIT_ROLES, *SWITCH_ROLES, "ramp", "watchdog",
-     "lock_step_available", "lock_step_period", "serial")
+     "lock_step_available", "lock_step_period", *IDENTITY_ROLES)
 )  # fmt: skip
 COIL_ROLES = frozenset(SWITCH_ROLES)
 # Registers whose sign `positive_current` turns. Roles speak the house's language: limit_current_high is the limit

@@ -9,12 +9,12 @@ from functools import partial
 
 from drivers.codec import Value, bind
 from drivers.cycler import Capabilities, DeviceLimits, Reading
-from drivers.device_map import Coil, DeviceMap, Register
+from drivers.device_map import IDENTITY_ROLES, Coil, DeviceMap, Register
 from drivers.errors import CyclerConnectionError, CyclerError, CyclerProtocolError, SetPointRefusedError
 from drivers.modbus_link import ModbusLink
 from drivers.modbus_plan import DevicePlan
 from drivers.read_plan import ReadPlan
-from drivers.rest import Step, check_cleared, come_to_rest, wait_for_output
+from drivers.rest import Step, check_cleared, check_same, come_to_rest, wait_for_output
 from drivers.setpoint_watch import SetPointWatch
 from drivers.settings_watch import SettingsWatch, foreign
 
@@ -40,6 +40,7 @@ class ModbusCycler:
         self._sequence = 0
         self._voltage_V = (0.0, 0.0)  # limits of the run
         self._settings_watch = SettingsWatch()
+        self._identity: dict[str, str] = {}  # what the device has said of itself
         self._read_ahead: tuple[float, list[int]] | None = None  # the next sample, if the last message brought it
 
     # --- opening -------------------------------------------------------------------------------------------
@@ -50,9 +51,9 @@ class ModbusCycler:
         try:
             constants = {name: await self._constant(name, reg) for name, reg in self._map.constants.items()}
             self._plan = DevicePlan(self._map, constants)
-            serial = await self._read_role("serial", constants)
+            self._identity = await self._read_identity()
             available = await self._read_role("lock_step_available", constants)
-            return self._plan.capabilities("" if serial is None else str(serial), lock_step=available not in (None, 0))
+            return self._plan.capabilities(self._identity, lock_step=available not in (None, 0))
         except CyclerError:
             self._link.close()
             raise
@@ -78,6 +79,10 @@ class ModbusCycler:
                 f"{self._link.address}: register '{identity.register}' reads {found!r}, map '{self._map.name}' "
                 f"wants {wanted}: another device, or the wrong map; nothing was written"
             )
+
+    async def _read_identity(self) -> dict[str, str]:
+        found = {role: await self._read_role(role, {}) for role in IDENTITY_ROLES}
+        return {role: "" if value is None else str(value) for role, value in found.items()}
 
     async def _constant(self, name: str, register_name: str) -> float:
         value = await self._read_value(self._map.registers[register_name], {})
@@ -228,6 +233,11 @@ class ModbusCycler:
             await self.connect()
         else:
             await self._open()
+            try:
+                check_same(self._link.address, self._identity, await self._read_identity())
+            except CyclerError:
+                self._link.close()
+                raise
 
     def _forget_setpoints(self) -> None:
         """With the output off, what was applied before is no longer what should be in force."""

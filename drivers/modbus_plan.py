@@ -99,13 +99,13 @@ class DevicePlan:
                 result.append(f"'{register.name}' reads {shown[0]}{unit} where {shown[1]}{unit} was written")
         return result
 
-    def capabilities(self, serial: str, *, lock_step: bool) -> Capabilities:
+    def capabilities(self, identity: Mapping[str, str], *, lock_step: bool) -> Capabilities:
         """What the device can do, by its map and its constants."""
         watchdog = self.map.by_role("watchdog")
         range_s = self.codecs[watchdog.name] if watchdog else None
         return Capabilities(
             name=self.map.title,
-            serial=serial,
+            **identity,
             current_A=self._interval("current", self.command.range_A),
             voltage_V=self._interval("voltage", (-math.inf, math.inf)),
             watchdog_s=(range_s.low, range_s.high) if range_s else None,

@@ -49,6 +49,7 @@ __all__ = [
     "list_maps",
     "load_can_map",
     "load_map",
+    "map_content",
     "map_transport",
     "plan_reads",
 ]
@@ -98,6 +99,23 @@ def load_can_map(name_or_path: str | Path) -> CanMap:
     _check_name(name_or_path, path, can_map.name)
     check_can_map(can_map)
     return can_map
+
+
+def map_content(name_or_path: str | Path) -> dict[str, object]:
+    """Return all that a map says, with the text of its DBC file, as plain types: another map has another content.
+
+    Raises
+    ------
+    BadMapError
+        It cannot be read.
+    """
+    path, content = _content(name_or_path)
+    dbc = content.get("dbc")
+    try:
+        text = path.with_name(str(dbc)).read_text(encoding="utf-8") if dbc is not None else None
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadMapError(path, "dbc", f"cannot be read: {error}") from error
+    return {**content, "dbc_text": text}
 
 
 def _is_path(name_or_path: str | Path) -> bool:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from typing import Protocol
 
-from drivers.cycler import Reading
+from drivers.cycler import Reading, changed_identity
 from drivers.errors import CyclerConnectionError, CyclerError, CyclerProtocolError
 
 OUTPUT_SETTLE_S = 0.5  # a contactor takes its time; a bench must be at rest within 2 s
@@ -78,6 +78,18 @@ async def wait_for_output(address: str, sample: Callable[[], Awaitable[Reading]]
                 f"{OUTPUT_SETTLE_S:g} s; alarms: {alarms}"
             )
         await asyncio.sleep(POLL_S)
+
+
+def check_same(address: str, before: Mapping[str, str], now: Mapping[str, str]) -> None:
+    """See that a link that was opened again leads to the device that it led to before.
+
+    Raises
+    ------
+    CyclerProtocolError
+        Naming what is different.
+    """
+    if changed := changed_identity(before, now):
+        raise CyclerProtocolError(f"{address}: another device answers at this address: {changed}; nothing was written")
 
 
 def check_cleared(address: str, reading: Reading) -> None:

@@ -155,6 +155,7 @@ class CanReplies:
             "ambient_temperature": seen.ambient_degC,
             "setpoint_in_force": cycler.set_point_A,
             "serial": float(cycler.settings.serial),
+            "firmware": float(cycler.settings.firmware),
             "lock_step_available": float(self._clock.lock_step),
             "lock_step": float(self._clock.tick),
         }[key]

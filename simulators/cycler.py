@@ -33,6 +33,7 @@ class CyclerSettings:
     nominal_voltage_V: float = 6.0
     watchdog_s: float = 2.0
     serial: int = 1
+    firmware: int = 1
     ambient_degC: float = 25.0
 
     @property

@@ -38,6 +38,7 @@ class RegisterReadouts:
             "ambient_temperature": lambda: cycler.measurement.ambient_degC,
             "setpoint_in_force": lambda: cycler.set_point_A,
             "serial": lambda: cycler.settings.serial,
+            "firmware": lambda: cycler.settings.firmware,
         }
 
     def _told(self) -> Readouts:

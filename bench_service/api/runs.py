@@ -13,6 +13,7 @@ from bench_service.api.dependencies import Answer, Limit, Offset, PathId, Servic
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.describing import describe_run
 from bench_service.campaign.ordering import RunOrder
+from bench_service.campaign.run_models import BandWish
 from bench_service.errors import BadRequestError
 from bench_service.store.records import RunState
 
@@ -30,6 +31,14 @@ class LimitsBody(Body):
     duration_s: Positive | None = None
 
 
+class BandBody(Body):
+    """A model whose band the voltage must not leave by more than a margin for longer than a time."""
+
+    model_id: Id
+    margin_V: Annotated[Positive, Field(le=10.0)] = 0.05
+    for_s: Annotated[Positive, Field(le=86400.0)] = 30.0
+
+
 class RunBody(Body):
     """A run to start."""
 
@@ -44,6 +53,7 @@ class RunBody(Body):
     name: Name | None = None
     seed: Seed | None = None
     finish_alone: bool = False
+    band: BandBody | None = None
     continues: Id | None = None
     on_interruption: Literal["stop", "resume"] | None = None
 
@@ -61,7 +71,9 @@ async def start_run(body: RunBody, services: ServicesOf) -> Answer:
     """Start a run, after every check that needs no cycler."""
     if body.protocol_id is None and (body.continues is not None or body.on_interruption is not None):
         raise BadRequestError("only a protocol goes on after an interruption", ("protocol_id",), remedy="give one")
-    order = RunOrder(**(body.model_dump(exclude={"limits"})), limits=body.limits and body.limits.model_dump())
+    given = body.model_dump(exclude={"limits", "band"})
+    band = body.band and BandWish(**body.band.model_dump())
+    order = RunOrder(**given, limits=body.limits and body.limits.model_dump(), band=band)
     return asdict(await services.runs.start(services.benches, order))
 
 

@@ -14,6 +14,7 @@ from fastapi.responses import StreamingResponse
 
 from bench_service.api.compression import compressed
 from bench_service.api.dependencies import PathId, Services, ServicesOf
+from bench_service.campaign.hardware import WARNED
 from bench_service.errors import BadRequestError, ConflictError, GivenUpError
 from bench_service.exchange.errors import UnknownFormatError
 from bench_service.exchange.write import encode_run, export_formats
@@ -34,7 +35,7 @@ MostPoints = Annotated[int | None, Query(ge=2, le=1_000_000)]
 AfterSeq = Annotated[int | None, Query(ge=-1, le=2**62)]
 Names = Annotated[str | None, Query(max_length=400)]
 _SHAPED_BY = {SAMPLES: ("voltage_V", "current_A", "temperature_degC"), OBSERVER: ("soc", "innovation_V")}
-_STEPPED_BY = ("setpoint_A", "marks", "step", "cycle")
+_STEPPED_BY = ("setpoint_A", "marks", "step_count")
 # Flags that a picture marks: where one of them comes or goes is a step too.
 _MARKS = Flag.GAP_BEFORE | Flag.SUSPECT | Flag.PAUSED
 _ROWS_PER_PART = 20_000
@@ -133,10 +134,13 @@ def export_run(
     started = None if run.started_utc is None else datetime.fromisoformat(run.started_utc).timestamp()
     chosen = formats[format_name]
     # The name is made here: nothing a client sent reaches a header or a file.
-    name = f"run-{run.id}{'' if damage is None else '-damaged'}{chosen.suffix}"
-    disposition = {"Content-Disposition": f'attachment; filename="{name}"'}
+    hardware = (run.commissioning or {}).get("state")
+    marks = ("" if damage is None else "-damaged") + ("-unverified" if hardware in WARNED else "")
+    headers = {"Content-Disposition": f'attachment; filename="run-{run.id}{marks}{chosen.suffix}"'}
+    if hardware is not None:
+        headers["X-Bench-Commissioning"] = hardware
     content = encode_run(data.columns, format_name, started)
-    return Response(content, _status(damage), disposition, chosen.media_type)
+    return Response(content, _status(damage), headers, chosen.media_type)
 
 
 def _columns(services: Services, request: Request, run_id: str, stream: str, part: Part) -> Response:

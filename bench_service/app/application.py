@@ -11,6 +11,7 @@ from fastapi import APIRouter, FastAPI
 from bench_service.api import (
     benches,
     campaigns,
+    commissioning,
     comparisons,
     designs,
     diagnoses,
@@ -53,6 +54,7 @@ _RESOURCES = (
     effects,
     designs,
     campaigns,
+    commissioning,
     live,
 )
 

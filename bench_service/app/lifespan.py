@@ -18,9 +18,11 @@ from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.campaigns import CampaignRunner
 from bench_service.campaign.clock_watch import watched_clock
+from bench_service.campaign.commissioning import Commissioning
 from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.endings import close_left_open
+from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.latches import unacknowledged
 from bench_service.campaign.live import Broadcaster
@@ -102,6 +104,7 @@ async def running_services(
             live=live,
             recorder_state=lambda: recorder.state,
             storage=storage,
+            commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
         )
 
 
@@ -207,10 +210,12 @@ async def _bench(
         watchdog_s=config.watchdog_s,
         external_interlock=config.external_interlock,
         capacity_Ah=config.capacity_Ah,
+        resistance_Ohm=None if config.cell_type is None else config.cell_type.resistance_Ohm,
         latched=await asyncio.to_thread(unacknowledged, store, name),
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))
-    return Bench(config, settings.url, limits, supervisor, runs_before_cell, seal)
+    hardware = await asyncio.to_thread(Hardware.read, store, name, config)
+    return Bench(config, settings.url, limits, supervisor, runs_before_cell, seal, hardware)
 
 
 async def _close_all(benches: Benches) -> None:

@@ -30,7 +30,7 @@ def check_start(
         The first reason not to start.
     """
     _check_request(request)
-    _check_watchdog(settings, capabilities)
+    check_watchdog(settings, capabilities)
     if not capabilities.has_temperature:
         low, high = request.limits.temperature_degC
         raise RefusedError(
@@ -72,7 +72,8 @@ def _check_request(request: RunRequest) -> None:
         raise RefusedError(f"initial state of charge {request.initial_soc} must be 0 to 1")
 
 
-def _check_watchdog(settings: BenchSettings, capabilities: Capabilities) -> None:
+def check_watchdog(settings: BenchSettings, capabilities: Capabilities) -> None:
+    """Raise `RefusedError` where the device does not switch itself off soon enough and nothing else does."""
     if settings.external_interlock:
         return
     remedy = "set external_interlock = true only if hardware of its own cuts the cell off"

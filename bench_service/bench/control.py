@@ -5,12 +5,13 @@ Reconnecting identifies the device, makes it safe and never resumes a run.
 """
 
 import asyncio
-import logging
 import socket
 from collections import deque
 from typing import Any, Literal
 
 from bench_service.bench.admission import RefusedError
+from bench_service.bench.commissioning.check import ProofOrder, Report
+from bench_service.bench.commissioning.commissioner import commission
 from bench_service.bench.cycler_keeper import OTHER_DEVICE, CyclerKeeper
 from bench_service.bench.direct.messages import Guard, Order
 from bench_service.bench.direct.orders import DirectOrders
@@ -18,12 +19,11 @@ from bench_service.bench.idle import IdleWatch
 from bench_service.bench.lease import Lease
 from bench_service.bench.links import FrameLink
 from bench_service.bench.live import LiveFeed
-from bench_service.bench.messages import EndedMessage
 from bench_service.bench.pause import PauseSwitch
 from bench_service.bench.recording import RecorderError, Recording
 from bench_service.bench.reporting import Reporter
 from bench_service.bench.request import RunRequest
-from bench_service.bench.rest import bring_to_rest, uncancelled
+from bench_service.bench.rest import bring_to_rest, uncancelled, woken
 from bench_service.bench.run import RunEnd, RunParts
 from bench_service.bench.run_loop import RunLoop
 from bench_service.bench.run_setup import PreparedRun, prepare
@@ -32,10 +32,9 @@ from bench_service.bench.stop import StopSignal, StopState
 from bench_service.framing import Frame, Header
 from drivers.cycler import Cycler, CyclerError
 
-_log = logging.getLogger(__name__)
 _IDLE_PERIOD_S = 0.5
-_SEAL_TIMEOUT_S = 30.0
 _SAY_GOODBYE_S = 2.0
+_NO_RUN = ""  # in place of a run's id while the bench is commissioned: it is busy, and nobody keeps that as a run
 
 State = Literal["offline", "idle", "running", "paused", "stopping", "fault"]
 
@@ -93,20 +92,14 @@ class BenchControl:
         if self._keeper.cycler is None:
             await self._keeper.connect()
         if self._quit is None and not self._commands:
-            await self._wait(self._keeper.retry_s if self._keeper.cycler is None else _IDLE_PERIOD_S)
+            await woken(self._wake, self._keeper.retry_s if self._keeper.cycler is None else _IDLE_PERIOD_S)
+            self._wake.clear()
         if self._quit is not None:
             return
         if self._commands:
             await self._obey(*self._commands.popleft())
         elif self._keeper.cycler is not None:
             await self._idle_sample(self._keeper.cycler)
-
-    async def _wait(self, seconds: float) -> None:
-        try:
-            await asyncio.wait_for(self._wake.wait(), seconds)
-        except TimeoutError:
-            pass
-        self._wake.clear()
 
     # --- what comes in -------------------------------------------------------------------------------------
 
@@ -151,7 +144,7 @@ class BenchControl:
             # What is there now is acknowledged, not what a run may end with.
             self._commands.append(({"op": "acknowledge"}, b""))
             self._wake.set()
-        return {"bench": self._settings.name, "state": self.state, "run_id": self._run_id}
+        return {"bench": self._settings.name, "state": self.state, "run_id": self._run_id or None}
 
     def _recorder_failed(self, reason: str) -> None:
         self._stop.give("fault", f"{self._settings.name}: {reason}; samples cannot be stored, output switched off")
@@ -166,6 +159,8 @@ class BenchControl:
             await self._start(header, body)
         elif operation == "acknowledge":
             await self._acknowledge()
+        elif operation == "commission":
+            await self._commission(header)
         else:
             self._event("warning", "unknown_command", f"unknown command {operation!r} ignored")
 
@@ -178,8 +173,7 @@ class BenchControl:
         if self._feed.due:
             self._feed.send(reading)
         for notice in self._idle.look(reading):
-            if notice.latch and self._latched is None:
-                self._latched = notice.text
+            self._latched = self._latched or (notice.text if notice.latch else None)
             self._event("error" if notice.latch else "warning", notice.code, notice.text)
             self._tell_state()
         if reading.output_on and (unrested := await bring_to_rest(cycler)) is not None:
@@ -216,6 +210,24 @@ class BenchControl:
             return
         await self._finish(run_id, await self._play(cycler, prepared))
 
+    async def _commission(self, header: Header) -> None:
+        self._stop, self._finish_alone = StopSignal(), False
+        try:
+            order, device = ProofOrder.from_json(header["order"]), self._keeper.ready(self._latched)
+        except (RefusedError, ValueError) as error:
+            self._report.commissioned(Report("refused", str(error)))
+            return
+        self._run_id = _NO_RUN
+        self._tell_state()
+        report = await commission(self._settings, device, order, (self._feed, self._stop, self._event))
+        self._latched = report.latch
+        if order.prove:
+            await self._keeper.release()
+        self._run_id = None
+        self._idle.forget()
+        self._tell_state()  # first: who hears the report may start a run at once
+        self._report.commissioned(report)
+
     async def _play(self, cycler: Cycler, prepared: PreparedRun) -> RunEnd:
         # An order that came meanwhile holds: the loop then ends before it takes the cycler.
         self._stop.on_order(prepared.clock.interrupt)
@@ -232,8 +244,7 @@ class BenchControl:
         self._run_id = None
         self._event("error", "refused", text, run_id)
         self._tell_state()
-        counts = {"n_samples": 0, "missed_ticks": 0, "sha256": None}
-        self._report.ended(EndedMessage(run_id=run_id, state="fault", reason=text, **counts))
+        self._report.refused(run_id, text)
 
     async def _finish(self, run_id: str, end: RunEnd) -> None:
         if end.state in ("fault", "interrupted"):
@@ -242,12 +253,9 @@ class BenchControl:
             self._event("error", end.code, end.reason or end.code, run_id)
         self._stop.give("stopped", "the run has ended")
         self._tell_state()
-        n_samples = self._recording.n_rows
-        sha256 = await self._recording.close(end.state, end.reason, _SEAL_TIMEOUT_S)
-        if sha256 is None:
-            n_samples = self._recording.n_acknowledged
-            text = f"{n_samples} of {self._recording.n_rows} samples are known to be stored"
-            self._event("error", "not_sealed", f"{self._settings.name}: the recorder did not answer; {text}", run_id)
+        n_samples, sha256, unsealed = await self._recording.seal(end.state, end.reason)
+        if unsealed is not None:
+            self._event("error", "not_sealed", f"{self._settings.name}: {unsealed}", run_id)
         if not end.at_rest:
             await self._keeper.disconnect("the cycler did not confirm rest after the run")
         else:
@@ -256,22 +264,15 @@ class BenchControl:
         self._idle.forget()
         # The state first: who hears of the end may start the next run at once.
         self._tell_state()
-        counts = {"n_samples": n_samples, "missed_ticks": end.missed_ticks}
-        self._report.ended(EndedMessage(run_id=run_id, state=end.state, reason=end.reason, sha256=sha256, **counts))
+        self._report.ended(run_id, end, n_samples, sha256)
 
     async def _leave(self) -> None:
-        cycler = self._keeper.cycler
-        if cycler is not None:
-            if reason := await bring_to_rest(cycler):
-                _log.error("%s: rest not confirmed at the end: %s", self._settings.name, reason)
-            await cycler.close()
+        await self._keeper.leave()
         self._lease.close()
         self._direct.close()
         self._recording.shut()
         await self._link.drain(_SAY_GOODBYE_S)
         self._link.close()
-
-    # --- what goes out -------------------------------------------------------------------------------------
 
     @property
     def state(self) -> State:
@@ -293,7 +294,7 @@ class BenchControl:
         reason = self._latched or self._keeper.offline_reason
         if self._run_id is not None:
             reason = None if self._stop.order is None else self._stop.order.reason
-        self._report.state(self.state, reason, self._run_id, self._keeper.capabilities)
+        self._report.state(self.state, reason, self._run_id or None, self._keeper.capabilities)
 
     def _event(self, severity: str, code: str, text: str, run_id: str | None = None) -> None:
-        self._report.event(severity, code, text, run_id or self._run_id)
+        self._report.event(severity, code, text, run_id or self._run_id or None)

@@ -1,17 +1,19 @@
 """The cycler of a bench: connected, identified and made safe, or offline with a reason."""
 
 import asyncio
+import logging
 from collections.abc import Callable
 
 from bench_service.bench.admission import RefusedError
 from bench_service.bench.rest import bring_to_rest
 from bench_service.bench.settings import BenchSettings
-from drivers.cycler import Capabilities, Cycler, CyclerError
+from drivers.cycler import Capabilities, Cycler, CyclerError, changed_identity
 from drivers.factory import open_cycler
 
 _FIRST_RETRY_S = 0.2
 _LAST_RETRY_S = 5.0
 _CONNECT_TIMEOUT_S = 10.0
+_log = logging.getLogger(__name__)
 OTHER_DEVICE = "other_device"  # an event's code: the bench waits for a person
 
 
@@ -40,7 +42,7 @@ class CyclerKeeper:
         self.capabilities: Capabilities | None = None
         self.offline_reason: str | None = "not connected yet"
         self.retry_s = 0.0
-        self._serial: str | None = None
+        self._identity = settings.identity
 
     async def connect(self) -> None:
         """Connect, identify, make safe; on failure leave a longer wait before the next attempt."""
@@ -59,9 +61,9 @@ class CyclerKeeper:
             return
         self.cycler, self.capabilities = cycler, capabilities
         self.offline_reason, self.retry_s = None, 0.0
-        known, self._serial = self._serial, capabilities.serial
-        if known is not None and known != capabilities.serial:
-            text = f"{settings.name}: the cycler's serial number is {capabilities.serial!r}, before it was {known!r}"
+        known, self._identity = self._identity, capabilities.identity
+        if known is not None and (changed := changed_identity(known, capabilities.identity)) is not None:
+            text = f"{settings.name}: another cycler than before: {changed}"
             self._on_change("error", OTHER_DEVICE, f"{text}; see that it is the right device, acknowledge")
         self._on_change("info", "connected", f"{capabilities.name} {capabilities.serial} connected, at rest")
 
@@ -71,6 +73,14 @@ class CyclerKeeper:
             await self.cycler.close()
         self.cycler, self.capabilities = None, None
         self._offline(reason)
+
+    async def leave(self) -> None:
+        """Bring the cycler to rest and let it go: the process ends."""
+        if self.cycler is None:
+            return
+        if reason := await bring_to_rest(self.cycler):
+            _log.error("%s: rest not confirmed at the end: %s", self._settings.name, reason)
+        await self.cycler.close()
 
     async def release(self) -> None:
         """Give the cycler back to its panel after a run; one that does not answer is let go."""

@@ -16,7 +16,7 @@ class IdleWatch:
 
     def __init__(self, settings: BenchSettings) -> None:
         self._settings = settings
-        self._band = band_of(settings.capacity_Ah, settings.limits.voltage_V)
+        self._band = band_of(settings.capacity_Ah, settings.limits.voltage_V, settings.resistance_Ohm)
         self._state = AtRest()
 
     def look(self, reading: Reading) -> list[Notice]:

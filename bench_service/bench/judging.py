@@ -1,10 +1,11 @@
 """What a run's samples are held against beside its limits: what is possible for a cell, and what was set."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from bench_service.bench.plausibility import Sample, Watch, band_of, observe
+from bench_service.bench.plausibility import Finding, Sample, Watch, band_of, expected, observe
 from bench_service.bench.plausibility.throughput import Throughput
 from bench_service.bench.run import RunPlan
 from bench_service.bench.safety import Context, Trip, implausible, second_master
@@ -24,10 +25,12 @@ class PlausibilityJudge:
     """
 
     def __init__(self, plan: RunPlan, notify: Callable[[str, str, str], None]) -> None:
-        self._band = band_of(plan.request.capacity_Ah, plan.request.limits.voltage_V)
+        request = plan.request
+        self._band = band_of(request.capacity_Ah, request.limits.voltage_V, plan.rules.resistance_Ohm)
         self._least_A = plan.rules.current_tolerance_A
         self._notify = notify
         self._watch = Watch()
+        self._expected, self._outside_s = plan.expected, math.nan
         self._told = set[str]()
 
     def begin_step(self) -> None:
@@ -43,6 +46,8 @@ class PlausibilityJudge:
             return None
         sample = Sample(context.track.time_s, reading.voltage_V, reading.current_A, reading.temperature_degC)
         self._watch, finding = observe(self._watch, self._band, sample, self._least_A)
+        if finding is None or finding.stage == "warn":
+            finding = self._against_model(sample, sample.time_s - context.held_s) or finding
         if finding is None:
             return None
         if finding.stage == "trip":
@@ -52,6 +57,12 @@ class PlausibilityJudge:
             text = f"{context.rules.bench} at {context.now_s:.3f} s: {finding.text}; {finding.remedy}"
             self._notify("warning", finding.code, text)
         return None
+
+    def _against_model(self, sample: Sample, position_s: float) -> Finding | None:
+        if self._expected is None or math.isnan(sample.voltage_V):
+            return None
+        self._outside_s = expected.follow(self._outside_s, self._expected, position_s, sample.voltage_V)
+        return expected.judge(self._outside_s, self._expected, position_s, sample.voltage_V)
 
 
 class SettingsJudge:

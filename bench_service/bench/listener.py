@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from bench_service.bench.messages import EndedMessage, EventMessage, LiveMessage
+from drivers.cycler import IDENTITY
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +25,11 @@ class BenchStatus:
     reason: str | None = None
     run_id: str | None = None
     capabilities: dict[str, Any] | None = None
+
+    @property
+    def identity(self) -> dict[str, str] | None:
+        """What the connected cycler says of itself; None where there is none."""
+        return None if self.capabilities is None else {key: self.capabilities.get(key, "") for key in IDENTITY}
 
 
 class BenchListener(Protocol):

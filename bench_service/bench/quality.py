@@ -8,7 +8,14 @@ from drivers.cycler import Reading
 
 
 def sample_flags(
-    reading: Reading, track: Track, *, settling: bool, gap: bool, suspect: bool, paused: bool = False
+    reading: Reading,
+    track: Track,
+    *,
+    settling: bool,
+    gap: bool,
+    suspect: bool,
+    paused: bool = False,
+    unverified: bool = False,
 ) -> int:
     """Return the flags of a sample.
 
@@ -25,8 +32,10 @@ def sample_flags(
         A safety rule or the driver objects to it.
     paused : bool
         Somebody holds the run.
+    unverified : bool
+        The hardware has not been commissioned.
     """
-    flags = 0
+    flags = Flag.UNVERIFIED.value if unverified else 0
     if math.isnan(reading.voltage_V):
         flags |= Flag.VOLTAGE_MISSING.value
     if math.isnan(reading.current_A):

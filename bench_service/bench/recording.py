@@ -14,6 +14,7 @@ QUEUE_S = 60.0
 LOCK_STEP_ROWS = 60_000
 _BATCH_ROWS = 256
 _BATCH_S = 0.1
+_SEAL_S = 30.0
 
 Row = tuple[float, ...]
 
@@ -155,6 +156,14 @@ class Recording:
         self._link.send({"op": "close", "run_id": self._run_id, "state": state, "reason": reason})
         done, _ = await asyncio.wait({self._sealed}, timeout=timeout_s)
         return self._sealed.result() if done else None
+
+    async def seal(self, state: str, reason: str | None) -> tuple[int, str | None, str | None]:
+        """End the run's recording; return how many samples are known to be stored, their hash, and what is in doubt."""
+        sha256 = await self.close(state, reason, _SEAL_S)
+        if sha256 is not None:
+            return self.n_rows, sha256, None
+        known = f"{self._acknowledged} of {self.n_rows} samples are known to be stored"
+        return self._acknowledged, None, f"the recorder did not answer; {known}"
 
     def shut(self) -> None:
         """Close the link."""

@@ -2,8 +2,10 @@
 
 from dataclasses import asdict
 
+from bench_service.bench.commissioning.check import Report
 from bench_service.bench.links import FrameLink
 from bench_service.bench.messages import EndedMessage, EventMessage, StateMessage
+from bench_service.bench.run import RunEnd
 from drivers.cycler import Capabilities
 
 
@@ -28,9 +30,22 @@ class Reporter:
         )
         self._link.send({"op": "state", **message})
 
-    def ended(self, ended: EndedMessage) -> None:
+    def ended(self, run_id: str, end: RunEnd, n_samples: int, sha256: str | None) -> None:
         """Tell the end of a run."""
+        counts = {"n_samples": n_samples, "missed_ticks": end.missed_ticks}
+        self._send_end(EndedMessage(run_id=run_id, state=end.state, reason=end.reason, sha256=sha256, **counts))
+
+    def refused(self, run_id: str, reason: str) -> None:
+        """Tell that a run has not begun."""
+        counts = {"n_samples": 0, "missed_ticks": 0, "sha256": None}
+        self._send_end(EndedMessage(run_id=run_id, state="fault", reason=reason, **counts))
+
+    def _send_end(self, ended: EndedMessage) -> None:
         self._link.send({"op": "ended", **ended})
+
+    def commissioned(self, report: Report) -> None:
+        """Tell what a commissioning has found."""
+        self._link.send({"op": "commissioned", "report": report.to_json()})
 
     def event(self, severity: str, code: str, text: str, run_id: str | None) -> None:
         """Tell people something."""

@@ -22,6 +22,20 @@ class ObserverOrder(TypedDict):
     settings: dict[str, Any] | None
 
 
+class BandOrder(TypedDict):
+    """A model, as MODEL.json, whose band the voltage must not leave by `margin_V` for `for_s`.
+
+    The band is that of a cell that has rested, with what was measured at it last: `temperature_degC`, `voltage_V`
+    (None: unknown).
+    """
+
+    model: dict[str, Any]
+    temperature_degC: float
+    voltage_V: float | None
+    margin_V: float
+    for_s: float
+
+
 class ProtocolOrder(TypedDict):
     """A protocol that is to be played: its document, where to go on (None: at the beginning), its likely length."""
 
@@ -55,6 +69,9 @@ class RunRequest:
         In place of a profile, whose arrays are then empty.
     finish_alone : bool
         Plays on to its end where the service is gone; False: rest.
+    band : BandOrder or None
+    unverified : bool
+        The bench's hardware is not commissioned: every sample says so.
     """
 
     run_id: str
@@ -68,6 +85,8 @@ class RunRequest:
     settle_s: float = 0.0
     stale_limit: int = 3
     finish_alone: bool = False
+    unverified: bool = False
+    band: BandOrder | None = None
     protocol: ProtocolOrder | None = None
 
     def to_frame(self) -> Frame:
@@ -83,6 +102,8 @@ class RunRequest:
             "settle_s": self.settle_s,
             "stale_limit": self.stale_limit,
             "finish_alone": self.finish_alone,
+            "unverified": self.unverified,
+            "band": self.band,
             "protocol": self.protocol,
             "n": len(self.time_s),
         }
@@ -116,6 +137,8 @@ class RunRequest:
                 settle_s=float(header["settle_s"]),
                 stale_limit=int(header["stale_limit"]),
                 finish_alone=bool(header["finish_alone"]),
+                unverified=bool(header["unverified"]),
+                band=header["band"],
                 protocol=header["protocol"],
             )
         except (KeyError, TypeError) as error:

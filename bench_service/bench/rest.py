@@ -1,6 +1,7 @@
 """Bringing a cycler to rest, whatever happens meanwhile."""
 
 import asyncio
+import contextlib
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
@@ -28,6 +29,13 @@ async def bring_to_rest(cycler: Cycler) -> str | None:
         else:
             return None
     return reason
+
+
+async def woken(event: asyncio.Event, seconds: float) -> bool:
+    """Wait so long, or until an event has come; return whether it has."""
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(event.wait(), seconds)
+    return event.is_set()
 
 
 async def uncancelled(work: Coroutine[Any, Any, T]) -> T:

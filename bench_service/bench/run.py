@@ -2,18 +2,46 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 from bench_service.bench.clock import Clock
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.observer_link import ObserverLink
 from bench_service.bench.pause import PauseSwitch
+from bench_service.bench.plausibility import ExpectedVoltage
 from bench_service.bench.player import SetPoints
-from bench_service.bench.recording import Recording
 from bench_service.bench.request import RunRequest
 from bench_service.bench.safety import Rules
 from bench_service.bench.stop import StopSignal
 from drivers.cycler import Cycler
+
+
+class RowSink(Protocol):
+    """Takes what is measured; `bench_service.bench.recording.Recording` in a run."""
+
+    @property
+    def n_rows(self) -> int:
+        """Number of samples handed in."""
+        ...
+
+    @property
+    def n_unacknowledged(self) -> int:
+        """Number of samples handed in and not yet known to be stored."""
+        ...
+
+    @property
+    def full(self) -> bool:
+        """Whether there is no room for another sample."""
+        ...
+
+    def put(self, stream: str, row: tuple[float, ...]) -> None:
+        """Take one row; never waits."""
+        ...
+
+    async def wait_for_room(self, timeout_s: float) -> bool:
+        """Wait until there is room, so long at most; return whether the loop may go on."""
+        ...
+
 
 EndState = Literal["completed", "stopped", "fault", "interrupted"]
 
@@ -56,7 +84,7 @@ class RunParts:
 
     cycler: Cycler
     clock: Clock
-    recording: Recording
+    recording: RowSink
     feed: LiveFeed
     stop: StopSignal
     observer: ObserverLink | None
@@ -81,6 +109,8 @@ class RunPlan:
     counted_soc_limits : bool
         Whether limits hold for the counted state of charge. A test that finds the capacity out by its voltage, on a
         bench that allows the whole range, must be free to find more or less than was thought.
+    expected : ExpectedVoltage or None
+        Of a model, along the profile.
     """
 
     request: RunRequest
@@ -89,3 +119,4 @@ class RunPlan:
     watchdog_s: float
     every: int
     counted_soc_limits: bool = True
+    expected: ExpectedVoltage | None = None

@@ -228,7 +228,8 @@ class RunLoop:
         settling = time_s < self._settled_from_s - _TIME_TOLERANCE_S
         self._next_record = (tick.index // self._plan.every + 1) * self._plan.every
         paused = self._holding.active
-        flags = sample_flags(reading, self._track, settling=settling, gap=self._gap, suspect=suspect, paused=paused)
+        told = {"gap": self._gap, "suspect": suspect, "paused": paused, "unverified": self._plan.request.unverified}
+        flags = sample_flags(reading, self._track, settling=settling, **told)
         row = (
             time_s,
             reading.current_A,

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 from bench_service.bench.admission import RefusedError, check_start, ticks_per_sample
 from bench_service.bench.clock import Clock, LockStepClock, WallClock
+from bench_service.bench.limits import Limits
 from bench_service.bench.observer_link import ObserverError, ObserverLink
+from bench_service.bench.plausibility import ExpectedVoltage
 from bench_service.bench.player import SetPoints, make_player
 from bench_service.bench.protocol_play import ProtocolPlay
 from bench_service.bench.protocol_window import soc_window, window_of
@@ -80,6 +82,7 @@ async def prepare(settings: BenchSettings, capabilities: Capabilities, request: 
         player = _set_points(settings, capabilities, request, every)
         # The first step compiles; that must not happen with the output on.
         observer = await asyncio.to_thread(build_observer, request)
+        expected = await asyncio.to_thread(_expected, request)
     except (ValueError, ObserverError, ProtocolError) as error:
         raise RefusedError(str(error)) from error
     return PreparedRun(
@@ -90,6 +93,7 @@ async def prepare(settings: BenchSettings, capabilities: Capabilities, request: 
             settings.watchdog_s,
             every,
             counted_soc_limits=request.protocol is None or soc_window(request.limits) is not None,
+            expected=expected,
         ),
         clock=LockStepClock() if lock_step else WallClock(),
         observer=observer,
@@ -128,19 +132,32 @@ def build_observer(request: RunRequest) -> ObserverLink | None:
     return fuzzy_link(request, request.observer)
 
 
+def _expected(request: RunRequest) -> ExpectedVoltage | None:
+    if request.band is None:
+        return None
+    # Lazy: as the observer.
+    from bench_service.bench.model_band import expected_voltage
+
+    try:
+        return expected_voltage(request, request.band)
+    except Exception as error:  # whatever a model does, it is a reason not to start
+        raise RefusedError(f"the model's band cannot be computed: {error}") from error
+
+
 def _rules(settings: BenchSettings, capabilities: Capabilities, request: RunRequest, tick_s: float) -> Rules:
     return Rules(
         bench=settings.name,
         limits=request.limits,
-        current_tolerance_A=_tolerance_A(settings, capabilities, request),
+        current_tolerance_A=tolerance_A(settings, capabilities, request.limits),
         max_age_s=_TICKS_OF_AGE * tick_s + settings.timeout_s,
         tick_s=tick_s,
         stale_limit=request.stale_limit,
         has_sequence=capabilities.has_sequence,
+        resistance_Ohm=settings.resistance_Ohm,
     )
 
 
-def _tolerance_A(settings: BenchSettings, capabilities: Capabilities, request: RunRequest) -> float:
+def tolerance_A(settings: BenchSettings, capabilities: Capabilities, limits: Limits) -> float:
     """Return how far measured and commanded current may lie apart.
 
     What a device of that range may be off by, but no more than a share of the run's own limits: half a percent of
@@ -149,7 +166,7 @@ def _tolerance_A(settings: BenchSettings, capabilities: Capabilities, request: R
     if settings.current_tolerance_A is not None:
         return settings.current_tolerance_A
     range_A = max(abs(value) for value in capabilities.current_A)
-    own_A = _SHARE_OF_LIMITS * max(abs(value) for value in request.limits.current_A)
+    own_A = _SHARE_OF_LIMITS * max(abs(value) for value in limits.current_A)
     return min(_DEFAULT_TOLERANCE * range_A, max(own_A, _BEST_ACCURACY * range_A))
 
 

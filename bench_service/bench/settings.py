@@ -1,7 +1,6 @@
 """What a control process knows about its bench; handed to it as one JSON argument."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -41,6 +40,10 @@ class BenchSettings:
         Of the cell that is usually on the bench, for what is plausible at rest.
     latched : str or None
         Reason of a fault that an earlier process of this bench left unacknowledged.
+    resistance_Ohm : tuple of float or None
+        Band of the type of that cell, where one is named.
+    identity : dict of str to str, or None
+        What the device has said of itself to an earlier process.
     """
 
     name: str
@@ -55,6 +58,8 @@ class BenchSettings:
     lease_s: float = 10.0
     capacity_Ah: float = 2.5
     latched: str | None = None
+    resistance_Ohm: tuple[float, float] | None = None
+    identity: dict[str, str] | None = None
 
     def to_json(self) -> str:
         """Return the text that `from_json` reads."""
@@ -70,8 +75,10 @@ class BenchSettings:
         ValueError
             Not JSON, a field missing or unknown.
         """
-        data: Mapping[str, Any] = json.loads(text)
+        data: dict[str, Any] = json.loads(text)
         try:
+            if (band := data.get("resistance_Ohm")) is not None:
+                data["resistance_Ohm"] = (float(band[0]), float(band[1]))
             return cls(**{**data, "limits": Limits.from_json(data["limits"])})
         except (KeyError, TypeError) as error:
             raise ValueError(f"bench settings: {error}") from error

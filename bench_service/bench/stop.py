@@ -1,8 +1,11 @@
 """The order to end a run, given from outside the loop."""
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
+
+from bench_service.bench.rest import woken
 
 StopState = Literal["stopped", "interrupted", "fault"]
 
@@ -27,6 +30,15 @@ class StopSignal:
         self._wake.append(wake)
         if self.order is not None:
             wake()
+
+    async def wait(self, seconds: float) -> bool:
+        """Wait so long, or until there is an order; return whether there is one."""
+        ordered = asyncio.Event()
+        self.on_order(ordered.set)
+        try:
+            return await woken(ordered, seconds)
+        finally:
+            self._wake.remove(ordered.set)
 
     def give(self, state: StopState, reason: str) -> None:
         """Order the run to end; later orders do not replace the first."""

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from bench_service.bench.commissioning.call import CommissionCall
+from bench_service.bench.commissioning.check import ProofOrder
 from bench_service.bench.control_process import end_of, start_control
 from bench_service.bench.direct.ticket import StopEndpoint
 from bench_service.bench.links import FrameLink
@@ -64,6 +66,7 @@ class BenchSupervisor:
         self._keeper: asyncio.Task[None] | None = None
         self._closing = False
         self._heard_s = 0.0
+        self._commissioning = CommissionCall(settings.name)
         self._acknowledged: tuple[str | None, subprocess.Popen[bytes] | None] | None = None
 
     @property
@@ -95,6 +98,12 @@ class BenchSupervisor:
         BenchOfflineError
             No control process or no cycler.
         """
+        link = self._ready()
+        self._run_id = request.run_id
+        self._heard_s = time.monotonic()
+        link.send(*request.to_frame())
+
+    def _ready(self) -> FrameLink:
         link, status = self._link, self._status
         if self._run_id is not None:
             raise BenchBusyError(f"bench {self.name!r} is busy with run {self._run_id}; stop it or wait")
@@ -104,9 +113,12 @@ class BenchSupervisor:
             raise BenchOfflineError(f"bench {self.name!r} is offline: {status.reason}; check cycler and link")
         if status.state != "idle":
             raise BenchBusyError(f"bench {self.name!r} is {status.state}; wait until it is idle")
-        self._run_id = request.run_id
-        self._heard_s = time.monotonic()
-        link.send(*request.to_frame())
+        return link
+
+    async def commission(self, order: ProofOrder) -> dict[str, Any]:
+        """Have the bench's hardware looked at, or proved; gives `Report.to_json`, raises as `start_run`."""
+        self._ready().send(self._commissioning.begin(order))
+        return await self._commissioning.answer()
 
     def stop(self, reason: str) -> None:
         """Stop the present run, if there is one: rest, output off."""
@@ -217,6 +229,7 @@ class BenchSupervisor:
             link.close()
         if process is not None:
             reason = f"{reason} (exit status {await end_of(process)})"
+        self._commissioning.lost(reason)
         if self._run_id is not None:
             run_id, self._run_id = self._run_id, None
             # What the cycler went through is unknown; a person or the campaign looks before the next run.
@@ -250,6 +263,8 @@ class BenchSupervisor:
             case "state":
                 self._set_status(BenchStatus(**message))
                 self._repeat_acknowledgement()
+            case "commissioned":
+                self._commissioning.answered(message["report"])
             case "event":
                 if message["code"] in ("acknowledged", "fault_stays"):
                     self._acknowledged = None
@@ -257,8 +272,6 @@ class BenchSupervisor:
             case "ended" if message["run_id"] == self._run_id:
                 self._run_id = None
                 self._listener.on_ended(self.name, message)
-            case _:
-                pass
 
     def _repeat_acknowledgement(self) -> None:
         """A process that died with an acknowledgement in its queue has left the fault to the next one."""
@@ -274,8 +287,8 @@ class BenchSupervisor:
         self._died.set()
 
     def _set_status(self, status: BenchStatus) -> None:
-        if status.state == "idle":
-            self._settings = replace(self._settings, latched=None)
+        latched = None if status.state == "idle" else self._settings.latched
+        self._settings = replace(self._settings, latched=latched, identity=status.identity or self._settings.identity)
         if status != self._status:
             self._status = status
             self._listener.on_state(self.name, status)

@@ -10,6 +10,7 @@ from bench_service.bench.limits import Limits
 from bench_service.bench.listener import BenchStatus
 from bench_service.bench.messages import EndedMessage, EventMessage, LiveMessage
 from bench_service.bench.supervisor import BenchSupervisor
+from bench_service.campaign.hardware import Hardware, Standing
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.seal import Seal
 from bench_service.config import BenchConfig
@@ -35,6 +36,8 @@ class Bench:
         Number of the last run before its cell was the present one: a simulated cell begins anew with the service.
     seal : Seal or None
         On an effect that is hidden in its simulated cell.
+    hardware : Hardware or None
+        What is known of its device.
     """
 
     def __init__(
@@ -45,6 +48,7 @@ class Bench:
         supervisor: BenchSupervisor,
         runs_before_cell: int = 0,
         seal: Seal | None = None,
+        hardware: Hardware | None = None,
     ) -> None:
         self.config = config
         self.url = url
@@ -52,6 +56,7 @@ class Bench:
         self.supervisor = supervisor
         self.runs_before_cell = runs_before_cell
         self.seal = seal
+        self.hardware = hardware
         self.live: LiveMessage | None = None
 
     @property
@@ -75,11 +80,19 @@ class Bench:
             "live": self.live,
             "lock_step": bool(capabilities and capabilities["lock_step"]),
             "seal": None if self.seal is None else self.seal.to_json(),
+            "commissioning": None if (standing := self.standing()) is None else standing.to_json(),
         }
+
+    def standing(self) -> Standing | None:
+        """Say whether the hardware is commissioned, by what was last read of record and map."""
+        status = self.supervisor.status
+        return None if self.hardware is None else self.hardware.standing(status.capabilities, status.identity)
 
     def to_json(self) -> Json:
         """Give the JSON object of the REST API."""
-        return self.summary() | {"limits": self.limits.to_json()}
+        cell = self.config.cell_type
+        told = None if cell is None else cell.model_dump(mode="json")
+        return self.summary() | {"limits": self.limits.to_json(), "cell_type": told}
 
 
 class Benches:
@@ -153,7 +166,7 @@ class Benches:
             bench.seal = await asyncio.to_thread(bench.seal.open)
             event = EventMessage(severity="info", code="seal_opened", text=_words(bench.seal), run_id=None)
             self._on_event(name, event)
-            self._broadcaster.publish({"type": "bench"} | bench.summary())
+            self.publish(bench)
         return bench.seal.to_json()
 
     def on_state(self, bench: str, status: BenchStatus) -> None:
@@ -165,7 +178,11 @@ class Benches:
         if status.state == "offline":
             self.get(bench).live = None
         self._on_state(self.get(bench))
-        self._broadcaster.publish({"type": "bench"} | self.get(bench).summary())
+        self.publish(self.get(bench))
+
+    def publish(self, bench: Bench) -> None:
+        """Tell everybody how a bench is now."""
+        self._broadcaster.publish({"type": "bench"} | bench.summary())
 
     def on_live(self, bench: str, live: LiveMessage) -> None:
         """Keep and publish live values."""

@@ -52,7 +52,7 @@ class CampaignRunner:
         self._running: dict[str, Telling] = {}
         self._closing = False
         self._following: set[asyncio.Task[None]] = set()
-        self.queue = CampaignQueue(workshop.store, journal, self._launch, self._is_running)
+        self.queue = CampaignQueue(workshop.store, journal, self._launch, self.is_running)
 
     async def start(self, given: Json) -> CampaignRecord:
         """Start a campaign; `given` has the fields of `CampaignRequest` that the client states.
@@ -70,7 +70,7 @@ class CampaignRunner:
         """
         given = dict(given)
         bench = self._workshop.benches.get(given["bench"])
-        if given.pop("queue", False) and (self._is_running(bench.name) or await self.queue.waiting(bench.name)):
+        if given.pop("queue", False) and (self.is_running(bench.name) or await self.queue.waiting(bench.name)):
             return await self._enqueue(bench, given)
         return await self._launched(bench, given, None)
 
@@ -98,11 +98,12 @@ class CampaignRunner:
         bench = self._workshop.benches.get(queued.bench)
         return await self._launched(bench, (queued.done or {})["given"], queued)
 
-    def _is_running(self, bench: str) -> bool:
+    def is_running(self, bench: str) -> bool:
+        """Whether a campaign is on a bench."""
         return any(telling.bench == bench for telling in self._running.values())
 
     async def _launched(self, bench: Bench, given: Json, queued: CampaignRecord | None) -> CampaignRecord:
-        if self._is_running(bench.name):
+        if self.is_running(bench.name):
             raise BenchBusyError(f"a campaign runs on bench {bench.name!r} already; stop it, wait, or queue this one")
         self._workshop.runs.refuse_busy(bench)
         telling = Telling(bench.name)
@@ -141,7 +142,7 @@ class CampaignRunner:
         """
         record = await self.get(campaign_id)
         bench = self._workshop.benches.get(record.bench)
-        if self._is_running(bench.name):
+        if self.is_running(bench.name):
             raise BenchBusyError(f"a campaign runs on bench {bench.name!r} already; stop it or wait")
         telling = Telling(bench.name)
         telling.estimate = (record.done or {}).get("estimate")

@@ -14,6 +14,7 @@ from bench_service.bench.protocol_window import window_of
 from bench_service.bench.request import ObserverOrder, ProtocolOrder, RunRequest
 from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench
+from bench_service.campaign.run_models import BandWish, band_order
 from bench_service.campaign.storage import Storage
 from bench_service.errors import BadRequestError
 from bench_service.protocol.compiling import compile_protocol
@@ -36,6 +37,7 @@ class RunOrder:
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
     at ``observer_initial_soc`` (default: ``initial_soc``). With ``finish_alone`` it plays on where the service is gone.
     ``continues`` names the run whose profile or protocol is taken up again; ``standing`` is where the protocol stood.
+    ``band`` names a model whose band the voltage must not leave.
     """
 
     bench: str
@@ -53,6 +55,7 @@ class RunOrder:
     continues: str | None = None
     on_interruption: str | None = None
     standing: Json | None = None
+    band: BandWish | None = None
 
 
 def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Storage) -> RunRequest:
@@ -69,6 +72,8 @@ def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Sto
     """
     if (order.profile_id is None) == (order.protocol_id is None):
         raise BadRequestError("a run plays a profile or a protocol: give exactly one of both", ("profile_id",))
+    if order.band is not None and order.protocol_id is not None:
+        raise BadRequestError("a model has a band along a profile, not along a protocol", ("band",))
     limits = narrowed(bench.limits, order.limits)
     time_s = current_A = np.empty(0)
     protocol = None
@@ -94,6 +99,8 @@ def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Sto
         settle_s=bench.config.settle_s,
         finish_alone=order.finish_alone,
         protocol=protocol,
+        unverified=(hardware := bench.standing()) is not None and hardware.warns,
+        band=band_order(store.models, order.band, bench.live),
     )
 
 

@@ -12,13 +12,14 @@ from functools import partial
 from bench_service.bench.messages import EndedMessage, EventMessage
 from bench_service.bench.request import RunRequest
 from bench_service.campaign.benches import Bench, Benches
+from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.ordering import RunOrder, request_of
 from bench_service.campaign.protocol_standing import taken_up
 from bench_service.campaign.storage import Storage
 from bench_service.errors import BenchBusyError, BenchOfflineError, ConflictError, ServiceError
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import RunIntent, RunRecord, Severity
+from bench_service.store.records import Json, RunIntent, RunRecord, Severity
 from bench_service.store.samples import SampleReader
 
 _log = logging.getLogger(__name__)
@@ -79,6 +80,7 @@ class Runs:
         bench = benches.get(order.bench)
         if order.protocol_id is not None and order.continues is not None:
             order = await asyncio.to_thread(taken_up, order, bench, self._store, self._samples)
+        bench.hardware = await asyncio.to_thread(Hardware.read, self._store, bench.name, bench.config)
         request = await asyncio.to_thread(request_of, order, bench, self._store, self._storage)
         self._refuse_offline(bench)
         self.refuse_busy(bench)
@@ -164,7 +166,8 @@ class Runs:
             raise BenchOfflineError(f"bench {bench.name!r} is offline: {status.reason}; check cycler and link")
 
     async def _start(self, bench: Bench, order: RunOrder, request: RunRequest) -> RunRecord:
-        record = await self._journal.write(self._write_intent, order, request)
+        standing = bench.standing()
+        record = await self._journal.write(self._write_intent, order, request, standing and standing.to_json())
         self._open[record.id] = asyncio.Event()
         self._on_bench[record.id] = bench.name
         try:
@@ -178,9 +181,11 @@ class Runs:
         started = await self._journal.write(self._store.runs.start, record.id)
         text = f"{_called(started)} started: {_length(request)}, a sample each {order.dt_s:g} s, from SoC "
         self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}")
+        if standing is not None and standing.warns:
+            self._journal.note(bench.name, standing.warning(bench.name, started.id), started.campaign_id)
         return started
 
-    def _write_intent(self, order: RunOrder, request: RunRequest) -> RunRecord:
+    def _write_intent(self, order: RunOrder, request: RunRequest, commissioning: Json | None) -> RunRecord:
         return self._store.runs.add(
             RunIntent(
                 bench=order.bench,
@@ -199,6 +204,7 @@ class Runs:
                 seed=order.seed,
                 campaign_id=order.campaign_id,
                 continues=order.continues,
+                commissioning=commissioning,
             ),
         )
 

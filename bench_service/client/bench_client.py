@@ -14,6 +14,8 @@ from bench_service.client.run_options import RunOptions
 from bench_service.client.stop_ports import StopPorts
 from bench_service.client.waiting import ENDED_CAMPAIGN_STATES, ENDED_RUN_STATES, LOOK_S, Look, wait_until
 
+COMMISSION_TIMEOUT_S = 180.0  # proofs take 15 s, on a slow serial line more
+
 
 class BenchClient:
     """Talks to one service; to be closed, or used in a ``with`` statement.
@@ -113,6 +115,18 @@ class BenchClient:
     def acknowledge(self, name: str) -> Record:
         """Clear a latched fault."""
         return self._connection.post(f"{API}/benches/{part(name)}/acknowledge")
+
+    def commissioning(self, name: str) -> Record:
+        """Whether the bench's hardware is commissioned, why not, and the newest record."""
+        return self._connection.get(f"{API}/benches/{part(name)}/commissioning")
+
+    def commission(
+        self, name: str, *, confirm: bool = False, current_A: float | None = None, resistor_Ohm: float | None = None
+    ) -> Record:
+        """Look at the bench's device; with ``confirm`` prove what it does, with small currents, and keep the record."""
+        body = {"confirm": confirm, "current_A": current_A, "resistor_Ohm": resistor_Ohm}
+        address = f"{API}/benches/{part(name)}/commission"
+        return self._connection.send("POST", address, json=body, timeout=COMMISSION_TIMEOUT_S).json()
 
     # --- profiles and runs ---------------------------------------------------------------------------------
 

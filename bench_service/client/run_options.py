@@ -12,6 +12,7 @@ class RunOptions(TypedDict, total=False):
 
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting at
     ``observer_initial_soc``. With ``finish_alone`` the run plays on where the service is gone; else it comes to rest.
+    ``band`` names a model whose band the voltage must not leave: ``model_id``, ``margin_V``, ``for_s``.
     ``protocol_id`` is played in place of a profile; ``continues`` names the run of it that is taken up again where it
     was cut off, and ``on_interruption="resume"`` lets that happen by itself when the service starts.
     """
@@ -22,6 +23,7 @@ class RunOptions(TypedDict, total=False):
     name: str | None
     seed: int | None
     finish_alone: bool
+    band: Record | None
     protocol_id: str | None
     continues: str | None
     on_interruption: str | None

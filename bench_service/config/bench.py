@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from bench_service.config.cell_type import CellTypeConfig, read_cell_type
 from bench_service.config.simulate import SIMULATED_CELLS, SimulateConfig
 from bench_service.config.table import NotNegative, Positive, Table, Window
 from drivers.address import parse_address
@@ -39,13 +41,15 @@ class LimitsConfig(Table):
 class BenchConfig(Table):
     """One bench: a cycler channel with a cell on it.
 
-    Exactly one of ``url`` (see `drivers.address`) and ``simulate`` is given. The defaults of capacity and
-    limits are those of the simulated cell; for a real cell they must be stated.
+    Exactly one of ``url`` (see `drivers.address`) and ``simulate`` is given. ``cell_type`` names the file of a cell
+    type, from the folder of the configuration. The defaults of capacity and limits are those of the cell type, else of
+    the simulated cell; for another cell they must be stated.
     """
 
     url: str | None = None
     simulate: SimulateConfig | None = None
     map: str = "generic"
+    cell_type: CellTypeConfig | None = None
     capacity_Ah: Positive = 2.5
     limits: LimitsConfig = LimitsConfig()
     watchdog_s: Positive = 1.0
@@ -55,19 +59,17 @@ class BenchConfig(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _as_simulated(cls, table: Any) -> Any:
-        """Fill in what the simulated cell allows; values of a wrong type are left for the fields to refuse."""
-        simulate = table.get("simulate") if isinstance(table, dict) else None
-        if isinstance(simulate, SimulateConfig):
-            simulate = simulate.model_dump()
-        limits = table.get("limits", {}) if isinstance(table, dict) else None
-        if not isinstance(simulate, dict) or not isinstance(limits, dict):
-            return table
-        known = dict(SIMULATED_CELLS.get(str(simulate.get("cell", "nmc")), SIMULATED_CELLS["nmc"]))
-        capacity_Ah = known.pop("capacity_Ah")
-        if simulate.get("capacity_Ah") is not None:
-            capacity_Ah = simulate["capacity_Ah"]
-        return {"capacity_Ah": capacity_Ah} | table | {"limits": known | limits}
+    def _filled_in(cls, table: Any, info: ValidationInfo) -> Any:
+        """Fill in what nobody has stated; values of a wrong type are left for the fields to refuse."""
+        return _as_simulated(_of_cell_type(table, Path((info.context or {}).get("folder", "."))))
+
+    @model_validator(mode="after")
+    def _within_cell(self) -> Self:
+        if self.cell_type is not None:
+            limits = {name: getattr(self.limits, name) for name in _STATED_FOR_HARDWARE}
+            if (refused := self.cell_type.refuses(self.capacity_Ah, limits)) is not None:
+                raise ValueError(refused)
+        return self
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -104,3 +106,28 @@ class BenchConfig(Table):
         except CyclerConnectionError as error:
             raise ValueError(str(error)) from error
         return url
+
+
+def _of_cell_type(table: Any, folder: Path) -> Any:
+    """Read the file that a bench names, and take from it what the bench does not state."""
+    named = table.get("cell_type") if isinstance(table, dict) else None
+    limits = table.get("limits", {}) if isinstance(table, dict) else None
+    if not isinstance(named, str) or not isinstance(limits, dict):
+        return table
+    cell = read_cell_type(folder / named)
+    return {"capacity_Ah": cell.capacity_Ah} | table | {"cell_type": cell, "limits": cell.limits | limits}
+
+
+def _as_simulated(table: Any) -> Any:
+    """Take what nobody has stated from the simulated cell."""
+    simulate = table.get("simulate") if isinstance(table, dict) else None
+    if isinstance(simulate, SimulateConfig):
+        simulate = simulate.model_dump()
+    limits = table.get("limits", {}) if isinstance(table, dict) else None
+    if not isinstance(simulate, dict) or not isinstance(limits, dict):
+        return table
+    known = dict(SIMULATED_CELLS.get(str(simulate.get("cell", "nmc")), SIMULATED_CELLS["nmc"]))
+    capacity_Ah = known.pop("capacity_Ah")
+    if simulate.get("capacity_Ah") is not None:
+        capacity_Ah = simulate["capacity_Ah"]
+    return {"capacity_Ah": capacity_Ah} | table | {"limits": known | limits}

@@ -27,6 +27,9 @@ worker_nice = 19
 # capacity_Ah and the limits of voltage, current and temperature must then be stated.
 # Register map: a name from drivers/maps, or the path of a .toml file.
 map = "generic"
+# File of a cell type, from the folder of this file: limits must lie within what its data sheet allows, and what nobody
+# states is taken from it (docs/commissioning.md). Absent: limits are what is stated here.
+# cell_type = "cells/my-cell.toml"
 # Nominal capacity of the cell, for counting charge before a run. Simulated: the simulated cell's own.
 capacity_Ah = 2.5
 # The cycler's own watchdog switches its output off after this time without a command. Above 2 s, or with a

@@ -85,7 +85,7 @@ def parse_config(text: str, file: str = CONFIG_FILE) -> ServiceConfig:
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(file, "", f"not valid TOML: {error}") from error
     try:
-        return ServiceConfig.model_validate(document)
+        return ServiceConfig.model_validate(document, context={"folder": Path(file).parent})
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         key = ".".join(str(part) for part in first["loc"])

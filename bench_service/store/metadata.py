@@ -7,6 +7,7 @@ from pathlib import Path
 from bench_service.store import engine as engines
 from bench_service.store.access import LOCK_FILE, MetadataFile
 from bench_service.store.campaigns import CampaignTable
+from bench_service.store.commissionings import CommissioningTable
 from bench_service.store.comparisons import ComparisonTable
 from bench_service.store.diagnoses import DiagnosisTable
 from bench_service.store.engine import LockHolder
@@ -26,7 +27,7 @@ class MetadataStore:
 
     Attributes
     ----------
-    profiles, protocols, runs, models, comparisons, diagnoses, campaigns, events
+    profiles, protocols, runs, models, comparisons, diagnoses, campaigns, events, commissionings
         The tables; each is a file of its own.
     """
 
@@ -44,6 +45,7 @@ class MetadataStore:
         self.diagnoses = DiagnosisTable(file, now)
         self.campaigns = CampaignTable(file, now)
         self.events = EventTable(file, now)
+        self.commissionings = CommissioningTable(file, now)
 
     @classmethod
     def open(

@@ -92,6 +92,7 @@ class RunIntent:
     seed: int | None = None
     campaign_id: str | None = None
     continues: str | None = None
+    commissioning: Json | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,6 +115,8 @@ class RunRecord:
         When its samples were given up, by the rule of retention.
     label, operator, notes : str or None
         What people have written about it.
+    commissioning : dict or None
+        What was known of the bench's hardware when it started: `campaign.hardware.Standing`.
     """
 
     id: str
@@ -149,6 +152,19 @@ class RunRecord:
     label: str | None = None
     operator: str | None = None
     notes: str | None = None
+    commissioning: Json | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommissioningRecord:
+    """What a bench's hardware was seen to do; `document` is sealed (`models.data.seal`), `sha256` its seal."""
+
+    id: str
+    bench: str
+    state: str
+    sha256: str
+    created_utc: str
+    document: Json
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import uuid
 from dataclasses import asdict
 from typing import Any, cast, get_args
 
@@ -135,6 +136,11 @@ def event(row: Row[Any]) -> EventRecord:
 def document_hash(document: Json) -> str:
     """Return the SHA-256 of a document in canonical JSON."""
     return hashlib.sha256(json.dumps(document, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def new_id() -> str:
+    """Return an id that nothing else has."""
+    return uuid.uuid4().hex
 
 
 def references(data: list[Json]) -> tuple[RunReference, ...]:

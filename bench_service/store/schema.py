@@ -155,6 +155,20 @@ run = Table(
     Column("label", Text),
     Column("operator", Text),
     Column("notes", Text),
+    _json("commissioning"),
+)
+
+commissioning = Table(
+    "commissioning",
+    META,
+    Column("id", _ID, primary_key=True),
+    _number(),
+    # No foreign keys: a record is kept whatever becomes of bench and runs.
+    Column("bench", Text, nullable=False, index=True),
+    Column("state", String(16), nullable=False),
+    Column("sha256", _SHA256, nullable=False),
+    Column("created_utc", _UTC, nullable=False),
+    _json("document", nullable=False),
 )
 
 comparison = Table(

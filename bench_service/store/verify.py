@@ -16,6 +16,7 @@ from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import Json, RunRecord
 from bench_service.store.samples import FILE, SampleReader
 from bench_service.streams import OBSERVER
+from models.data.seal import content_sha256
 
 Told = Callable[[int, int], None]
 
@@ -27,7 +28,7 @@ class Finding:
     Attributes
     ----------
     kind : str
-        ``"file"``, ``"run"``, ``"observer"``, ``"profile"`` or ``"model"``.
+        ``"file"``, ``"run"``, ``"observer"``, ``"profile"``, ``"model"`` or ``"commissioning"``.
     name : str
         Which one: file name or id.
     what : str
@@ -109,7 +110,7 @@ def _run(reader: SampleReader, run: RunRecord, report: Report) -> int:
 
 
 def _documents(data_dir: Path) -> list[Finding]:
-    """Profiles and models, which have checksums of their own."""
+    """Profiles, models and commissioning records, which have checksums of their own."""
     found: list[Finding] = []
     engine = engines.open_reader(data_dir / META_FILE)
     with closing(_Disposed(engine)), engine.begin() as link:
@@ -121,6 +122,9 @@ def _documents(data_dir: Path) -> list[Finding]:
         for row in link.execute(select(schema.model.c.id, schema.model.c.sha256, schema.model.c.document)):
             if rows.document_hash(row.document) != row.sha256:
                 found.append(Finding("model", row.id, "its document is not the one that was stored: another hash"))
+        for row in link.execute(select(schema.commissioning)):
+            if content_sha256(row.document) != row.sha256:
+                found.append(Finding("commissioning", row.id, "it is not the one that was stored: another hash"))
     return found
 
 

@@ -149,7 +149,7 @@ def test_a_run_is_started_held_and_stopped_from_the_page_and_looked_at_meanwhile
     open_page: OpenPage, address: str, run_id: str, tmp_path: Path
 ) -> None:
     page = open_page("slow")
-    page.get_by_text("Start a run of a stored profile").click()
+    page.get_by_text("Start a test", exact=True).click()
     strong, weak = tmp_path / "strong.csv", tmp_path / "weak.csv"
     strong.write_text("time_s,current_A\n0,50\n60,0\n")
     weak.write_text("time_s,current_A\n0,0\n20,1\n600,0\n7200,0\n")
@@ -185,3 +185,35 @@ def test_a_run_is_started_held_and_stopped_from_the_page_and_looked_at_meanwhile
     page.get_by_role("button", name="STOP slow").click()
     expect(page.locator("#run-facts .chip").first).to_have_text("stopped")
     picture(page, "two-runs")
+
+
+def test_a_first_cycle_from_the_library_to_its_capacity(open_page: OpenPage) -> None:
+    page = open_page("fast")
+    page.get_by_text("Start a test", exact=True).click()
+    page.locator("#start-source").select_option("test:cc_cv_cycling")
+    expect(page.locator("#start-about")).to_contain_text("Cycles of constant-current")
+    page.locator("#parameter-cycles").fill("two")
+    expect(page.locator("#start-wrong")).to_contain_text("cycles is no number")
+    page.locator("#parameter-cycles").fill("2")
+    page.locator("#parameter-upper_V").fill("5")
+    expect(page.locator("#start-wrong")).to_contain_text("5")
+    page.locator("#parameter-upper_V").fill("")
+    page.locator("#start-initial_soc").fill("50")
+    page.locator("#start-dt_s").fill("10")
+    expect(page.locator("#start-wrong")).to_be_empty()
+    expect(page.locator("#start-told")).to_contain_text("of test time")
+    expect(page.get_by_role("region", name="Steps").locator("tbody tr")).to_have_count(4)
+    picture(page, "start-a-test")
+    page.locator("#start-submit").click()
+    expect(page.locator("#runs-body tbody tr").first).to_contain_text("CC-CV cycling")
+    page.get_by_role("link", name="CC-CV cycling", exact=True).first.click()
+    rows = page.locator("#run-cycles table").first.locator("tbody tr")
+    expect(rows).to_have_count(2)
+    expect(page.locator("#run-facts .chip").first).to_have_text("completed")
+    page.reload()
+    loaded(page)
+    discharged_Ah = float(rows.nth(1).locator("td").nth(2).inner_text())
+    assert 2.2 < discharged_Ah < 2.8
+    page.locator("#row-4-left").select_option("cycle")
+    assert {point[1] for point in drawn(page, "Cycle")} == {1, 2}
+    picture(page, "cycles")

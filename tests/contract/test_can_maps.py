@@ -25,7 +25,7 @@ def test_it_loads_and_can_be_planned(name):
     can_map = load_can_map(name)
     assert can_map.name == name and can_map.source
     plan = CanPlan(can_map, CanCodec(can_map.dbc, can_map.views), dict.fromkeys(can_map.constants, 100.0))
-    low_A, high_A = plan.capabilities("", lock_step=False).current_A
+    low_A, high_A = plan.capabilities({"serial": ""}, lock_step=False).current_A
     assert low_A < 0 < high_A
     assert can_map.sampled
 

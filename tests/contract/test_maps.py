@@ -61,7 +61,7 @@ def test_it_loads_and_can_be_planned(name):
     assert device_map.source
     plan = DevicePlan(device_map, dict.fromkeys(device_map.constants, NOMINAL))
     assert plan.sample.reads
-    low_A, high_A = plan.capabilities("", lock_step=False).current_A
+    low_A, high_A = plan.capabilities({"serial": ""}, lock_step=False).current_A
     assert low_A <= 0 < high_A  # a plain supply only charges
 
 

@@ -8,7 +8,7 @@ import can
 import numpy as np
 import pytest
 
-from bench_service.bench.admission import RefusedError, _check_watchdog, check_start
+from bench_service.bench.admission import RefusedError, check_start, check_watchdog
 from bench_service.bench.limits import Limits
 from bench_service.bench.player import make_player
 from bench_service.bench.request import RunRequest
@@ -158,7 +158,7 @@ async def test_a_client_that_vanishes_leaves_the_output_on_so_an_interlock_must_
         assert made.device.cycler.output_on
         settings = BenchSettings("b", made.address, "ea_psb_can", WINDOW)
         with pytest.raises(RefusedError, match="has no communication watchdog; set external_interlock = true only if"):
-            _check_watchdog(settings, able)
+            check_watchdog(settings, able)
         await made.driver.safe()
         assert made.at_rest
 

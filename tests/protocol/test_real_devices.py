@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from bench_service.bench.admission import RefusedError, _check_watchdog
+from bench_service.bench.admission import RefusedError, check_watchdog
 from bench_service.bench.limits import Limits
 from bench_service.bench.settings import BenchSettings
 from drivers.cycler import CyclerProtocolError, CyclerTimeoutError, DeviceLimits, SetPointRefusedError
@@ -100,7 +100,7 @@ async def test_a_client_that_vanishes_leaves_the_output_on_so_an_interlock_must_
         window = Limits((2.5, 4.2), (-5.0, 5.0), (0.0, 45.0), (0.0, 1.0), None, 100.0)
         settings = BenchSettings("b", made.address, "ea_psb", window)
         with pytest.raises(RefusedError, match=r"has no communication watchdog; set external_interlock = true only if"):
-            _check_watchdog(settings, able)
+            check_watchdog(settings, able)
         await made.driver.safe()
         assert made.at_rest
 

@@ -257,3 +257,21 @@ def test_a_port_in_use_and_a_data_directory_in_use_give_one_line(rest: Rest, tmp
     with pytest.raises(AssertionError, match=rf"\(2, .*{rest.service.url}") as refusal:
         Service(second, SIMULATED)
     assert str(refusal.value).count("\\n") == 1
+
+
+def test_a_bench_is_commissioned(rest: Rest) -> None:
+    rest.service.idle("sim")
+    assert rest.client.commission("sim")["state"] == "probed"
+    answer = rest.client.commission("sim", confirm=True)
+    assert (answer["state"], answer["reason"]) == ("passed", None)
+    known = rest.client.commissioning("sim")
+    assert (known["state"], known["record"]["id"]) == ("simulated", answer["record"])
+    assert known["record"]["sha256"] == answer["sha256"] and known["record"]["identity"]["serial"] == "1"
+    said = "commissioning_passed"
+    until(lambda: said in [event["code"] for event in rest.client.events(limit=20)], "the event")
+    assert rest.client.bench("sim")["commissioning"]["record"] == answer["record"]
+    rest.service.idle("sim")
+    run = rest.client.start_run("sim", rest.profile_id, 0.1, 0.5)
+    assert run["commissioning"]["state"] == "simulated"
+    assert "not_commissioned" not in [event["code"] for event in rest.client.events(run["id"])]
+    rest.client.wait_run(run["id"], timeout_s=PATIENCE_S)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 Window = tuple[float, float]
 
 _USUAL_OHM_AH: Window = (0.012, 2.0)
-_POSSIBLE_OHM_AH: Window = (0.004, 8.0)
+_POSSIBLE_SHARES: Window = (1.0 / 3.0, 4.0)
 _HEAT_CAPACITY_J_PER_K_AH: Window = (8.0, 40.0)
 # Steepest open-circuit curve that is met between two samples, near empty.
 _SLOPE_V_PER_SOC = 30.0
@@ -43,19 +43,23 @@ class CellBand:
     top_V: float
 
 
-def band_of(capacity_Ah: float, voltage_V: Window) -> CellBand:
-    """Return the bands of what has a capacity and may have voltages in a window."""
+def band_of(capacity_Ah: float, voltage_V: Window, resistance_Ohm: Window | None = None) -> CellBand:
+    """Return the bands of what has a capacity and may have voltages in a window.
+
+    A resistance that the cell's data sheet tells takes the place of what follows from the capacity.
+    """
     cells = max(1, round(voltage_V[1] / _HIGHEST_CELL_V))
 
     def resistance(window: Window) -> Window:
         return window[0] * cells / capacity_Ah, window[1] * cells / capacity_Ah
 
+    usual = resistance_Ohm or resistance(_USUAL_OHM_AH)
     low, high = _HEAT_CAPACITY_J_PER_K_AH
     return CellBand(
         capacity_Ah=capacity_Ah,
         cells_in_series=cells,
-        usual_Ohm=resistance(_USUAL_OHM_AH),
-        possible_Ohm=resistance(_POSSIBLE_OHM_AH),
+        usual_Ohm=usual,
+        possible_Ohm=(usual[0] * _POSSIBLE_SHARES[0], usual[1] * _POSSIBLE_SHARES[1]),
         heat_capacity_J_per_K=(low * cells * capacity_Ah, high * cells * capacity_Ah),
         slope_V_per_As=_SLOPE_V_PER_SOC * cells / (3600.0 * capacity_Ah),
         top_V=voltage_V[1],

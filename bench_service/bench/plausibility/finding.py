@@ -14,6 +14,7 @@ PlausibilityCode = Literal[
     "temperature_rate",
     "charge_moved",
     "energy_moved",
+    "model_band",
 ]
 
 

@@ -29,6 +29,8 @@ class Rules:
         Stale readings in a row that end the run.
     has_sequence : bool
         Whether the device counts its measurements; without it staleness cannot be seen.
+    resistance_Ohm : tuple of float or None
+        Band of the cell's type; None: what follows from the capacity.
     """
 
     bench: str
@@ -38,3 +40,4 @@ class Rules:
     tick_s: float
     stale_limit: int = 3
     has_sequence: bool = True
+    resistance_Ohm: tuple[float, float] | None = None

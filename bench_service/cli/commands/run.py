@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _LONGEST_DEFAULT_DT_S = 1.0
 _DEFAULT_SOC = 0.5
 _STOP_TIMEOUT_S = 60.0
+_UNVERIFIED = ("missing", "failed", "void")
 
 
 def _arguments(parser: ArgumentParser) -> None:
@@ -68,6 +69,8 @@ def _run(options: Namespace, output: Output) -> int:
         if options.acknowledge:
             acknowledge(client, options.bench)
         run = _play(client, profile, options, output)
+        if (hardware := run["commissioning"] or {}).get("state") in _UNVERIFIED:
+            output.warn(f"the hardware of {options.bench} is not commissioned ({hardware['reason']}); the run says so")
         answer = {
             "run": run["id"],
             "file": None,

@@ -41,6 +41,16 @@ export async function hold(state, name, on) {
   }
 }
 
+/** End the step of the protocol that plays. */
+export async function skip(state, name) {
+  try {
+    await api.skipStep(name);
+    state.setAnswer(name, { ok: true, text: "Skip: taken. The protocol goes on with its next step." });
+  } catch (error) {
+    state.setAnswer(name, { ok: false, text: `Skip: ${error.message}` });
+  }
+}
+
 export async function acknowledge(state, name) {
   state.setAnswer(name, { ok: null, text: "Acknowledging …" });
   try {

@@ -2,10 +2,10 @@
 import { acknowledge } from "./actions.js";
 import { chip, el, renderKeyed, setText } from "./dom.js";
 import { BAND, MISSING, currentWord, duration, fixed, localTime, percent, quantity } from "./format.js";
-import { holdButton } from "./run-control.js";
+import { holdButton, holdKey, stepWords } from "./run-control.js";
 import { liveChart } from "./live-chart.js";
 import { TimeLeft } from "./time-left.js";
-import { benchWord, inMotion } from "./words.js";
+import { benchWord, inMotion, isUnverified } from "./words.js";
 
 const OLD_AFTER_S = 3; // readings come several times a second while a bench is connected
 
@@ -23,7 +23,7 @@ export function benchPanel(state, traces) {
   state.on("benches select answers link", draw);
   state.on("live", ({ name }) => {
     if (name !== state.selected || !parts) return;
-    drawTimeLeft(parts, state.bench);
+    drawTimeLeft(state, parts, state.bench);
     drawReadings(parts, state.bench);
     drawAge(state, parts, state.bench);
   });
@@ -38,7 +38,7 @@ function drawEmpty(state, root) {
 
 function build(state, traces, root, name) {
   const parts = {
-    name, chip: el("span", { role: "status" }), about: el("p", { class: "about" }), reason: el("div"),
+    name, chip: el("span", { role: "status" }), about: el("p", { class: "about" }), hardware: el("div"), reason: el("div"),
     answer: el("p", { class: "answer", role: "status" }), age: el("p", { class: "age" }), readings: readings(),
     hold: el("div", { class: "form-end" }), left: el("p", { class: "time-left", hidden: true }), timeLeft: new TimeLeft(),
   };
@@ -46,7 +46,7 @@ function build(state, traces, root, name) {
   root.setAttribute("aria-label", `Bench ${name}`);
   root.replaceChildren(
     el("div", { class: "bench-side" },
-      el("header", { class: "bench-head" }, el("h2", { text: name }), parts.chip), parts.about, parts.reason, parts.left, parts.hold, parts.readings.node, parts.age, parts.answer),
+      el("header", { class: "bench-head" }, el("h2", { text: name }), parts.chip), parts.about, parts.hardware, parts.reason, parts.left, parts.hold, parts.readings.node, parts.age, parts.answer),
     liveChart(state, traces, name));
   return parts;
 }
@@ -69,20 +69,29 @@ function drawState(state, parts, bench) {
   const [tone, word] = benchWord(state, bench);
   renderKeyed(parts.chip, word, () => chip(tone, word));
   const device = bench.capabilities ? [bench.capabilities.name, bench.capabilities.serial].filter(Boolean).join(" ") : "";
-  setText(parts.about, [device, quantity(bench.capacity_Ah, 2, "Ah"), bench.lock_step ? "lock-step (simulated time)" : "", bench.url]
+  setText(parts.about, [device, quantity(bench.capacity_Ah, 2, "Ah"), bench.lock_step ? "lock-step (simulated time)" : bench.commissioning?.state === "simulated" ? "simulated" : "", bench.url]
     .filter((text) => text && text !== MISSING).join(" · "));
   renderKeyed(parts.reason, JSON.stringify([bench.state, bench.reason]), () => reason(state, bench));
-  drawTimeLeft(parts, bench);
-  renderKeyed(parts.hold, bench.state, () => holdButton(state, bench));
+  drawTimeLeft(state, parts, bench);
+  renderKeyed(parts.hardware, JSON.stringify(bench.commissioning ?? null), () => hardware(bench));
   const answer = state.answers.get(bench.name);
   setText(parts.answer, answer ? `${localTime(answer.at)} ${answer.text}` : "");
   parts.answer.dataset.tone = answer ? { true: "good", false: "bad", null: "neutral" }[answer.ok] : "";
 }
 
-function drawTimeLeft(parts, bench) {
-  const text = inMotion(bench) ? parts.timeLeft.words(bench) : "";
+function drawTimeLeft(state, parts, bench) {
+  renderKeyed(parts.hold, holdKey(bench), () => holdButton(state, bench));
+  const text = inMotion(bench) ? [stepWords(bench.live), parts.timeLeft.words(bench)].filter(Boolean).join(" · ") : "";
   parts.left.hidden = !text;
   setText(parts.left, text);
+}
+
+/** Hardware that nobody has looked at says so for as long as that is so. */
+function hardware(bench) {
+  if (!isUnverified(bench.commissioning)) return null;
+  return el("div", { class: "notice", id: "not-commissioned", data: { tone: "warn" } },
+    el("p", {}, el("strong", { text: "Hardware not commissioned: " }), bench.commissioning.reason ?? "no reason given"),
+    el("p", {}, "Its runs say so in their data. ", el("code", { text: `bench-service commission ${bench.name}` }), " proves sign, watchdog, limits and stop."));
 }
 
 function reason(state, bench) {

@@ -1,7 +1,7 @@
 // One run as the plot needs it: the part that is looked at, thinned by the service, and what is new while the run goes on.
 import { api } from "./api.js";
 
-const WANTED = ["seq", "time_s", "current_A", "voltage_V", "temperature_degC", "ambient_degC", "setpoint_A", "flags", "charge_Ah", "energy_Wh", "step", "cycle"];
+const WANTED = ["seq", "time_s", "current_A", "voltage_V", "temperature_degC", "ambient_degC", "setpoint_A", "flags", "charge_Ah", "energy_Wh", "step_count", "cycle_count"];
 const OBSERVED = "seq,time_s,soc,soc_std,innovation_V";
 const COUNTED = ["charge_Ah", "energy_Wh"];
 const MOST_NEWS = 4; // times the points of a picture: then everything anew

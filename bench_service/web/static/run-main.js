@@ -6,6 +6,7 @@ import { header, stopButtons } from "./header.js";
 import { LiveLink } from "./live.js";
 import { comparePanel } from "./run-compare.js";
 import { controlPanel } from "./run-control.js";
+import { cyclesPanel } from "./run-cycles.js";
 import { cursorTable } from "./run-cursors.js";
 import { RunData } from "./run-data.js";
 import { eventsOf, eventsList } from "./run-events.js";
@@ -177,13 +178,15 @@ function build(first) {
     el("div", { class: "run-plot-box" }, node), cursors.node);
   plot = new RunPlot(node, shown);
   plotGestures(plot, gestures);
+  const cycles = cyclesPanel(first, place("cycles-section"));
+  place("run-cycles").replaceChildren(cycles.node);
   const incremental = incrementalPanel(shown);
   place("run-incremental").replaceChildren(incremental.node);
   const compare = comparePanel(shown, { draw, addRun, removeRun });
   place("run-compare").replaceChildren(compare.node);
   place("run-notes").replaceChildren(notesPanel(first, () => { document.title = `${first.name} · Bench service`; draw(); }));
   place("run-events").replaceChildren(events.node);
-  parts = [facts, control, rows, zoom, cursors, events, incremental, compare];
+  parts = [facts, control, rows, zoom, cursors, events, cycles, incremental, compare];
   draw();
 }
 

@@ -22,9 +22,14 @@ export const SIGNALS = [
     of: ({ observer }) => ({ time_s: observer.time_s, values: observer.innovation_V?.map((v) => (Number.isFinite(v) ? 1000 * v : null)) }) },
   { key: "residual", title: "Model error", unit: "mV", digits: 2, colour: "residual",
     of: ({ compared }) => ({ time_s: compared?.time_s, values: compared?.residual_mV }) },
-  sampled("step", "Step", "", 0, "ink", (s) => s.step, "end"),
-  sampled("cycle", "Cycle", "", 0, "ink", (s) => s.cycle, "end"),
+  sampled("step", "Step", "", 0, "ink", (s) => numbered(s.step_count), "end"),
+  sampled("cycle", "Cycle", "", 0, "ink", (s) => numbered(s.cycle_count), "end"),
 ];
+
+/** A run of a profile has no steps: all its numbers are 0. */
+function numbered(counts) {
+  return counts?.some((count) => count > 0) ? counts : undefined;
+}
 
 const BY_KEY = new Map(SIGNALS.map((signal) => [signal.key, signal]));
 export const signalOf = (key) => BY_KEY.get(key) ?? null;

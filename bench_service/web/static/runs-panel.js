@@ -2,7 +2,7 @@
 import { api } from "./api.js";
 import { chip, el, renderKeyed } from "./dom.js";
 import { MISSING, count, duration, timeElement } from "./format.js";
-import { wordFor } from "./words.js";
+import { isUnverified, wordFor } from "./words.js";
 
 const HEADS = ["Together", "Run", "Bench", "State", "Started", "Length", "Samples", "Missed ticks", "Data"];
 const NUMBERS = [6, 7];
@@ -32,7 +32,7 @@ export function runsPanel(state, { more, look }) {
   const render = () => {
     const runs = state.listedRuns ?? [];
     renderKeyed(body, JSON.stringify([runs, state.moreRuns, formats]), () => {
-      if (!runs.length) return el("p", { class: "empty", text: filter.active() ? "No run is like that." : "No run yet. Start one above, or a campaign; a program posts to /api/v1/runs." });
+      if (!runs.length) return el("p", { class: "empty", text: filter.active() ? "No run is like that." : "No run yet. Start a test above, or a campaign; a program posts to /api/v1/runs." });
       return [table(runs, formats, chosen, pick), state.moreRuns ? el("button", { id: "runs-more", type: "button", text: "Show more runs", on: { click: more } }) : null];
     });
     showChosen();
@@ -79,6 +79,7 @@ function row(run, formats, chosen, pick) {
     el("span", { title: run.id }, el("a", { href: `/runs/${encodeURIComponent(run.id)}`, text: run.label ?? name }), run.label ? el("span", { class: "about block", text: name }) : null, run.operator ? el("span", { class: "about block", text: run.operator }) : null),
     run.bench,
     el("span", {}, chip(tone, word), run.reason ? el("span", { class: "about block", text: run.reason }) : null,
+      isUnverified(run.commissioning) ? el("span", { class: "block" }, chip("warn", "unverified hardware")) : null,
       run.damage ? el("span", { class: "block" }, chip("bad", "damaged"), el("span", { class: "about block", text: run.damage })) : null),
     timeElement(run.started_utc ?? run.created_utc),
     el("span", { title: Number.isFinite(length_s(run)) ? `took ${duration(length_s(run))}` : null, text: duration(test_s) }),

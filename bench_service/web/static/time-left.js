@@ -31,7 +31,8 @@ export class TimeLeft {
     this.#runId = runId;
     this.#length_s = NaN;
     this.#first = null;
-    api.run(runId).then((run) => api.profile(run.profile_id)).then((profile) => { if (runId === this.#runId) this.#length_s = profile.duration_s; }, () => {});
+    // How long a protocol takes nobody knows before: the pace that is seen has to do.
+    api.run(runId).then((run) => (run.profile_id ? api.profile(run.profile_id) : null)).then((profile) => { if (profile && runId === this.#runId) this.#length_s = profile.duration_s; }, () => {});
   }
 
   /** By the pace that was seen, for benches that are not paced by the wall; before that by the length of the profile. */

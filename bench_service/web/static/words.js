@@ -3,6 +3,9 @@
 /** Whether a run is on a bench. */
 export const inMotion = (bench) => ["running", "paused", "stopping"].includes(bench?.state);
 
+/** Whether hardware has no valid commissioning record, and must say so. */
+export const isUnverified = (commissioning) => ["missing", "failed", "void"].includes(commissioning?.state);
+
 const BENCH = {
   offline: ["muted", "offline"], idle: ["good", "idle"], running: ["active", "running"], paused: ["warn", "paused"],
   stopping: ["warn", "stopping"], fault: ["bad", "fault"],

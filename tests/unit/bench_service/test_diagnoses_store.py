@@ -4,10 +4,14 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from sqlalchemy import create_engine, inspect
+from alembic import command
+from alembic.config import Config
+from sqlalchemy import Connection, create_engine, inspect
 
 from bench_service.errors import NotFoundError
+from bench_service.store import schema
 from bench_service.store.metadata import MetadataStore
+from bench_service.store.migrate import directory
 from bench_service.store.records import ModelOrigin, RunIntent
 
 RESULT = {"verdict": "missing", "findings": [{"effect": "hysteresis", "rank": 1}]}
@@ -67,11 +71,21 @@ def test_a_family_is_everything_from_the_first_version_on(store):
         assert [each.id for each in store.models.family(member)] == [first, left, right, grandchild]
 
 
+def downgrade(link: Connection, revision: str) -> None:
+    config = Config()
+    config.set_main_option("script_location", str(directory("meta").parent))
+    config.set_main_option("path_separator", "newline")
+    config.set_main_option("version_locations", str(directory("meta")))
+    config.attributes |= {"connection": link, "metadata": schema.META}
+    command.downgrade(config, revision)
+
+
 def test_a_file_of_the_earlier_schema_gets_the_table(tmp_path):
     with closing(MetadataStore.open(tmp_path)) as store:
         model_id = add_model(store, "old")
     engine = create_engine(f"sqlite:///{tmp_path / 'meta.sqlite'}")
     with engine.begin() as link:  # as the first revision left it
+        downgrade(link, "meta_0003")
         link.exec_driver_sql("DROP TABLE diagnosis")
         link.exec_driver_sql("DROP INDEX ix_model_parent_id")
         for table in ("profile", "campaign", "model", "run", "comparison"):

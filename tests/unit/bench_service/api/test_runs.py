@@ -6,6 +6,7 @@ import pytest
 
 from bench_service.api import runs
 from bench_service.campaign.ordering import RunOrder
+from bench_service.campaign.run_models import BandWish
 from bench_service.errors import BenchOfflineError, NotFoundError
 from tests.unit.bench_service.api.route_rig import AsyncPart, Part, Store, client_of, error_of, run_record
 
@@ -86,6 +87,13 @@ def test_a_run_that_is_not_there_is_neither_given_nor_stopped() -> None:
     client = client_of(runs.router, runs=part, store=store, benches=BENCHES)
     assert client.get("/runs/r9").status_code == client.post("/runs/r9/stop").status_code == 404
     assert part.calls == []
+
+
+def test_a_band_names_its_model_and_how_far_and_long() -> None:
+    assert started({"band": {"model_id": "m1"}})[1].calls[0][1][1].band == BandWish(model_id="m1")
+    given = {"model_id": "m1", "margin_V": 0.1, "for_s": 5.0}
+    assert started({"band": given})[1].calls[0][1][1].band == BandWish(**given)
+    assert started({"band": {"model_id": "m1", "margin_V": 0.0}})[0].status_code == 422
 
 
 class Journal(AsyncPart):

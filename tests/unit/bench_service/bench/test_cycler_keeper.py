@@ -108,4 +108,27 @@ async def test_another_device_at_the_address_is_told(devices: list[Device]) -> N
     assert [code for _, code, _ in events] == ["connected", "offline", "connected", "offline"]
     await keeper.connect()
     assert ("error", "other_device") in [event[:2] for event in events]
-    assert any("'18', before it was '17'" in text for _, _, text in events)
+    assert any("the serial number is '18', before it was '17'" in text for _, _, text in events)
+
+
+async def test_what_an_earlier_process_has_seen_is_known(devices: list[Device]) -> None:
+    devices += [Device(), Device()]
+    known = {"maker": "", "model": "", "serial": "17", "firmware": "0.9"}
+    events: list[tuple[str, str, str]] = []
+    keeper = CyclerKeeper(replace(SETTINGS, identity=known), lambda *event: events.append(event))
+    await keeper.connect()
+    told = [text for _, code, text in events if code == "other_device"]
+    assert len(told) == 1 and "the firmware is '', before it was '0.9'" in told[0]
+    await keeper.disconnect("gone")
+    await keeper.connect()  # acknowledged or not: it is the known one now
+    assert len([code for _, code, _ in events if code == "other_device"]) == 1
+
+
+async def test_at_the_end_the_cycler_is_brought_to_rest(devices: list[Device]) -> None:
+    device = Device()
+    devices.append(device)
+    keeper, _ = keeper_of()
+    await keeper.leave()
+    await keeper.connect()
+    await keeper.leave()
+    assert device.calls[-2:] == ["safe", "close"]

@@ -8,15 +8,18 @@ from typing import Any
 import pytest
 
 from bench_service.bench.judging import PlausibilityJudge
+from bench_service.bench.limits import Limits
+from bench_service.bench.safety import Rules
 from drivers.cycler import Reading
 
-LIMITS = SimpleNamespace(voltage_V=(2.5, 4.2))
+LIMITS = Limits((2.5, 4.2), (-5.0, 5.0), (0.0, 60.0), (0.0, 1.0), None, 1e6)
+RULES = Rules("b", LIMITS, current_tolerance_A=0.1, max_age_s=5.0, tick_s=1.0)
 
 
 def judged(*, by_steps: bool) -> list[str | None]:
     """Charge 0.9 of the capacity five times, 4 h apart: each in a step of its own, or all in one."""
     request = SimpleNamespace(capacity_Ah=2.5, limits=LIMITS)
-    plan: Any = SimpleNamespace(request=request, rules=SimpleNamespace(current_tolerance_A=0.1, bench="b"))
+    plan: Any = SimpleNamespace(request=request, rules=RULES, expected=None)
     judge, codes = PlausibilityJudge(plan, lambda *_: None), []
     for k in range(10):
         track = SimpleNamespace(stale=0, time_s=3600.0 * k)

@@ -21,6 +21,10 @@ def test_a_good_sample_has_none() -> None:
     assert flags() == 0
 
 
+def test_unverified_hardware_marks_every_sample() -> None:
+    assert flags(unverified=True) == Flag.UNVERIFIED == 512
+
+
 @pytest.mark.parametrize(
     ("change", "flag"),
     [

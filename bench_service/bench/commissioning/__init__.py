@@ -1,0 +1,1 @@
+"""Commissioning: what a bench's hardware says and does is looked at before anybody relies on it."""
