@@ -9,7 +9,7 @@ import pytest
 
 from bench_service.bench.judging import PlausibilityJudge
 from bench_service.bench.limits import Limits
-from bench_service.bench.safety import Rules
+from bench_service.bench.safety import Context, Rules, Track
 from drivers.cycler import Reading
 
 LIMITS = Limits((2.5, 4.2), (-5.0, 5.0), (0.0, 60.0), (0.0, 1.0), None, 1e6)
@@ -22,8 +22,7 @@ def judged(*, by_steps: bool) -> list[str | None]:
     plan: Any = SimpleNamespace(request=request, rules=RULES, expected=None)
     judge, codes = PlausibilityJudge(plan, lambda *_: None), []
     for k in range(10):
-        track = SimpleNamespace(stale=0, time_s=3600.0 * k)
-        context: Any = SimpleNamespace(track=track, rules=plan.rules, now_s=track.time_s)
+        context = Context(RULES, Track(time_s=3600.0 * k), 3600.0 * k, None, 0.0)
         reading = Reading(0.0, k, 3.7, 0.45 * 2.5, 25.0, 25.0, 0.0, True, frozenset(), frozenset())
         trip = judge.judge(reading, context)
         codes.append(None if trip is None else trip.code)
