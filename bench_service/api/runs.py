@@ -14,6 +14,7 @@ from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, Strict
 from bench_service.campaign.describing import describe_run
 from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.run_models import BandWish
+from bench_service.errors import BadRequestError
 from bench_service.store.records import RunState
 
 router = APIRouter(prefix="/runs", tags=["runs"], route_class=StrictRoute)
@@ -68,6 +69,8 @@ class DescriptionBody(Body):
 @router.post("", status_code=201)
 async def start_run(body: RunBody, services: ServicesOf) -> Answer:
     """Start a run, after every check that needs no cycler."""
+    if body.protocol_id is None and (body.continues is not None or body.on_interruption is not None):
+        raise BadRequestError("only a protocol goes on after an interruption", ("protocol_id",), remedy="give one")
     given = body.model_dump(exclude={"limits", "band"})
     band = body.band and BandWish(**body.band.model_dump())
     order = RunOrder(**given, limits=body.limits and body.limits.model_dump(), band=band)

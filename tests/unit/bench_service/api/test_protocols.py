@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench_service.api import protocols, run_steps
+from bench_service.api import protocols, run_steps, runs
 from bench_service.bench.limits import Limits
 from bench_service.errors import NotFoundError
 from bench_service.store.reading import StreamData
@@ -117,3 +117,9 @@ def test_steps_and_cycles_of_a_run() -> None:
     assert (second["ended_by"], second["charged_Ah"]) == ("current", 2.0)
     cycles = service.get("/runs/r1/cycles").json()["cycles"]
     assert [cycle["coulombic_efficiency"] for cycle in cycles] == [1.0, 1.0]
+
+
+def test_only_a_protocol_goes_on_after_an_interruption() -> None:
+    body = {"bench": "sim", "profile_id": "p", "dt_s": 1.0, "initial_soc": 0.5, "on_interruption": "resume"}
+    answer = client_of(runs.router, runs=AsyncPart(start=RECORD)).post("/runs", json=body)
+    assert answer.status_code == 422 and "only a protocol" in error_of(answer)["message"]
