@@ -12,11 +12,6 @@ from models.diagnosis.reference.reference import Reference
 from models.effects import Effect
 from models.effects.view import View
 
-# After an excursion out of the trained domain its traces last: relaxation, heat.
-_AFTERMATH_S = 600.0
-_SLACK = 0.005
-_SOC_SLACK = 0.01
-_TEMPERATURE_SLACK_K = 0.8
 # A block in time is long enough to be nearly independent of the next.
 _BLOCK_S = 900.0
 _MAX_BLOCKS = 60
@@ -32,12 +27,10 @@ class Samples:
     ----------
     views : one for each run
     blocks : (n,) block in time of each sample
-    share_inside : share of the runs' samples that lies in the trained domain
     """
 
     views: tuple[View, ...]
     blocks: np.ndarray
-    share_inside: float
 
     @property
     def error_V(self) -> FloatArray:
@@ -52,7 +45,7 @@ class Samples:
             for view, first, last in zip(self.views, bounds[:-1], bounds[1:], strict=True)
         )
         blocks = np.unique(self.blocks[chosen], return_inverse=True)[1]
-        return Samples(views, blocks, self.share_inside * float(np.mean(chosen)))
+        return Samples(views, blocks)
 
     def own_regressors(self, reference: Reference) -> FloatArray:
         """(n, p) of the reference model."""
@@ -86,49 +79,17 @@ class Samples:
         return np.column_stack(columns) if columns else np.zeros((len(soc), 0))
 
 
-def choose_samples(reference: Reference, runs: list[GridRun], initial_soc: list[float], limit: int) -> Samples:
-    """Samples inside the trained domain, at most about `limit` of them."""
-    return _samples(reference, runs, initial_soc, limit, inside_only=True)
-
-
 def all_samples(reference: Reference, runs: list[GridRun], initial_soc: list[float], limit: int) -> Samples:
-    """Samples wherever they lie, at most about `limit` of them."""
-    return _samples(reference, runs, initial_soc, limit, inside_only=False)
-
-
-def _samples(
-    reference: Reference, runs: list[GridRun], initial_soc: list[float], limit: int, inside_only: bool
-) -> Samples:
+    """At most about `limit` samples that have a voltage, evenly spread."""
     stride = max(1, -(-sum(len(run) for run in runs) // limit))
     block_s = max(_BLOCK_S, sum(len(run) * run.dt_s for run in runs) / _MAX_BLOCKS)
-    views, blocks, n_blocks, total = [], [], 0, 0
+    views, blocks, n_blocks = [], [], 0
     for run, soc in zip(runs, initial_soc, strict=True):
-        every = np.flatnonzero(run.measured)[::stride]
-        chosen = every[trained(reference, run, soc)[every]] if inside_only else every
+        chosen = np.flatnonzero(run.measured)[::stride]
         views.append(View(reference, run, soc, chosen))
         blocks.append(n_blocks + (run.time_s[chosen] / block_s).astype(np.int64))
         n_blocks += int(run.time_s[-1] / block_s) + 1
-        total += len(every)
-    found = np.unique(np.concatenate(blocks), return_inverse=True)[1]
-    return Samples(tuple(views), found, len(found) / max(total, 1))
-
-
-def trained(reference: Reference, run: GridRun, initial_soc: float) -> np.ndarray:
-    """(n,) whether a sample lies in the trained domain, and has for some time."""
-    soc = initial_soc + run.charge_Ah / reference.capacity_Ah
-    inside = np.ones(len(run), dtype=bool)
-    low, high = reference.domain["current_A"]
-    slack = _SLACK * (high - low)
-    inside &= (run.current_A >= low - slack) & (run.current_A <= high + slack)
-    if "temperature_degC" in reference.domain and not np.isnan(run.temperature_degC).any():
-        low, high = reference.domain["temperature_degC"]
-        slack = _TEMPERATURE_SLACK_K + 2 * _SLACK * (high - low)
-        inside &= (run.temperature_degC >= low - slack) & (run.temperature_degC <= high + slack)
-    index = np.arange(len(run))
-    last_outside = np.maximum.accumulate(np.where(inside, -(10**9), index))
-    recovered = (index - last_outside) * run.dt_s > _AFTERMATH_S
-    low, high = reference.domain["soc"]
-    return recovered & (soc >= low - _SOC_SLACK) & (soc <= high + _SOC_SLACK)
+    return Samples(tuple(views), np.unique(np.concatenate(blocks), return_inverse=True)[1])
 
 
 def visible(effect: Effect, runs: list[GridRun]) -> bool:

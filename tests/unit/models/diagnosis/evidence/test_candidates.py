@@ -97,7 +97,7 @@ def test_a_further_column_has_to_be_worth_its_price() -> None:
 def bare_comparison(error_V: np.ndarray, per_block: int) -> Comparison:
     n = len(error_V)
     evidence = Evidence(error_V, np.zeros((n, 1)), np.eye(1), np.arange(n) // per_block)
-    return Comparison(Samples((), evidence.blocks, 1.0), (), {}, evidence, 1e-6, 1e-6)
+    return Comparison(Samples((), evidence.blocks), (), {}, evidence, 1e-6, 1e-6)
 
 
 def test_noise_that_hangs_together_counts_by_the_block() -> None:

@@ -19,7 +19,7 @@ def comparison() -> Comparison:
     rng = np.random.default_rng(1)
     own = rng.standard_normal((N, 3))
     evidence = Evidence(np.zeros(N), own, np.eye(3), np.arange(N) // 40)
-    return Comparison(Samples((), evidence.blocks, 1.0), (), {}, evidence, 1e-4, 1e-4)
+    return Comparison(Samples((), evidence.blocks), (), {}, evidence, 1e-4, 1e-4)
 
 
 def with_error(comparison: Comparison, error_V: np.ndarray) -> Comparison:

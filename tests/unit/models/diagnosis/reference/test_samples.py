@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.data.resampling import GridRun
-from models.diagnosis.reference.samples import all_samples, choose_samples, trained, visible
+from models.diagnosis.reference.samples import all_samples, visible
 from models.effects import effect
 from tests.unit.models.diagnosis.hand_reference import SLOPE_V, SOC, reference, steps_A, true_run
 from tests.unit.models.hand_network import CAPACITY_AH
@@ -16,63 +16,15 @@ def rest(n: int, **changes) -> GridRun:  # noqa: ANN003
     return replace(true_run(np.zeros(n)), **changes)
 
 
-def test_a_current_beyond_the_trained_one_spoils_ten_minutes() -> None:
-    current = np.zeros(2000)
-    current[1000] = 4.1  # trained to 4 A, with 0.5 % of 8 A to spare
-    known = trained(reference(), true_run(current), SOC)
-    assert known[:1000].all()
-    assert np.flatnonzero(~known).tolist() == list(range(1000, 1601))
-
-
-def test_a_current_just_beyond_is_let_pass() -> None:
-    current = np.zeros(100)
-    current[50] = 4.03
-    assert trained(reference(), true_run(current), SOC).all()
-
-
-@pytest.mark.parametrize(("soc", "inside"), [(0.905, True), (0.915, False), (0.095, True), (0.085, False)])
-def test_the_state_of_charge_may_go_a_hundredth_beyond(soc: float, inside: bool) -> None:
-    assert trained(reference(), true_run(np.zeros(5)), soc).all() == inside
-
-
-def test_a_state_of_charge_beyond_leaves_no_traces_once_it_is_back() -> None:
-    # From 0.95 down to 0.85: at 7.2 A a thousandth a second.
-    model = reference()
-    wide = replace(model, domain={**model.domain, "current_A": (-10.0, 10.0)})
-    known = trained(wide, true_run(np.full(101, -7.2)), 0.951)
-    assert np.flatnonzero(known)[0] == 41
-
-
-def test_temperature_counts_where_model_and_run_know_it() -> None:
-    warm, model = true_run(np.zeros(10), temperature_degC=37.0), reference(with_temperature=True)
-    assert not trained(model, warm, SOC).any()
-    assert trained(reference(), warm, SOC).all()
-    unknown = replace(warm, temperature_degC=np.full(10, np.nan))
-    assert trained(model, unknown, SOC).all()
-    # Trained from 15 to 35 degC: 0.8 K and 1 % of the range to spare.
-    assert trained(model, true_run(np.zeros(10), temperature_degC=35.9), SOC).all()
-
-
 def test_samples_are_thinned_to_the_limit() -> None:
     runs = [true_run(steps_A(1000)), true_run(steps_A(500))]
-    samples = choose_samples(reference(), runs, [SOC, SOC], 400)
+    samples = all_samples(reference(), runs, [SOC, SOC], 400)
     assert [view.index.tolist() for view in samples.views] == [list(range(0, 1000, 4)), list(range(0, 500, 4))]
-    assert samples.share_inside == 1.0
 
 
 def test_a_sample_without_a_voltage_is_never_looked_at() -> None:
     run = rest(10, measured=np.arange(10) % 2 == 0)
-    assert choose_samples(reference(), [run], [SOC], 100).views[0].index.tolist() == [0, 2, 4, 6, 8]
-
-
-def test_samples_outside_are_left_out_and_counted() -> None:
-    current = np.zeros(2000)
-    current[1000] = 9.0
-    run = true_run(current)
-    inside = choose_samples(reference(), [run], [SOC], 10_000)
-    assert len(inside.views[0].index) == 2000 - 601
-    assert inside.share_inside == pytest.approx(1.0 - 601.0 / 2000.0)
-    assert len(all_samples(reference(), [run], [SOC], 10_000).views[0].index) == 2000
+    assert all_samples(reference(), [run], [SOC], 100).views[0].index.tolist() == [0, 2, 4, 6, 8]
 
 
 def test_blocks_are_quarters_of_an_hour_and_no_two_runs_share_one() -> None:
@@ -95,7 +47,6 @@ def test_some_of_the_samples_keep_their_order_and_lose_empty_blocks() -> None:
     assert [len(view.index) for view in kept.views] == [901, 900]
     assert kept.views[0].index[899:].tolist() == [899, 1800]
     assert np.unique(kept.blocks).tolist() == [0, 1, 2]
-    assert kept.share_inside == pytest.approx(1801.0 / 2701.0)
 
 
 def test_error_and_regressors_stand_one_run_after_the_other() -> None:
