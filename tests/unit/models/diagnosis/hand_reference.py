@@ -12,7 +12,7 @@ from models.diagnosis.evidence.candidates import Comparison
 from models.diagnosis.evidence.evidence import Evidence
 from models.diagnosis.reference.layout import OCV_BUMPS, Layout, Shape
 from models.diagnosis.reference.reference import Reference
-from models.diagnosis.reference.samples import choose_samples
+from models.diagnosis.reference.samples import all_samples
 from models.effects import effect
 from tests.unit.models.hand_network import CAPACITY_AH, DT_S, grid_run
 
@@ -76,7 +76,7 @@ def compared(
     run: GridRun, names: Sequence[str], model: Reference | None = None, own_mse: float = 1e-8, noise_mse: float = 1e-8
 ) -> Comparison:
     """A run against the hand-made model, of whose coefficients the training runs were sure."""
-    samples = choose_samples(model or reference(), [run], [SOC], 100_000)
+    samples = all_samples(model or reference(), [run], [SOC], 100_000)
     chosen = tuple(effect(name) for name in names)
     columns = {one.name: samples.regressors(one) for one in chosen}
     own = samples.views[0].model

@@ -26,9 +26,7 @@ def test_the_mean_of_noisy_samples_has_its_standard_error() -> None:
     """Nothing but an offset: value and deviation are those of a mean."""
     error_V = 5e-3 + np.tile([1e-3, -1e-3], 200)
     evidence = Evidence(error_V, np.zeros((400, 1)), np.eye(1), np.arange(400) // 40)
-    comparison = Comparison(
-        Samples((), evidence.blocks), (), {"voltage_offset": np.ones((400, 1))}, evidence, 0, 0
-    )
+    comparison = Comparison(Samples((), evidence.blocks), (), {"voltage_offset": np.ones((400, 1))}, evidence, 0, 0)
     found = read(comparison, "voltage_offset")["offset_V"]
     assert found.value == pytest.approx(5e-3, rel=1e-4)
     assert found.std == pytest.approx(1e-3 / np.sqrt(400.0), rel=1e-3)

@@ -9,7 +9,7 @@ from models.diagnosis.evidence.joint import Named
 from models.diagnosis.evidence.parameters import Value, parameters
 from models.diagnosis.evidence.ranking import rank
 from models.diagnosis.evidence.reading import Readings
-from models.diagnosis.reference.samples import choose_samples
+from models.diagnosis.reference.samples import all_samples
 from models.effects import effect
 from models.network.signals.direction import hysteresis_state
 from models.network.signals.filters import low_pass
@@ -24,7 +24,7 @@ SLOW_V = 0.015 * low_pass(CURRENT_A, 300.0, 1.0)
 def network_comparison(added_V: np.ndarray, left_V: np.ndarray, name: str) -> Comparison:
     """A network that leaves `left_V` of a cell with `added_V`, and has nothing to take it in with."""
     run = true_run(CURRENT_A, added_V=added_V, noise_V=2e-4)
-    samples = choose_samples(reference(penalty=1e-9), [run], [SOC], 10_000)
+    samples = all_samples(reference(penalty=1e-9), [run], [SOC], 10_000)
     evidence = Evidence(left_V, np.ones((len(run), 1)), np.eye(1), samples.blocks)
     columns = {name: samples.regressors(effect(name))}
     return Comparison(samples, (effect(name),), columns, evidence, 4e-8, 4e-8)
