@@ -156,8 +156,10 @@ def _held(
         with np.errstate(over="raise"):
             record = make_record(network, [run], [soc])
             state = estimate(known, record.runs[0], soc, std)
-            analysis = analyse(known, record.runs, record.soc, [std], list(effects().values()))
-            return state, change_answer(analysis, record, started, has_train), analysis.verdict.nothing
+            every = list(effects().values())
+            analysis = analyse(known, record.runs, record.soc, [std], every, share=SETTINGS.share)
+            answer = change_answer(analysis, record, started, has_train, with_power=False)
+            return state, answer, analysis.verdict.nothing
     except (ArithmeticError, IndexError, ValueError) as error:
         if isinstance(error, ModelError) and run.name in str(error):
             raise
