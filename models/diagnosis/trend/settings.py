@@ -20,7 +20,8 @@ class Settings:
         alike
     slower : the same of all that the current runs through, the first moment's included
     curve_V, curve_soc : the same of the open-circuit curve, V, which slips as the electrodes lose lithium
-    slip : by how much a place on that curve moves along the SoC, alike over the same
+    slip, slip_soc : by how much a place on that curve moves along the SoC, and over how much of it alike: electrodes
+        slip as a whole
     end_soc, end_std : how near to full or empty a run ends that tells the capacity, and how surely, SoC
     far_soc : how far such an end is from the start, at least, to begin the search there
     load_C : least current of a charge or discharge that ends, in units of the capacity per hour
@@ -44,7 +45,8 @@ class Settings:
     slower: float = 0.3
     curve_V: float = 0.006
     curve_soc: float = 0.12
-    slip: float = 0.004
+    slip: float = 0.006
+    slip_soc: float = 0.4
     end_soc: float = 0.05
     end_std: float = 0.01
     far_soc: float = 0.3
