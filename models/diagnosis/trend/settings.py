@@ -30,6 +30,7 @@ class Settings:
     clipped_V : an error that counts no more when it is larger, in the search for the first guess
     rounds, closer : covariances that are made, and steps of the capacity with each
     settled : relative change of the capacity that ends the steps
+    usual_capacity : change of capacity that the evidence counts as one of usual size, relative
     share : of the samples of a diagnosis that a verdict looks at: there are hundreds of runs
     alarms : share of false claims among all that are made over a series
     """
@@ -57,6 +58,7 @@ class Settings:
     rounds: int = 2
     closer: int = 4
     settled: float = 1e-3
+    usual_capacity: float = 0.05
     share: float = 0.3
     alarms: float = 0.05
 
