@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
@@ -67,9 +68,15 @@ def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Stat
     Raises
     ------
     ModelError
-        No sample of the run can be judged.
+        No sample of the run can be judged, or hardly any.
     """
     at = SETTINGS
+    measured = int(run.measured.sum())
+    if measured < at.fewest:
+        raise ModelError(
+            f"{run.name}: {measured} samples with a voltage on the model's grid of {run.dt_s:g} s, at least "
+            f"{at.fewest} are needed; fit a model to runs that were logged as slowly as this one"
+        )
     ends = ends_of(known.cell, run, soc)
     change = _first_guess(known.cell, run, soc, ends)
     counted = soc + run.charge_Ah / (known.cell.capacity_Ah * (1.0 + change))

@@ -11,6 +11,7 @@ class Settings:
 
     Attributes
     ----------
+    fewest : samples with a voltage without which nothing is told: a handful fits many capacities
     points : samples of a run that are looked at, beside those around its steps
     steps, after_step : largest steps of the current whose neighbourhood is looked at, and which samples from each
     step_C : smallest of these, in units of the capacity per hour
@@ -35,6 +36,7 @@ class Settings:
     alarms : share of false claims among all that are made over a series
     """
 
+    fewest: int = 30
     points: int = 160
     steps: int = 6
     after_step: tuple[int, ...] = (-1, 0, 1, 3, 10)

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.trend.choice import around_steps, chosen
@@ -59,6 +60,13 @@ def test_resistance_of_the_fresh_cell_is_read_off_its_coefficients(whole: KnownR
     steps = steps_of(whole.cell, run, np.array([0.5]), 1.0 + run.charge_Ah / CAPACITY_AH)
     assert steps.current_A < 0.0
     assert (quick_rows(whole.cell, steps) @ whole.cell.coefficients)[0] == pytest.approx(FRESH_OHM, rel=0.02)
+
+
+def test_a_handful_of_samples_tells_nothing(whole: KnownRuns) -> None:
+    run = discharge(CAPACITY_AH)
+    few = replace(run, measured=np.arange(len(run)) % 500 == 0)
+    with pytest.raises(ModelError, match="at least 30"):
+        estimate(whole, few, 1.0, 0.005)
 
 
 def test_samples_around_steps_and_both_ends_are_looked_at() -> None:
