@@ -9,8 +9,8 @@ from typing import Any
 from bench_service.cli.report import page, table
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = 900, 240, 70, 28, 12
-# SoCs at which resistance is drawn, and their colours.
-_DRAWN = ((0.1, "#0b62a8"), (0.5, "#3f7d20"), (0.9, "#c2410c"))
+# Colours of resistance at the lowest SoC, in the middle and at the highest.
+_COLOURS = ("#0b62a8", "#3f7d20", "#c2410c")
 _CAPACITY = "#0b62a8"
 # Standard deviations of the bands: 95 %.
 _BAND = 2.0
@@ -29,7 +29,12 @@ def trend_page(model: str, result: Mapping[str, Any]) -> bytes:
     """
     runs = result["runs"]
     capacity: list[Told] = [(each["capacity_Ah"]["value"], each["capacity_Ah"]["std"]) for each in runs]
-    drawn = [(f"SoC {soc:g}", colour, [_at(each, soc) for each in runs]) for soc, colour in _DRAWN]
+    told = sorted({each["soc"] for entry in runs for each in entry["resistance"]})
+    places = dict.fromkeys((told[0], told[len(told) // 2], told[-1])) if told else ()
+    drawn = [
+        (f"SoC {soc:.1f}", colour, [_at(each, soc) for each in runs])
+        for soc, colour in zip(places, _COLOURS, strict=False)
+    ]
     rows = [
         {
             "run": each["run"],

@@ -12,14 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.trend.choice import chosen
-from models.diagnosis.trend.ends import ends_of
+from models.diagnosis.trend.ends import Ends, ends_of
 from models.diagnosis.trend.prior import Given, Prior, aged, prior_of
+from models.diagnosis.trend.quick import steps_of
 from models.diagnosis.trend.settings import SETTINGS
 from models.effects.view import View
 
@@ -66,11 +68,20 @@ def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Stat
     Raises
     ------
     ModelError
-        No sample of the run can be judged.
+        No sample of the run can be judged, or hardly any.
     """
     at = SETTINGS
-    given = Given(known, run, soc, soc_std, ends_of(known.cell, run, soc), np.linspace(0.0, 1.0, at.nodes))
-    change = _first_guess(given)
+    measured = int(run.measured.sum())
+    if measured < at.fewest:
+        raise ModelError(
+            f"{run.name}: {measured} samples with a voltage on the model's grid of {run.dt_s:g} s, at least "
+            f"{at.fewest} are needed; fit a model to runs that were logged as slowly as this one"
+        )
+    ends = ends_of(known.cell, run, soc)
+    change = _first_guess(known.cell, run, soc, ends)
+    counted = soc + run.charge_Ah / (known.cell.capacity_Ah * (1.0 + change))
+    steps = steps_of(known.cell, run, np.linspace(0.0, 1.0, at.nodes), counted)
+    given = Given(known, run, soc, soc_std, ends, steps)
     found: list[_Found] = []
     for _ in range(at.rounds):
         prior = prior_of(given, change)
@@ -81,24 +92,24 @@ def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Stat
             change = float(np.clip(best.mean[0], at.capacities[0] - 1.0, at.capacities[1] - 1.0))
             if abs(change - before) < at.settled:
                 break
-    return _mixed(known.cell, found, given.nodes)
+    return _mixed(known.cell, found, steps.soc)
 
 
-def _first_guess(given: Given) -> float:
+def _first_guess(cell: KnownCell, run: GridRun, soc: float, ends: Ends) -> float:
     """Relative change of capacity about which to begin: by the ends, else that by which most samples fit."""
-    cell, run, ends, at = given.known.cell, given.run, given.ends, SETTINGS
+    at = SETTINGS
     low, high, count = at.capacities
-    far = np.abs(ends.soc - given.soc) > at.far_soc
+    far = np.abs(ends.soc - soc) > at.far_soc
     if far.any():
-        share = run.charge_Ah[ends.index][far] / cell.capacity_Ah / (ends.soc - given.soc)[far]
+        share = run.charge_Ah[ends.index][far] / cell.capacity_Ah / (ends.soc - soc)[far]
         return float(np.clip(np.mean(share), low, high)) - 1.0
     index = chosen(np.flatnonzero(run.measured), at.points)
-    view = View(cell, run, given.soc, index)
+    view = View(cell, run, soc, index)
     charged = run.charge_Ah[index] / cell.capacity_Ah
     shares = np.linspace(low, high, count)
     costs = []
     for share in shares.tolist():
-        error_V = run.voltage_V[index] - cell.voltage_V(view.inputs, given.soc + charged / share)
+        error_V = run.voltage_V[index] - cell.voltage_V(view.inputs, soc + charged / share)
         costs.append(float(np.mean(np.minimum(np.abs(error_V), at.clipped_V) ** 2)))
     return float(shares[int(np.argmin(costs))]) - 1.0
 
@@ -143,6 +154,8 @@ def _mixed(cell: KnownCell, found: list[_Found], nodes: FloatArray) -> State:
     variance = np.array([each.variance for each in found])
     middle = share @ mean
     std = np.sqrt(np.maximum(share @ (variance + (mean - middle) ** 2), 1e-18))
+    # What is called full and empty is not sharp itself, however well a curve fits between them.
+    std[0] = np.hypot(std[0], SETTINGS.end_std * (1.0 + middle[0]))
     low, high = cell.soc_range
     told = (nodes >= low - KNOWN.away_soc) & (nodes <= high + KNOWN.away_soc)
     capacity_Ah = cell.capacity_Ah * (1.0 + float(middle[0]))

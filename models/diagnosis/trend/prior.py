@@ -16,7 +16,7 @@ from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.likelihood.start import start_columns
 from models.diagnosis.trend.choice import around_steps, chosen
 from models.diagnosis.trend.ends import Ends
-from models.diagnosis.trend.quick import quick_rows, step_points, usual_step
+from models.diagnosis.trend.quick import Steps, quick_rows, step_points
 from models.diagnosis.trend.settings import SETTINGS
 from models.effects.view import View
 from models.identification.bounded.knots import hats
@@ -32,7 +32,7 @@ class Given:
     run : on its grid
     soc, soc_std : at the start
     ends : where the cell is full or empty
-    nodes : (n,) SoC at which resistance is told
+    steps : at which resistance is told
     """
 
     known: KnownRuns
@@ -40,7 +40,7 @@ class Given:
     soc: float
     soc_std: float
     ends: Ends
-    nodes: FloatArray
+    steps: Steps
 
 
 @dataclass(frozen=True)
@@ -124,23 +124,23 @@ def _elsewhere(given: Given, cell: KnownCell, view: View) -> tuple[FloatArray, F
 
     The error of a resistance is that one sample after a step less that without it.
     """
-    at, nodes, m, e = SETTINGS, given.nodes, len(view.index), len(given.ends.index)
+    at, nodes, m, e = SETTINGS, given.steps.soc, len(view.index), len(given.ends.index)
     points = points_of(view, 0, cell.domain)
-    size_A, _ = usual_step(cell, given.run)
-    mean, whole = given.known.elsewhere.conditional(Points.joined([points, step_points(cell, given.run, nodes)]))
-    turn = np.hstack([np.eye(len(nodes)), -np.eye(len(nodes))]) / size_A
+    mean, whole = given.known.elsewhere.conditional(Points.joined([points, step_points(cell, given.steps)]))
+    turn = np.hstack([np.eye(len(nodes)), -np.eye(len(nodes))]) / given.steps.current_A
     variance = np.einsum("ni,ij,nj->n", turn, whole[m:, m:], turn)
     jumps = Resistances(turn @ mean[m:], variance, _append(turn @ whole[m:, :m], e))
     here, alike = hats(nodes, np.clip(points.soc, 0.0, 1.0)), _alike(nodes, at.curve_soc)
     slipped = here * points.slope_V[:, None]
-    moved = at.curve_V**2 * here @ alike @ here.T + at.slip**2 * slipped @ alike @ slipped.T
+    moved = at.curve_V**2 * here @ alike @ here.T
+    moved += at.slip**2 * slipped @ _alike(nodes, at.slip_soc) @ slipped.T
     return mean[:m], whole[:m, :m] + given.known.elsewhere.in_time(points) + moved, jumps
 
 
 def _fixed(given: Given, cell: KnownCell, view: View) -> tuple[FloatArray, Resistances]:
     """(m + e, m + e) covariance of all else: open coefficients, start, ends, and resistances that have changed."""
-    at, nodes, e = SETTINGS, given.nodes, len(given.ends.index)
-    rows = quick_rows(cell, given.run, nodes)
+    at, nodes, e = SETTINGS, given.steps.soc, len(given.ends.index)
+    rows = quick_rows(given.known.cell, given.steps)
     soc = view.soc[view.index]
     regressors = cell.regressors(view.inputs, soc)
     began = _with_start(start_columns(cell, view, given.soc_std), given.soc_std, e)

@@ -11,6 +11,7 @@ class Settings:
 
     Attributes
     ----------
+    fewest : samples with a voltage without which nothing is told: a handful fits many capacities
     points : samples of a run that are looked at, beside those around its steps
     steps, after_step : largest steps of the current whose neighbourhood is looked at, and which samples from each
     step_C : smallest of these, in units of the capacity per hour
@@ -20,7 +21,8 @@ class Settings:
         alike
     slower : the same of all that the current runs through, the first moment's included
     curve_V, curve_soc : the same of the open-circuit curve, V, which slips as the electrodes lose lithium
-    slip : by how much a place on that curve moves along the SoC, alike over the same
+    slip, slip_soc : by how much a place on that curve moves along the SoC, and over how much of it alike: electrodes
+        slip as a whole
     end_soc, end_std : how near to full or empty a run ends that tells the capacity, and how surely, SoC
     far_soc : how far such an end is from the start, at least, to begin the search there
     load_C : least current of a charge or discharge that ends, in units of the capacity per hour
@@ -29,10 +31,12 @@ class Settings:
     clipped_V : an error that counts no more when it is larger, in the search for the first guess
     rounds, closer : covariances that are made, and steps of the capacity with each
     settled : relative change of the capacity that ends the steps
+    usual_capacity : change of capacity that the evidence counts as one of usual size, relative
     share : of the samples of a diagnosis that a verdict looks at: there are hundreds of runs
     alarms : share of false claims among all that are made over a series
     """
 
+    fewest: int = 30
     points: int = 160
     steps: int = 6
     after_step: tuple[int, ...] = (-1, 0, 1, 3, 10)
@@ -44,7 +48,8 @@ class Settings:
     slower: float = 0.3
     curve_V: float = 0.006
     curve_soc: float = 0.12
-    slip: float = 0.004
+    slip: float = 0.006
+    slip_soc: float = 0.4
     end_soc: float = 0.05
     end_std: float = 0.01
     far_soc: float = 0.3
@@ -55,6 +60,7 @@ class Settings:
     rounds: int = 2
     closer: int = 4
     settled: float = 1e-3
+    usual_capacity: float = 0.05
     share: float = 0.3
     alarms: float = 0.05
 

@@ -23,7 +23,7 @@ from models.diagnosis.reference.record import make_record
 from models.diagnosis.trend.alarms import claimed
 from models.diagnosis.trend.estimate import State, estimate
 from models.diagnosis.trend.settings import SETTINGS
-from models.effects import effects
+from models.effects import Effect, effects
 from models.effects.input_correction import as_read
 from models.network.local_model_network import LocalModelNetwork
 
@@ -156,7 +156,7 @@ def _held(
         with np.errstate(over="raise"):
             record = make_record(network, [run], [soc])
             state = estimate(known, record.runs[0], soc, std)
-            every = list(effects().values())
+            every = _begun_at(state, known)
             analysis = analyse(known, record.runs, record.soc, [std], every, share=SETTINGS.share)
             answer = change_answer(analysis, record, started, has_train, with_power=False)
             return state, answer, analysis.verdict.nothing
@@ -164,6 +164,19 @@ def _held(
         if isinstance(error, ModelError) and run.name in str(error):
             raise
         raise ModelError(f"{run.name}: this run cannot be weighed: {str(error).splitlines()[0][:200]}") from error
+
+
+def _begun_at(state: State, known: KnownRuns) -> list[Effect]:
+    """All effects; the search for another capacity begins at the estimate, too, from where all is linear."""
+    change = state.capacity_Ah / known.cell.capacity_Ah - 1.0
+    out = []
+    for one in effects().values():
+        if one.name == "capacity":
+            expected = replace(one.expected, starts=(*one.expected.starts, change / SETTINGS.usual_capacity))
+            out.append(replace(one, expected=expected))
+        else:
+            out.append(one)
+    return out
 
 
 def _silent(answer: Diagnosis) -> Diagnosis:

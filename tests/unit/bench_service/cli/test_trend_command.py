@@ -51,8 +51,8 @@ def test_a_series_is_followed_and_drawn(files: tuple[Path, list[Path]], tmp_path
     assert (status, complaints) == (0, "")
     young, old = json.loads(text)["runs"]
     assert young["verdict"] == "nothing_missing" and young["findings"] == []
-    assert young["capacity_Ah"]["value"] == pytest.approx(CAPACITY_AH, rel=0.03)
-    assert old["capacity_Ah"]["value"] == pytest.approx(0.85 * CAPACITY_AH, rel=0.03)
+    assert young["capacity_Ah"]["value"] == pytest.approx(CAPACITY_AH, rel=0.05)
+    assert old["capacity_Ah"]["value"] == pytest.approx(0.85 * CAPACITY_AH, rel=0.05)
     assert "capacity" in {each["effect"] for each in old["findings"]}
     drawn = page.read_text(encoding="utf-8")
     assert drawn.count("<svg") == 2 and "capacity" in drawn

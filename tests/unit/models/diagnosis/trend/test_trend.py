@@ -46,7 +46,7 @@ def life() -> Trend:
 def test_capacity_and_resistance_are_told_with_their_uncertainty(life: Trend) -> None:
     for number, each in zip(CYCLES, life.runs, strict=True):
         truth_Ah = CAPACITY_AH * (1.0 - LOST * number)
-        assert each.state.capacity_Ah == pytest.approx(truth_Ah, rel=0.03)
+        assert each.state.capacity_Ah == pytest.approx(truth_Ah, rel=0.05)
         assert abs(each.state.capacity_Ah - truth_Ah) < 2.0 * each.state.capacity_std_Ah
         middle = int(np.argmin(each.state.resistance_std_Ohm))
         truth_Ohm = FRESH_OHM * (1.0 + GROWN * number)
