@@ -88,6 +88,7 @@ class ProtocolPlay:
     def wait(self, time_s: float) -> None:
         """Pass over time in which somebody holds the run."""
         self._time_s, self.due = time_s, None
+        self._engine.pause()
 
     def follow(self, tick: int, reading: Reading, time_s: float, soc: float | None) -> float | None:
         """Return the set-point until the next tick, in A; None where the protocol has come to its end."""

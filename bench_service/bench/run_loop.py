@@ -19,6 +19,7 @@ from bench_service.bench.safety import (
     Context,
     Track,
     Trip,
+    TripError,
     check,
     check_age,
     check_at_rest,
@@ -32,14 +33,6 @@ from drivers.cycler import CyclerError, DeviceLimits, Reading, SetPointRefusedEr
 _log = logging.getLogger(__name__)
 _TIME_TOLERANCE_S = 1e-9
 _KEEP_ALIVE_S = 0.5
-
-
-class TripError(Exception):
-    """A safety rule was violated."""
-
-    def __init__(self, trip: Trip) -> None:
-        super().__init__(trip.text)
-        self.code = trip.code
 
 
 class RunLoop:
@@ -59,6 +52,8 @@ class RunLoop:
         self._holding = Holding(plan.rules.bench, parts)
         self._gap = False
         self._next_record = 0
+        # A sample that is counted and not stored, with what the loop then knew of the current.
+        self._unstored: tuple[Tick, Reading, tuple[float, float]] | None = None
         self._observer = parts.observer
         self._observed = NO_ESTIMATE
 
@@ -72,6 +67,7 @@ class RunLoop:
         finally:
             self._parts.clock.close()
             unrested = await uncancelled(bring_to_rest(self._parts.cycler))
+        self._store_last()
         self._tell_steps(closing=True)
         if unrested is not None and state != "fault":
             state, code, reason = "fault", "not_at_rest", f"the cycler did not confirm rest: {unrested}"
@@ -147,6 +143,7 @@ class RunLoop:
         on_grid, due = tick.index >= self._next_record, self._plan.player.due
         if due is None or (on_grid and self._observer is not None):
             due = on_grid  # an observer steps in the run's sampling time, whatever else is stored between
+        self._unstored = tick, reading, (self._commanded_A, self._settled_from_s)
         if due or trip or refused:
             self._record(tick, reading, suspect=trip is not None or refused is not None, on_grid=on_grid)
         self._parts.feed.note_lateness(tick.lateness_s)
@@ -223,6 +220,12 @@ class RunLoop:
         soc = self._soc if self._plan.counted_soc_limits else None
         return Context(self._plan.rules, self._track, now_s, soc, self._commanded_A, held_s)
 
+    def _store_last(self) -> None:
+        """Store the last sample also where it was not due: a step counts no charge that nothing stored shows."""
+        if self._unstored is not None and self._plan.player.closed_loop:
+            tick, reading, (self._commanded_A, self._settled_from_s) = self._unstored
+            self._record(tick, reading, suspect=False, on_grid=False)
+
     def _record(self, tick: Tick, reading: Reading, *, suspect: bool, on_grid: bool) -> None:
         parts, time_s = self._parts, self._track.time_s
         settling = time_s < self._settled_from_s - _TIME_TOLERANCE_S
@@ -244,7 +247,7 @@ class RunLoop:
             self._plan.player.cycle_count,
         )
         parts.recording.put(SAMPLES, row)
-        self._gap = False
+        self._gap, self._unstored = False, None
         if parts.observer is not None:
             if on_grid:
                 self._observed = self._observe(reading)

@@ -70,6 +70,11 @@ class Engine:
         """End the step that plays with the next sample."""
         self._skip = True
 
+    def pause(self) -> None:
+        """Time passes without current while somebody holds the run."""
+        self._set_A = 0.0
+        self._cell.look_away()
+
     def advance(self, seen: Seen) -> float | None:
         """Take a sample and return the set-point until the next one; None: the protocol is at its end, or stopped.
 

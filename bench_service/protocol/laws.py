@@ -108,7 +108,7 @@ class Law:
         if self.hold is None:
             self.hold = Hold(self._play.voltage_V, last_A)
         self.held += 1
-        return self.hold.follow(seen.voltage_V, self._cell, self._dt_s, low_A, high_A)
+        return self.hold.follow(seen.voltage_V, last_A, self._cell, self._dt_s, (low_A, high_A))
 
     def _clipped(self, seen: Seen, current_A: float, last_A: float) -> float:
         """Take back what would lead out of the step's own window of voltage."""

@@ -28,22 +28,24 @@ class Response:
         Whether a step of the current has been seen.
     drift_V_per_s : float
         How the voltage moves while the current stays.
+    drift_known : bool
+        Whether that has been seen since the current has last jumped.
     """
 
-    __slots__ = ("_capacity_Ah", "_current_A", "_voltage_V", "drift_V_per_s", "known", "resistance_Ohm")
+    __slots__ = ("_capacity_Ah", "_current_A", "_voltage_V", "drift_V_per_s", "drift_known", "known", "resistance_Ohm")
 
     def __init__(self, capacity_Ah: float) -> None:
         self._capacity_Ah = capacity_Ah
         self._current_A = self._voltage_V = math.nan
         self.resistance_Ohm = math.nan
         self.drift_V_per_s = 0.0
-        self.known = False
+        self.known = self.drift_known = False
 
     def see(self, voltage_V: float, current_A: float, interval_s: float) -> None:
         """Take one sample; `interval_s` is the time since the one before."""
-        if math.isnan(self._voltage_V):
+        if math.isnan(self.resistance_Ohm):
             self.resistance_Ohm = _PRIOR_SHARE * abs(voltage_V) / self._capacity_Ah
-        elif interval_s > 0:
+        elif interval_s > 0 and not math.isnan(self._voltage_V):
             step_A = current_A - self._current_A
             moved_V = voltage_V - self._voltage_V
             if abs(step_A) > _LEAST_STEP_C * self._capacity_Ah:
@@ -52,11 +54,17 @@ class Response:
                 moved_V -= self.resistance_Ohm * step_A
                 share = 1.0 - math.exp(-interval_s / _DRIFT_OVER_S)
                 self.drift_V_per_s += share * (moved_V / interval_s - self.drift_V_per_s)
+                self.drift_known = True
         self._voltage_V, self._current_A = voltage_V, current_A
+
+    def look_away(self) -> None:
+        """Samples are missing: the next one is not compared with the last one."""
+        self._voltage_V = math.nan
+        self.forget_drift()
 
     def forget_drift(self) -> None:
         """The current is about to jump: what the voltage did before says nothing any more."""
-        self.drift_V_per_s = 0.0
+        self.drift_V_per_s, self.drift_known = 0.0, False
 
     def _learn(self, step_A: float, moved_V: float, voltage_V: float) -> None:
         seen_Ohm = moved_V / step_A

@@ -3,7 +3,7 @@
 from bench_service.bench.safety.checks import check, check_age, check_at_rest, check_held
 from bench_service.bench.safety.rules import SOC_TOLERANCE, Rules
 from bench_service.bench.safety.track import Track, follow
-from bench_service.bench.safety.trip import Code, Context, Trip, implausible, second_master
+from bench_service.bench.safety.trip import Code, Context, Trip, TripError, implausible, second_master
 
 __all__ = [
     "SOC_TOLERANCE",
@@ -12,6 +12,7 @@ __all__ = [
     "Rules",
     "Track",
     "Trip",
+    "TripError",
     "check",
     "check_age",
     "check_at_rest",

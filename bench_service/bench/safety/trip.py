@@ -43,6 +43,14 @@ class Trip:
     text: str
 
 
+class TripError(Exception):
+    """A safety rule was violated."""
+
+    def __init__(self, trip: Trip) -> None:
+        super().__init__(trip.text)
+        self.code = trip.code
+
+
 @dataclass(frozen=True, slots=True)
 class Context:
     """What a reading is judged against.

@@ -17,13 +17,17 @@ from bench_service.bench.links import FrameLink
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.observer_link import ObserverError, ObserverRow
 from bench_service.bench.player import make_player
+from bench_service.bench.protocol_play import ProtocolPlay
 from bench_service.bench.recording import Recording
 from bench_service.bench.request import RunRequest
 from bench_service.bench.run import RunParts, RunPlan
 from bench_service.bench.run_loop import RunLoop
 from bench_service.bench.safety import Rules
 from bench_service.bench.stop import StopSignal
-from bench_service.streams import OBSERVER, SAMPLES
+from bench_service.protocol.compiling import compile_protocol
+from bench_service.protocol.document import read_protocol
+from bench_service.protocol.program import Window
+from bench_service.streams import OBSERVER, SAMPLES, STEPS
 from drivers.cycler import Capabilities, CyclerTimeoutError, DeviceLimits, Reading, SetPointRefusedError
 
 LIMITS = Limits((2.5, 4.2), (-5.0, 5.0), (0.0, 45.0), (0.0, 1.0), None, 100.0)
@@ -90,14 +94,14 @@ class Bench:
     notes: list[tuple[str, str, str]] = field(default_factory=list)
 
     def loop(
-        self, cycler: FakeCycler, *, clock=None, capacity: int = 1000, observer=None, every: int = 1, max_age_s=5.0
+        self, cycler, *, clock=None, capacity: int = 1000, observer=None, every: int = 1, max_age_s=5.0, player=None
     ) -> RunLoop:
         request = RunRequest("r", 0.1, LIMITS, 3.0, np.array([0.0, 1.0]), np.array([2.0, 0.0]), initial_soc=0.5)
         rules = Rules("b", LIMITS, current_tolerance_A=0.1, max_age_s=max_age_s, tick_s=0.1)
-        player = make_player(request.time_s, request.current_A, request.dt_s / every)
+        player = player or make_player(request.time_s, request.current_A, request.dt_s / every)
         clock = clock or LockStepClock()
         self.stop.on_order(clock.interrupt)
-        self.recording.open("r", (SAMPLES, OBSERVER), capacity)
+        self.recording.open("r", (SAMPLES, OBSERVER, STEPS), capacity)
         parts = RunParts(cycler, clock, self.recording, self.feed, self.stop, observer, self.note)
         return RunLoop(RunPlan(request, player, rules, 1.0, every), parts)
 
@@ -372,3 +376,25 @@ async def test_a_wired_button_that_is_pressed_keeps_the_output_off(bench: Bench)
     cycler = FakeCycler(lambda reading: replace(reading, status=frozenset({"stop_input"})))
     end = await bench.loop(cycler).play()
     assert end.state == "stopped" and cycler.applied == [] and bench.recording.n_rows == 0
+
+
+@pytest.mark.parametrize("how", ["stop", "link"])
+async def test_a_step_that_is_cut_off_counts_no_charge_beyond_the_last_stored_sample(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    """Samples are stored once in 0.5 s; the run ends in between."""
+    step = {"step": "constant_current", "current_A": 2.0, "until": {"time_s": 60}}
+    document = {"schema": "bench-protocol-1", "name": "t", "steps": [step], "record": {"time_s": 0.5}}
+    program = compile_protocol(read_protocol(document), 3.0, Window(LIMITS.voltage_V, LIMITS.current_A))
+    rows: dict[str, list[tuple[float, ...]]] = {SAMPLES: [], STEPS: []}
+    monkeypatch.setattr(bench.recording, "put", lambda stream, row: rows[stream].append(row))
+    spoil = no_answer if how == "link" else lambda reading: bench.stop.give("stopped", "enough") or reading
+    cycler = FakeCycler(at(8, spoil))
+    end = await bench.loop(cycler, player=ProtocolPlay(program, 0.1)).play()
+    assert end.state == ("fault" if how == "link" else "stopped")
+    times_s = [row[0] for row in rows[SAMPLES]]
+    (step_row,) = rows[STEPS]
+    assert times_s == pytest.approx([0.0, 0.5, 0.7 if how == "link" else 0.8])
+    assert step_row[0] == times_s[-1] and step_row[6] == pytest.approx(times_s[-1])
+    assert step_row[7] == pytest.approx(2.0 * times_s[-1] / 3600)
+    assert [row[5] for row in rows[SAMPLES]] == [0.0, 2.0, 2.0], "set-points as they were in force at the samples"
