@@ -8,7 +8,7 @@ from typing import Any
 from service_rig import Service, until
 from test_service_death import children, command_of
 
-BENCH = "[bench.sim]\nsimulate = { seed = 3 }\n"
+BENCH = "[bench.sim]\nsimulate = { seed = 3, lock_step = false }\n"
 
 
 def simulators(service: Service) -> list[int]:
