@@ -77,6 +77,35 @@ def decode(block: Block) -> tuple[Layout, Columns]:
     BlockError
         The checksum is wrong, the codec unknown, or the content not what the block says.
     """
+    layout, content, offset = _unpacked(block)
+    columns = {column.name: np.empty(block.n, column.numpy) for column in layout}
+    _unshuffle(layout, content, offset, columns)
+    return layout, columns
+
+
+def decode_into(block: Block, layout: Layout, columns: Mapping[str, NDArray[Any]]) -> None:
+    """Write a block's rows into arrays that are there; other threads may do so in other rows meanwhile.
+
+    Parameters
+    ----------
+    block : Block
+    layout : Layout
+        That the block must have.
+    columns : mapping of str to array, shape (n,)
+
+    Raises
+    ------
+    BlockError
+        As `decode`, and where the block has other columns.
+    """
+    found, content, offset = _unpacked(block)
+    if found != layout:
+        raise BlockError("it has other columns than those before")
+    _unshuffle(layout, content, offset, columns)
+
+
+def _unpacked(block: Block) -> tuple[Layout, bytes, int]:
+    """Return layout and content of a block, and where its columns begin."""
     if block.codec != CODEC:
         raise BlockError(f"unknown codec {block.codec!r}; this version reads {CODEC!r}")
     if _checksum(block.seq0, block.n, block.data) != block.crc:
@@ -90,7 +119,7 @@ def decode(block: Block) -> tuple[Layout, Columns]:
         raise BlockError(f"unreadable content: {error}") from error
     if len(content) - offset != block.n * row_bytes(layout):
         raise BlockError(f"{len(content) - offset} bytes are not {block.n} rows of {row_bytes(layout)} bytes")
-    return layout, _unshuffled(layout, block.n, content, offset)
+    return layout, content, offset
 
 
 def _layout(text: str) -> Layout:
@@ -105,11 +134,12 @@ def _shuffled(array: NDArray[Any]) -> bytes:
     return array.view(np.uint8).reshape(len(array), array.itemsize).T.tobytes()
 
 
-def _unshuffled(layout: Layout, n: int, content: bytes, offset: int) -> Columns:
-    columns: Columns = {}
+def _unshuffle(layout: Layout, content: bytes, offset: int, columns: Mapping[str, NDArray[Any]]) -> None:
     for column in layout:
-        size = column.numpy.itemsize
+        values = columns[column.name]
+        size, n = column.numpy.itemsize, len(values)
         planes = np.frombuffer(content, np.uint8, n * size, offset).reshape(size, n)
-        columns[column.name] = np.ascontiguousarray(planes.T).view(column.numpy).reshape(n)
+        target = values.view(np.uint8).reshape(n, size)
+        for k in range(size):
+            target[:, k] = planes[k]
         offset += n * size
-    return columns

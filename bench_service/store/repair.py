@@ -16,11 +16,12 @@ from bench_service.store import engine as engines
 from bench_service.store.blocks import Block, BlockError, decode
 from bench_service.store.correction import corrected
 from bench_service.store.engine import WriterLock
+from bench_service.store.intact import block_of, time_range
 from bench_service.store.integrity import Expected, damage_of
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.migrate import upgrade
 from bench_service.store.records import Json, RunRecord
-from bench_service.store.samples import FILE, LOCK_FILE, SampleReader, block_of, time_range
+from bench_service.store.samples import FILE, LOCK_FILE, SampleReader
 from bench_service.store.schema import chunk, closed_run
 from bench_service.streams import content_hash
 

@@ -21,18 +21,17 @@ from bench_service.errors import StoreError
 from bench_service.store import engine as engines
 from bench_service.store.blocks import BlockError, decode, encode
 from bench_service.store.engine import WriterLock
+from bench_service.store.intact import block_of, time_range
 from bench_service.store.migrate import upgrade
 from bench_service.store.private import make_private_directory, make_private_file
 from bench_service.store.samples import (
     FILE,
     LOCK_FILE,
     ClosedRun,
-    block_of,
     count_rows,
     describe,
     read_closed,
     read_stream,
-    time_range,
 )
 from bench_service.store.schema import chunk, closed_run
 from bench_service.store.watch import RESERVE_BYTES, FolderWatch

@@ -8,17 +8,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
 from sqlalchemy import Connection, Engine, Row, Select, func, select
 from sqlalchemy.exc import DBAPIError
 
 from bench_service.errors import StoreError
 from bench_service.store import engine as engines
-from bench_service.store.blocks import Block, BlockError, decode
+from bench_service.store.blocks import BlockError, decode
+from bench_service.store.intact import block_of, check_times, read_intact
 from bench_service.store.reading import Assembler, StreamData
 from bench_service.store.schema import chunk, closed_run
 from bench_service.store.watch import file_identity
-from bench_service.streams import SAMPLES, Columns, content_hash
+from bench_service.streams import SAMPLES, content_hash
 
 FILE = "samples.sqlite"
 LOCK_FILE = "samples.lock"
@@ -145,10 +145,16 @@ def read_stream(
         where.append(chunk.c.t0 <= to_s)
     capacity = link.execute(select(func.coalesce(func.sum(chunk.c.n), 0)).where(*where)).scalar_one()
     # Rows are numbered from 0, so that a missing start shows; within a time range the first row is not known.
-    assembler = Assembler(int(capacity), 0 if from_s is None else None)
-    found = link.execution_options(yield_per=16).execute(_chunks().where(*where).order_by(chunk.c.seq0))
-    _assemble(assembler, found, run_id, stream)
-    return assembler.result().between(from_s, to_s)
+    first = 0 if from_s is None else None
+    chunks = _chunks().where(*where).order_by(chunk.c.seq0)
+    link = link.execution_options(yield_per=16)
+    with link.execute(chunks) as found:
+        data = read_intact(found, int(capacity), first)
+    if data is None:
+        assembler = Assembler(int(capacity), first)
+        _assemble(assembler, link.execute(chunks), run_id, stream)
+        data = assembler.result()
+    return data.between(from_s, to_s)
 
 
 def count_rows(link: Connection, run_id: str, stream: str) -> int:
@@ -161,11 +167,6 @@ def read_closed(link: Connection, run_id: str) -> ClosedRun | None:
     """Return how a run was closed, or None."""
     row = link.execute(select(closed_run).where(closed_run.c.run_id == run_id)).one_or_none()
     return None if row is None else ClosedRun(row.run_id, row.state, row.reason, row.n_samples, row.sha256)
-
-
-def block_of(row: Row[Any]) -> Block:
-    """Return the block in a row of the table `chunk`."""
-    return Block(row.seq0, row.n, row.codec, row.crc, row.data)
 
 
 def describe(run_id: str, stream: str, row: Row[Any], error: BlockError) -> str:
@@ -183,25 +184,13 @@ def _assemble(assembler: Assembler, rows: Iterable[Row[Any]], run_id: str, strea
     for row in rows:
         try:
             layout, columns = decode(block_of(row))
-            _check_times(row, columns)
+            check_times(row, columns)
         except BlockError as error:
             text = describe(run_id, stream, row, error)
             _LOG.error("damaged chunk: %s", text)
             assembler.add_damaged(row.seq0, row.n, text)
         else:
             assembler.add(row.seq0, row.n, layout, columns)
-
-
-def time_range(columns: Columns) -> tuple[float, float]:
-    """Return the earliest and the latest time of rows."""
-    time_s = columns["time_s"]
-    return float(np.min(time_s)), float(np.max(time_s))
-
-
-def _check_times(row: Row[Any], columns: Columns) -> None:
-    """Times stand beside a chunk, outside its checksum; by them it is found."""
-    if time_range(columns) != (row.t0, row.t1):
-        raise BlockError(f"it is listed as {row.t0:g} to {row.t1:g} s, its rows are of other times")
 
 
 def _damage(data: StreamData) -> str:

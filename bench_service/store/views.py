@@ -158,4 +158,5 @@ def _count(columns: Columns, first: int, end: int) -> None:
     time_s, current_A, voltage_V = (columns[name][first:end] for name in ("time_s", "current_A", "voltage_V"))
     hours = np.diff(time_s) / _SECONDS_PER_HOUR
     for name, rate in zip(COUNTED, (current_A[1:], current_A[1:] * voltage_V[1:]), strict=True):
-        columns[name][first + 1 : end] = columns[name][first] + np.cumsum(np.nan_to_num(rate) * hours)
+        moved = np.where(np.isfinite(rate), rate, 0.0) * hours
+        columns[name][first + 1 : end] = columns[name][first] + np.cumsum(moved)

@@ -4,14 +4,16 @@ import { el } from "./dom.js";
 import { duration, fixed, quantity } from "./format.js";
 import { lengthWords } from "./run-preview.js";
 
-/** Fill the chooser; a value is "test:NAME", "protocol:ID", "profile:ID" or "edit:". Gives the standard tests by name. */
+/** Fill the chooser; a value is "test:NAME", "protocol:ID", "profile:ID", "edit:" or "manual:". Gives the standard tests by name. */
 export async function fillSources(select, chosen) {
   const [tests, protocols, profiles] = await Promise.all([api.standardTests().catch(() => []), api.protocols().catch(() => []), api.profiles().catch(() => [])]);
+  // What somebody has chosen while this was loading stays chosen.
+  const kept = chosen ?? select.value;
   const group = (label, options) => (options.length ? el("optgroup", { label }, options) : null);
-  const option = (value, text) => el("option", { value, text, selected: value === chosen });
+  const option = (value, text) => el("option", { value, text, selected: value === kept });
   const groups = [
     group("Standard tests", tests.map((test) => option(`test:${test.name}`, test.title))),
-    group("Step by step", [option("edit:", "Protocol editor")]),
+    group("Step by step", [option("edit:", "Protocol editor"), option("manual:", "Manual set-point")]),
     group("Stored protocols", protocols.map((each) => option(`protocol:${each.id}`, `${each.name}, ${each.n_steps} ${each.n_steps === 1 ? "step" : "steps"}`))),
     group("Stored profiles", profiles.map((each) => option(`profile:${each.id}`, `${each.name}, ${duration(each.duration_s)}`))),
   ];

@@ -1,6 +1,7 @@
 // Starts a run: what it will do, how long it takes and what speaks against it is said before.
 import { api } from "./api.js";
 import { el, setText } from "./dom.js";
+import { MANUAL_ABOUT, manualFields } from "./manual-setpoint.js";
 import { protocolEditor } from "./protocol-editor.js";
 import { previewChart } from "./run-preview.js";
 import { fillSources, lookAtProfile, lookAtProtocol, parameterFields, stepTable } from "./run-sources.js";
@@ -9,7 +10,7 @@ const TYPED_MS = 300;
 
 /** `started(run)` after the service took it. */
 export function runStart(state, root, started) {
-  const view = { tests: new Map(), fields: null, asked: 0, timer: 0, saved: null };
+  const view = { tests: new Map(), fields: null, asked: 0, timer: 0, saved: null, chosen: null };
   const message = el("p", { class: "form-message", role: "alert" });
   const told = el("p", { class: "hint", id: "start-told", role: "status" });
   const about = el("p", { class: "about", id: "start-about" });
@@ -39,12 +40,13 @@ export function runStart(state, root, started) {
 
   const what = () => {
     const [kind, id] = source.value.split(/:(.*)/s);
+    if (kind === "manual") return { kind, body: { document: view.fields.document() } };
     if (kind === "edit") return { kind, body: { document: editor.document() } };
     if (kind === "test") return { kind, body: { standard_test: id, parameters: view.fields?.values() ?? {} } };
     return { kind, id, body: { protocol_id: id } };
   };
   // A run that nobody has named bears the name of what it plays.
-  const title = () => (source.value === "edit:" ? editor.document()?.name : source.selectedOptions[0]?.textContent.split(", ")[0].trim()) || undefined;
+  const title = () => (["edit:", "manual:"].includes(source.value) ? what().body.document?.name : source.selectedOptions[0]?.textContent.split(", ")[0].trim()) || undefined;
   const allow = () => {
     const idle = state.bench?.state === "idle";
     submit.disabled = !source.value || !idle;
@@ -74,9 +76,10 @@ export function runStart(state, root, started) {
   };
   const choose = () => {
     const [kind, id] = source.value.split(/:(.*)/s);
+    view.chosen = source.value;
     const test = kind === "test" ? view.tests.get(id) : null;
-    view.fields = test ? parameterFields(test) : null;
-    setText(about, test?.sentence ?? "");
+    view.fields = test ? parameterFields(test) : kind === "manual" ? manualFields(state.bench) : null;
+    setText(about, test?.sentence ?? (kind === "manual" ? MANUAL_ABOUT : ""));
     parameters.replaceChildren(...(view.fields?.nodes ?? []));
     editIt.hidden = kind !== "test" && kind !== "protocol";
     editor.node.hidden = fresh.hidden = save.hidden = kind !== "edit";
@@ -87,9 +90,10 @@ export function runStart(state, root, started) {
     const [tests, models] = await Promise.all([fillSources(source, chosen), api.models().catch(() => [])]);
     view.tests = tests;
     model.replaceChildren(model.firstElementChild, ...models.map((each) => el("option", { value: each.id, text: `${each.name} (${each.structure})` })));
-    await choose();
+    // What was typed for the same source stays.
+    await (source.value === view.chosen ? look() : choose());
   };
-  details.addEventListener("toggle", () => { if (details.open) believe(state.bench, soc).then(() => list(source.value)); });
+  details.addEventListener("toggle", () => { if (details.open) believe(state.bench, soc).then(() => list()); });
   source.addEventListener("change", choose);
   form.addEventListener("input", (event) => {
     if (event.target === source || event.target === file) return;
@@ -123,7 +127,7 @@ export function runStart(state, root, started) {
   }));
   file.addEventListener("change", () => upload(file, state, list, (text) => { message.textContent = text; }));
   state.on("benches", allow);
-  state.on("select", () => { if (details.open) { soc.value = ""; believe(state.bench, soc).then(look); } });
+  state.on("select", () => { if (details.open) { soc.value = ""; believe(state.bench, soc).then(source.value === "manual:" ? choose : look); } });
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     message.textContent = "";
