@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ctypes
 import json
 import logging
 import os
@@ -21,6 +22,7 @@ _log = logging.getLogger(__name__)
 _START_TIMEOUT_S = 30.0
 _END_TIMEOUT_S = 5.0
 _GRACE_S = 10.0
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 class SimulationError(RuntimeError):
@@ -112,12 +114,17 @@ def main(arguments: Sequence[str]) -> int:
     """Guard one simulator: standard input is the tie to the service."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     command = [sys.executable, "-m", "bench_service.cli", "simulate", *arguments]
-    simulator = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    # A simulator whose guard was killed must not keep the address from the next one.
+    simulator = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=_die_with_guard)  # noqa: PLW1509
     try:
         _watch(simulator)
     finally:
         status = _end(simulator)
     return status
+
+
+def _die_with_guard() -> None:
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _watch(simulator: subprocess.Popen[bytes]) -> None:

@@ -148,6 +148,13 @@ class CanCycler:
             self._watch.verify(self._link.address, reading)
         return reading
 
+    async def stop_input(self) -> bool | None:
+        """See `Cycler.stop_input`."""
+        plan = self._dialogue.connected_plan()
+        if self._tick is not None or "stop_input" not in plan.map.status:
+            return None
+        return "stop_input" in (await self._dialogue.sample(self._sequence)).status
+
     async def apply(self, current_A: float) -> None:
         """See `Cycler.apply`. Nothing is sent when the set-point is not finite or out of range."""
         plan = self._dialogue.connected_plan()

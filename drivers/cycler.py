@@ -154,6 +154,13 @@ class Cycler(Protocol):
         """
         ...
 
+    async def stop_input(self) -> bool | None:
+        """Whether the wired stop input is pressed, asked between two samples.
+
+        None where the map has none, or the link has no room for the question (a serial line): samples tell it.
+        """
+        ...
+
     async def clear_fault(self) -> None:
         """Acknowledge the device's alarms; raises if some stay."""
         ...

@@ -43,7 +43,6 @@ class ModbusCycler:
         self._identity: dict[str, str] = {}  # what the device has said of itself
         self._read_ahead: tuple[float, list[int]] | None = None  # the next sample, if the last message brought it
 
-    # --- opening -------------------------------------------------------------------------------------------
     async def connect(self) -> Capabilities:
         """See `Cycler.connect`. A device that is not what the map describes is left alone."""
         self._watch = None
@@ -156,7 +155,6 @@ class ModbusCycler:
         await self._run("clear_fault")
         check_cleared(self._link.address, await self._read_sample(plan))
 
-    # --- each tick -----------------------------------------------------------------------------------------
     async def sample(self) -> Reading:
         """See `Cycler.sample`."""
         plan, ahead = self._connected_plan(), self._read_ahead
@@ -215,6 +213,10 @@ class ModbusCycler:
             return None
         found = await self._link.read_registers("holding", write.first, len(write.values), write.label)
         return foreign(self._link.address, plan.differences(write, found))
+
+    async def stop_input(self) -> bool | None:
+        """See `Cycler.stop_input`."""
+        return None if self._tick is not None else await self._connected_plan().stop_input(self._link)
 
     # --- safety --------------------------------------------------------------------------------------------
     async def safe(self) -> None:

@@ -15,6 +15,8 @@ from drivers.errors import CyclerProtocolError
 from drivers.modbus_clients import ClientFactory
 from drivers.modbus_connection import ModbusConnection
 
+_SHORT_GAP_S = 0.002
+
 
 class ModbusLink:
     """One connection to one Modbus device.
@@ -55,6 +57,7 @@ class ModbusLink:
         self._connection = ModbusConnection(
             address, make_client, min_gap_s=min_gap_s, timeout_s=timeout_s, silence_s=silence_s, rs485=rs485
         )
+        self._quick = silence_s == 0.0 and min_gap_s <= _SHORT_GAP_S
         self._unit_id = unit_id
         self._functions = functions
 
@@ -62,6 +65,11 @@ class ModbusLink:
     def is_open(self) -> bool:
         """Whether there is a connection, as far as this side knows."""
         return self._connection.is_open
+
+    @property
+    def quick(self) -> bool:
+        """Whether a message more costs next to nothing: no serial line, no silence between messages."""
+        return self._quick
 
     async def open(self) -> None:
         """Connect anew; see `ModbusConnection.open`."""

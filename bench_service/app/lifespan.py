@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bench_service.app.recorder import RecorderKeeper
+from bench_service.app.simulated import SimulatedCycler, simulator_arguments
 from bench_service.bench.direct.ticket import StopEndpoint, own_origins
 from bench_service.bench.limits import Limits
 from bench_service.bench.messages import EventMessage
@@ -34,10 +35,9 @@ from bench_service.campaign.seal import Seal
 from bench_service.campaign.services import Services
 from bench_service.campaign.storage import Storage
 from bench_service.campaign.workshop import Workshop
-from bench_service.config import BenchConfig, ServiceConfig, SimulateConfig
+from bench_service.config import BenchConfig, ServiceConfig
 from bench_service.jobs.runner import JobRunner
 from bench_service.jobs.screening import Screen
-from bench_service.simulation import SimulatorProcess
 from bench_service.store.interrupted import mark_interrupted_runs
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.samples import SampleReader
@@ -182,6 +182,7 @@ async def _bench(
     stop: Callable[[str], StopEndpoint],
 ) -> Bench:
     url, runs_before_cell, seal = config.url, 0, None
+    simulator: SimulatedCycler | None = None
     if config.simulate is not None:
         soc = await asyncio.to_thread(resumed_soc, store, samples, name)
         if soc is not None:
@@ -192,7 +193,7 @@ async def _bench(
             seals.mkdir(mode=0o700, parents=True, exist_ok=True)
             sealed_in = seals / f"{name}.json"
             arguments += ["--hidden-effect", config.simulate.hidden_effect, "--seal", str(sealed_in)]
-        simulator = await SimulatorProcess.start(arguments)
+        simulator = await SimulatedCycler.start(arguments)
         stack.push_async_callback(simulator.stop)
         url = simulator.address
         if simulator.late is not None:
@@ -215,28 +216,15 @@ async def _bench(
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))
     hardware = await asyncio.to_thread(Hardware.read, store, name, config)
-    return Bench(config, settings.url, limits, supervisor, runs_before_cell, seal, hardware)
+    bench = Bench(config, settings.url, limits, supervisor, runs_before_cell, seal, hardware)
+    if simulator is not None:
+        simulator.keep(bench, store, samples, listener)
+    return bench
 
 
 async def _close_all(benches: Benches) -> None:
     # All at once: each brings its cycler to rest, and none should wait for another.
     await asyncio.gather(*(bench.supervisor.close() for bench in benches))
-
-
-def simulator_arguments(simulate: SimulateConfig, device_map: str) -> list[str]:
-    """Write a simulated bench's configuration as arguments of `bench-service simulate`."""
-    arguments = ["--protocol", simulate.protocol, "--map", device_map, "--cell", simulate.cell]
-    arguments += ["--seed", str(simulate.seed), "--initial-soc", repr(simulate.initial_soc)]
-    arguments += [f"--ambient-degC={simulate.ambient_degC!r}"]
-    if simulate.protocol == "modbus-rtu":
-        arguments += ["--baud", str(simulate.baud)]
-    if simulate.faults:
-        arguments += ["--faults", simulate.faults]
-    if simulate.effects:
-        arguments += ["--effects", ",".join(f"{name}={size!r}" for name, size in simulate.effects.items())]
-    if simulate.capacity_Ah is not None:
-        arguments += ["--capacity-Ah", repr(simulate.capacity_Ah)]
-    return arguments + (["--lock-step"] if simulate.lock_step else ["--speed", repr(simulate.speed)])
 
 
 def _recorder_event(severity: str, text: str) -> EventMessage:

@@ -56,6 +56,10 @@ class Clock(Protocol):
         """Wait for the next tick; None after `interrupt`."""
         ...
 
+    def left_s(self) -> float:
+        """Return the time until the next tick."""
+        ...
+
     def interrupt(self) -> None:
         """End the present wait and all later ones at once."""
         ...
@@ -130,6 +134,10 @@ class WallClock:
             await self._readable()
         return None
 
+    def left_s(self) -> float:
+        """Return the time until the next tick; see `Clock`."""
+        return self._grid.start_s + (self._index + 1) * self._grid.period_s - self._monotonic()
+
     def interrupt(self) -> None:
         """End the present wait and all later ones at once."""
         self._interrupted = True
@@ -194,6 +202,10 @@ class LockStepClock:
             return None
         self._index += 1
         return Tick(self._index, 0, 0.0)
+
+    def left_s(self) -> float:
+        """There is none: simulated time waits for the tick."""
+        return 0.0
 
     def interrupt(self) -> None:
         """End all later waits at once."""

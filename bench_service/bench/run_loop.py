@@ -9,6 +9,7 @@ import math
 
 from bench_service.bench.clock import Tick
 from bench_service.bench.holding import Holding
+from bench_service.bench.input_watch import InputWatch
 from bench_service.bench.judging import PlausibilityJudge, SettingsJudge
 from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverRow
 from bench_service.bench.quality import sample_flags
@@ -50,6 +51,7 @@ class RunLoop:
         self._settled_from_s = -math.inf
         self._missed = 0
         self._holding = Holding(plan.rules.bench, parts)
+        self._watch = InputWatch(plan.rules.bench, parts.cycler, parts.stop)
         self._gap = False
         self._next_record = 0
         # A sample that is counted and not stored, with what the loop then knew of the current.
@@ -101,7 +103,7 @@ class RunLoop:
         if trip := check_at_rest(at_rest, context):
             raise TripError(trip)
         self._track = Track(temperature_degC=at_rest.temperature_degC)
-        self._heed_input(at_rest)
+        self._watch.heed(at_rest)
         if self._parts.stop.order is None:
             await cycler.output(True)
         clock.start(period_s)
@@ -109,6 +111,7 @@ class RunLoop:
     async def _ticks(self) -> tuple[EndState, str, str | None]:
         clock, stop, recording = self._parts.clock, self._parts.stop, self._parts.recording
         while True:
+            await self._watch.until(clock)
             tick = await clock.next_tick()
             if stop.order is not None:
                 return stop.order.state, "stop", stop.order.reason
@@ -149,7 +152,7 @@ class RunLoop:
         self._parts.feed.note_lateness(tick.lateness_s)
         if self._parts.feed.due:
             self._show(tick, reading)
-        self._heed_input(reading)
+        self._watch.heed(reading)
         # The alarm or limit behind a refused set-point says more than the refusal.
         if trip is not None:
             raise TripError(trip)
@@ -189,11 +192,6 @@ class RunLoop:
         for row in player.take_rows(self._track.time_s):
             self._parts.recording.put(STEPS, row)
             self._plausibility.begin_step()
-
-    def _heed_input(self, reading: Reading) -> None:
-        """Take a button that is wired to the cycler for a stop; the map says which bit that is."""
-        if "stop_input" in reading.status:
-            self._parts.stop.give("stopped", f"the stop input of {self._plan.rules.bench}'s cycler is pressed")
 
     async def _sample(self) -> tuple[Reading, SetPointRefusedError | None]:
         try:

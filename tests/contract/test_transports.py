@@ -242,4 +242,6 @@ async def test_a_button_that_is_wired_to_the_device_is_told(transport):
         while "stop_input" not in (reading := await made.driver.sample()).status:
             pass
         assert reading.output_on  # the device only tells; the bench stops
+        # Between samples too, but on a line where each message takes its time.
+        assert await made.driver.stop_input() is (None if transport == "modbus-rtu" else True)
         await made.driver.safe()

@@ -141,6 +141,14 @@ def test_a_cell_whose_resistance_is_negative_is_refused_without_its_tables_too(d
         checked_model(made)
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_a_heat_balance_that_cannot_be_simulated_is_refused(document: dict[str, Any]) -> None:
+    made = copy.deepcopy(document)
+    made["record"]["thermal"]["model"]["polarisation_Ohm"] = None
+    with pytest.raises(ModelError, match="cannot be compared"):
+        checked_model(made)
+
+
 def test_numbers_are_the_same_however_a_program_writes_them(document: dict[str, Any]) -> None:
     """A page's own JSON has 1 for 1.0 and 0 for -0.0."""
     as_in_a_browser = json.loads(

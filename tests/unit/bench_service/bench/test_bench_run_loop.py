@@ -45,6 +45,8 @@ class FakeCycler:
     safe_calls: int = 0
     verified: int = 0
     foreign: bool = False
+    asked: int = 0
+    pressed_at: int | None = None  # question
 
     async def connect(self) -> Capabilities:
         raise NotImplementedError
@@ -71,6 +73,10 @@ class FakeCycler:
         if self.safe_calls <= self.unsafe:
             raise CyclerTimeoutError("no answer")
         self.reading = replace(self.reading, output_on=False, current_A=0.0, setpoint_in_force_A=0.0)
+
+    async def stop_input(self) -> bool | None:
+        self.asked += 1
+        return self.pressed_at is not None and self.asked >= self.pressed_at
 
     async def verify(self) -> str | None:
         self.verified += 1
@@ -370,6 +376,13 @@ async def test_a_wired_button_stops_the_run(bench: Bench) -> None:
     end = await bench.loop(cycler).play()
     assert (end.state, end.at_rest) == ("stopped", True) and "stop input" in (end.reason or "")
     assert len(cycler.applied) == 4 and bench.recording.n_rows == 5
+
+
+async def test_a_wired_button_is_asked_for_between_the_ticks_of_a_slow_run(bench: Bench) -> None:
+    cycler = FakeCycler(lambda reading: replace(reading, monotonic_s=time.monotonic()), pressed_at=2)
+    end = await bench.loop(cycler, clock=WallClock()).play()
+    assert (end.state, end.at_rest) == ("stopped", True) and "stop input" in (end.reason or "")
+    assert len(cycler.applied) == 1 and cycler.asked == 2
 
 
 async def test_a_wired_button_that_is_pressed_keeps_the_output_off(bench: Bench) -> None:
