@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 
 from simulators.cell import TruthCell
+from simulators.held_voltage import held_current_A
 from simulators.sensors import Measurement, MeasuringLayer
 
 __all__ = ["Cycler", "CyclerSettings", "StateRefusedError", "ValueRefusedError"]
@@ -14,6 +15,8 @@ __all__ = ["Cycler", "CyclerSettings", "StateRefusedError", "ValueRefusedError"]
 SEQUENCE_SPAN = 1 << 32
 RAMP_STEPS = 100  # a ramp is a staircase of at most this many steps for each measurement
 RAMP_STEP_S = 0.02
+HOLD_STEPS = 20  # as many for a held voltage
+HOLD_STEP_S = 0.5
 OVER_CURRENT_SHARE = 0.02  # of the nominal current; sensor noise must not trip the output
 
 
@@ -64,6 +67,8 @@ class Cycler:
     limits : dict[str, float]
         ``voltage_high``, ``voltage_low``, ``current_high`` ... in V, A and degC. One that is broken at a
         measurement while the output is on trips the output and latches an alarm.
+    hold_V : float or None
+        Voltage that the device does not go beyond, by less current than its set-point; None: it holds the current.
     ramp_A_per_s : float or None
         None: the set-point is reached at once.
     alarms : set[str]
@@ -100,6 +105,8 @@ class Cycler:
         self.alarms.clear()
         self.watchdog_s = settings.watchdog_s
         self.ramp_A_per_s: float | None = None
+        self.hold_V: float | None = None
+        self._holds = False
         self.limits |= {
             "voltage_high": settings.nominal_voltage_V,
             "voltage_low": 0.0,
@@ -118,7 +125,7 @@ class Cycler:
         if self.output_on:
             names.add("output_on")
             if abs(self.requested_A - self.current_A) > 1e-9:
-                names.add("current_limited")
+                names.add("voltage_held" if self._holds else "current_limited")
         if self.remote:
             names.add("remote")
         if self.stop_input:
@@ -225,6 +232,10 @@ class Cycler:
 
     def _play(self, dt_s: float) -> None:
         target = self.set_point_A if self.output_on else 0.0
+        self._holds = False
+        if self.hold_V is not None and target != 0.0:
+            self._hold(self.hold_V, target, dt_s)
+            return
         if self.ramp_A_per_s is None or self.current_A == target:
             self.current_A = target
             self._truth = self._cell.step(target, dt_s)
@@ -235,6 +246,20 @@ class Cycler:
             gap = target - self.current_A
             self.current_A = target if abs(gap) <= most else self.current_A + math.copysign(most, gap)
             self._truth = self._cell.step(self.current_A, dt_s / count)
+
+    def _hold(self, hold_V: float, set_A: float, dt_s: float) -> None:
+        """Give what a fast controller of the voltage gives, in steps; measured is at the end, with the voltage held."""
+        count = min(max(math.ceil(dt_s / HOLD_STEP_S), 1), HOLD_STEPS)
+        most = math.inf if self.ramp_A_per_s is None else self.ramp_A_per_s * dt_s / count
+        for step_s in (*[dt_s / count] * count, 0.0):
+            held_A = held_current_A(self._cell, hold_V, set_A)
+            self._holds = held_A != set_A
+            if step_s > 0.0:
+                held_A = min(max(held_A, self.current_A - most), self.current_A + most)
+            elif most < math.inf:
+                held_A = self.current_A
+            self.current_A = held_A
+            self._truth = self._cell.step(held_A, step_s)
 
     def _measure(self) -> Measurement:
         return self._sensors.measure(self._truth, self.current_A, self.settings.ambient_degC)

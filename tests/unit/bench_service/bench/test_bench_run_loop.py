@@ -59,7 +59,7 @@ class FakeCycler:
         await asyncio.sleep(0)
         return self.spoil(self.reading)
 
-    async def apply(self, current_A: float) -> None:
+    async def apply(self, current_A: float, hold_V: float | None = None) -> None:
         self.applied.append(current_A)
         sequence = self.reading.sequence + 1
         told = {"current_A": current_A, "setpoint_in_force_A": current_A, "voltage_V": 3.7 + 0.02 * current_A}
