@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Depends, Query, Response
 from pydantic import Field
 
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import JSON_TYPE, Body, Id, Soc, StrictRoute
+from bench_service.campaign.comparison_curves import CurvePart
+from bench_service.errors import BadRequestError
 from bench_service.store.records import ComparisonRecord
 
 router = APIRouter(prefix="/comparisons", tags=["comparisons"], route_class=StrictRoute)
 
+Time = Annotated[float | None, Query(allow_inf_nan=False)]
+MostPoints = Annotated[int | None, Query(ge=2, le=20_000)]
+_POINTS = 2000
 
-MaxPoints = Annotated[int, Query(ge=2, le=20_000)]
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Which part of the curves, and how finely; see `get_series`."""
+
+    from_s: Time = None
+    to_s: Time = None
+    points: MostPoints = None
+    max_points: MostPoints = None
+
+
+PartOf = Annotated[Part, Depends()]
 
 
 class ComparisonBody(Body):
@@ -50,13 +66,16 @@ def get_comparison(comparison_id: PathId, services: ServicesOf) -> Answer:
 
 
 @router.get("/{comparison_id}/series")
-async def get_series(comparison_id: PathId, services: ServicesOf, max_points: MaxPoints = 2000) -> Response:
+async def get_series(comparison_id: PathId, part: PartOf, services: ServicesOf) -> Response:
     """Give measured and free-run voltage of each run, ``{"runs": [{"run_id", "time_s", "measured_V", ...}]}``.
 
-    Computed in a worker; thinned to ``max_points`` of each run with all extremes kept.
+    Those with ``from_s <= time_s <= to_s``, at most ``points`` of each run with all extremes kept (``max_points`` is
+    its older name). Simulated in a worker when first asked for, then kept.
     """
-    text = await services.modelling.comparison_series(comparison_id, max_points)
-    return Response(text, media_type=JSON_TYPE)
+    if part.from_s is not None and part.to_s is not None and part.from_s > part.to_s:
+        raise BadRequestError("from_s is after to_s", ("from_s",), value=part.from_s, unit="s", limit=part.to_s)
+    wanted = CurvePart(part.from_s, part.to_s, part.points or part.max_points or _POINTS)
+    return Response(await services.modelling.comparison_series(comparison_id, wanted), media_type=JSON_TYPE)
 
 
 @router.get("/{comparison_id}/series.csv")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from bench_service.campaign.comparison_curves import MOST_ROWS, ComparisonCurves, CurvePart
 from bench_service.campaign.inputs import run_input
 from bench_service.errors import BadRequestError
 from bench_service.exchange.delimited import encode_csv
@@ -22,15 +22,11 @@ from bench_service.jobs.modelling import (
     observer_figures,
     read_tables,
 )
-from bench_service.jobs.results import FitAnswer, FitResult, SocFigures
+from bench_service.jobs.results import Curves, FitAnswer, FitResult, SocFigures
 from bench_service.jobs.runner import Job, JobFunction, JobRunner
 from bench_service.jobs.series import RunInput
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import ComparisonRecord, Json, ModelOrigin, ModelRecord, RunRecord
-
-# Curves of one comparison are asked for again by every open page, and never change.
-_KEPT_SERIES = 8
-_MOST_SERIES_POINTS = 200_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +70,7 @@ class Modelling:
         self._jobs = jobs
         self._data_dir = data_dir
         self._code_version = code_version
-        self._series: dict[tuple[str, int], asyncio.Task[bytes]] = {}
+        self._curves = ComparisonCurves(self._simulated)
 
     async def start_fit(self, order: FitOrder) -> Job:
         """Queue a fit; the job's result is ``{"model_id", "metrics"}``.
@@ -171,14 +167,8 @@ class Modelling:
         result = await self._result("comparison", compare_runs, document, runs)
         return await asyncio.to_thread(self._keep_comparison, model_id, run_ids, result, initial_soc, campaign_id)
 
-    async def comparison_series(self, comparison_id: str, max_points: int) -> bytes:
-        """Give the curves behind a comparison as JSON, see `jobs.modelling.compare_series`; computed in a worker.
-
-        Parameters
-        ----------
-        comparison_id : str
-        max_points : int
-            Of each run; fewer where many runs were compared.
+    async def comparison_series(self, comparison_id: str, part: CurvePart) -> bytes:
+        """Give a part of the curves behind a comparison as JSON; simulated in a worker when first asked for.
 
         Raises
         ------
@@ -187,15 +177,7 @@ class Modelling:
         BadRequestError
             The samples cannot be compared any more.
         """
-        key = (comparison_id, max_points)
-        if key not in self._series:
-            task = asyncio.create_task(self._compute_series(comparison_id, max_points))
-            task.add_done_callback(lambda done: self._drop_failed(key, done))
-            self._series[key] = task
-            while len(self._series) > _KEPT_SERIES:
-                del self._series[next(iter(self._series))]
-        # Shared by all who ask meanwhile: the first one who gives up must not end it for the others.
-        return await asyncio.shield(self._series[key])
+        return await self._curves.part(comparison_id, part)
 
     async def comparison_table(self, comparison_id: str) -> bytes:
         """Give every sample behind a comparison as CSV, see `jobs.modelling.compare_table`; computed in a worker.
@@ -224,28 +206,23 @@ class Modelling:
         start = RunInput(run.id, run.initial_soc, run.n_samples, run.sha256)
         return cast(SocFigures, await self._result("observation", observer_figures, start, run.capacity_Ah))
 
-    async def _compute_series(self, comparison_id: str, max_points: int) -> bytes:
+    async def _simulated(self, comparison_id: str) -> Sequence[Curves]:
         document, runs = await asyncio.to_thread(self._series_inputs, comparison_id)
-        points = max(2, min(max_points, _MOST_SERIES_POINTS // len(runs)))
-        text: list[bytes] = []
+        curves: list[Curves] = []
 
-        def keep(result: Json) -> Json:
-            # Kept here, as text, and not in the job's record, of which there are hundreds.
-            text.append(json.dumps(result, allow_nan=False, separators=(",", ":")).encode())
+        def keep(result: dict[str, list[Curves]]) -> Json:
+            # Kept here and not in the job's record, of which there are hundreds.
+            curves.extend(result["curves"])
             return {"comparison_id": comparison_id}
 
-        queued = self._jobs.submit("series", compare_series, self._data_dir, document, runs, points, store=keep)
+        queued = self._jobs.submit("series", compare_series, self._data_dir, document, runs, MOST_ROWS, store=keep)
         await self._ended(queued)
-        return text[0]
+        return curves
 
     def _series_inputs(self, comparison_id: str) -> tuple[Json, list[RunInput]]:
         record = self._store.comparisons.get(comparison_id)
         document = self._store.models.document(record.model_id)
         return document, [self._input(run_id, record.initial_soc) for run_id in record.run_ids]
-
-    def _drop_failed(self, key: tuple[str, int], done: asyncio.Task[bytes]) -> None:
-        if (done.cancelled() or done.exception() is not None) and self._series.get(key) is done:
-            del self._series[key]
 
     async def _result(self, kind: str, function: JobFunction, *arguments: object) -> Json:
         return await self._ended(self._jobs.submit(kind, function, self._data_dir, *arguments))

@@ -97,10 +97,16 @@ class ModelCalls:
         """One comparison."""
         return self._connection.get(f"{API}/comparisons/{part(comparison_id)}")
 
-    def comparison_series(self, comparison_id: str, max_points: int | None = None) -> list[Record]:
+    def comparison_series(
+        self,
+        comparison_id: str,
+        max_points: int | None = None,
+        from_s: float | None = None,
+        to_s: float | None = None,
+    ) -> list[Record]:
         """Curves behind a comparison: of each run time, measured and modelled voltage, residual; None is missing."""
         address = f"{API}/comparisons/{part(comparison_id)}/series"
-        return self._connection.get(address, max_points=max_points)["runs"]
+        return self._connection.get(address, points=max_points, from_s=from_s, to_s=to_s)["runs"]
 
     def comparison_table(self, comparison_id: str) -> bytes:
         """Every sample behind a comparison as the bytes of a CSV file: both voltages, band, inside or outside."""

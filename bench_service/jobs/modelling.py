@@ -19,7 +19,7 @@ from bench_service.errors import BadRequestError
 from bench_service.jobs.counting import counted_soc
 from bench_service.jobs.joining import joined
 from bench_service.jobs.progress import Reporter
-from bench_service.jobs.results import ComparisonResult, Document, FitResult, RunCurves, SocFigures
+from bench_service.jobs.results import ComparisonResult, Curves, Document, FitResult, SocFigures
 from bench_service.jobs.series import RunInput, read_series
 from bench_service.store.decimation import kept_rows
 from bench_service.store.integrity import Expected, read_whole
@@ -113,22 +113,16 @@ def read_tables(report: Reporter, data_dir: Path, document: Document) -> Json:
 
 
 def compare_series(
-    report: Reporter, data_dir: Path, document: Document, runs: Sequence[RunInput], max_points: int
-) -> dict[str, list[RunCurves]]:
-    """Free run of a model beside stored runs, thinned for a picture.
+    report: Reporter, data_dir: Path, document: Document, runs: Sequence[RunInput], most_rows: int
+) -> dict[str, list[Curves]]:
+    """Free run of a model beside stored runs, on the model's grid: ``{"curves": [...]}``.
 
     Parameters
     ----------
     document : dict
         MODEL.json.
-    max_points : int
-        Largest number of points of each run; the extremes of all three curves stay.
-
-    Returns
-    -------
-    dict
-        ``runs``: of each run ``run_id`` and, on the model's grid, ``time_s`` (from the run's start), ``measured_V``,
-        ``model_V`` and ``residual_mV`` (measured minus model); null where a value is missing.
+    most_rows : int
+        Largest number of rows of all runs together; with more than that they are thinned, extremes kept.
     """
     # Lazy: numba and scipy take 1.0 s.
     from models.comparison.placed_runs import place_runs
@@ -136,8 +130,8 @@ def compare_series(
 
     series = read_series(data_dir, runs)
     compared = place_runs(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs])
-    pairs = zip(series, compared, strict=True)
-    return plain({"runs": [_curves(each, beside, max_points) for each, beside in pairs]})
+    most = most_rows // max(len(series), 1)
+    return {"curves": [curves_of(each, beside, most) for each, beside in zip(series, compared, strict=True)]}
 
 
 def compare_table(
@@ -190,12 +184,15 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _curves(series: TimeSeries, beside: RunComparison, max_points: int) -> Json:
-    curves = {
+def curves_of(series: TimeSeries, beside: RunComparison, most_rows: int) -> Curves:
+    """Return the curves of one run."""
+    columns = {
         "measured_V": beside.run.voltage_V,
         "model_V": beside.simulated_V,
         "residual_mV": -1e3 * beside.residual_V,  # the models' residual is simulated minus measured
     }
-    rows = kept_rows(curves, len(beside.run), max_points, tuple(curves))
-    times_s = series.time_s[0] + beside.run.time_s
-    return {"run_id": series.name, "time_s": times_s[rows]} | {name: values[rows] for name, values in curves.items()}
+    time_s = series.time_s[0] + beside.run.time_s
+    if len(time_s) > most_rows:
+        rows = kept_rows(columns, len(time_s), most_rows, tuple(columns))
+        time_s, columns = time_s[rows], {name: values[rows] for name, values in columns.items()}
+    return Curves(series.name, time_s, columns)

@@ -5,7 +5,12 @@ A MODEL.json is a `Document`: only `models` knows its shape.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
 
 Document = dict[str, Any]
 
@@ -116,11 +121,18 @@ class SocFigures(TypedDict):
     coverage_95: float
 
 
-class RunCurves(TypedDict):
-    """Curves of one run on the model's grid; None where a value is missing."""
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """Curves of one run on the model's grid.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n,)
+        From the run's start.
+    columns : dict of str to ndarray, shape (n,)
+        ``measured_V``, ``model_V`` and ``residual_mV`` (measured minus model); NaN where a value is missing.
+    """
 
     run_id: str
-    time_s: list[float]
-    measured_V: list[float | None]
-    model_V: list[float | None]
-    residual_mV: list[float | None]
+    time_s: NDArray[np.float64]
+    columns: Mapping[str, NDArray[Any]]

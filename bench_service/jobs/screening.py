@@ -83,9 +83,17 @@ def find_fault(body: bytes, kind: str) -> Fault | None:
 
 
 def checked_model(document: Any) -> LocalModelNetwork:
-    """Read a MODEL.json with all its parts, those of the observer too; raises `ModelError` where it is none."""
+    """Read a MODEL.json with all its parts, those of the observer too, and try one that carries no seal.
+
+    Raises
+    ------
+    ModelError
+        It is none, was changed after it was written, or does not mean a cell that can be.
+    """
     # Lazy: numba and scipy take 870 ms.
+    from bench_service.jobs.trying import try_model
     from models.data.errors import ModelError
+    from models.data.seal import SEAL
     from models.observer.filter.settings import default_settings
     from models.pipeline.validation import check_model
 
@@ -96,6 +104,8 @@ def checked_model(document: Any) -> LocalModelNetwork:
         if isinstance(error, ModelError):
             raise
         raise ModelError(f"model document is damaged: record.observer cannot be read: {error!r:.100}") from error
+    if SEAL not in document:
+        try_model(network)
     return network
 
 

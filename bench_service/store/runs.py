@@ -169,7 +169,7 @@ class RunTable:
 
     def pause(self, run_id: str) -> RunRecord:
         """Note that somebody holds a running run; raises as `start`."""
-        return self._move(run_id, before("paused"), {"state": "paused"})
+        return self._move(run_id, ("running",), {"state": "paused"})
 
     def resume(self, run_id: str) -> RunRecord:
         """Note that a run that was held goes on; raises as `start`."""
@@ -188,8 +188,10 @@ class RunTable:
 
     def _move(self, run_id: str, allowed: Sequence[RunState], values: Json) -> RunRecord:
         table = schema.run
+        # Whatever a caller allows, no other way than those of the table is stored.
+        ways = [state for state in before(values["state"]) if state in allowed]
         with self._file.write() as link:
-            moved = link.execute(update(table).where(table.c.id == run_id, table.c.state.in_(allowed)).values(values))
+            moved = link.execute(update(table).where(table.c.id == run_id, table.c.state.in_(ways)).values(values))
             row = link.execute(select(table).where(table.c.id == run_id)).one_or_none()
         if row is None:
             raise NotFoundError.of("run", run_id)

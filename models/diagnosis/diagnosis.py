@@ -87,7 +87,7 @@ def diagnose(
     has_train = bool(grid) or memory is not None or network.record.diagnosis is not None
     try:
         with np.errstate(over="raise"):
-            known = memory if memory is not None else _known(network, record, grid, train_soc or [])
+            known = memory if memory is not None else known_of(network, record, grid, train_soc or [])
             analysis = analyse(known, record.runs, record.soc, soc_std, catalogue)
             return change_answer(analysis, record, started, has_train)
     except ModelError:
@@ -115,7 +115,7 @@ def check_training(train: list[GridRun]) -> None:
         )
 
 
-def _known(network: LocalModelNetwork, record: Record, train: list[GridRun], train_soc: list[float]) -> KnownRuns:
+def known_of(network: LocalModelNetwork, record: Record, train: list[GridRun], train_soc: list[float]) -> KnownRuns:
     """Of the training runs; else as the model's document has it; else of the network's own voltage."""
     if train:
         return memory_of(train, train_soc, network.cell.capacity_Ah, own_variant(network, train))

@@ -10,6 +10,7 @@ import numpy as np
 
 from models.data.errors import ModelError, StructureError
 from models.data.resampling import to_grid
+from models.data.seal import SEAL
 from models.data.timeseries import TimeSeries
 from models.diagnosis.known.record import known_in
 from models.identification.stored_sums import sums_of
@@ -17,6 +18,7 @@ from models.network.free_run import free_run_V
 from models.network.lineage import version_of
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json, ModelRecord
+from models.pipeline.meaning.check import check_form, check_meaning
 from models.readouts.tables import tables_of
 from models.thermal.cell_temperature import thermal_of
 from models.uncertainty.model_uncertainty import uncertainty_of
@@ -35,6 +37,8 @@ _DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, Overflow
 def check_model(document: Any) -> LocalModelNetwork:
     """Read a model's document with every part of its record, and let it run for a moment.
 
+    What one that carries no seal says is not what a program wrote: it is looked through for its meaning too.
+
     Raises
     ------
     ModelError
@@ -45,11 +49,15 @@ def check_model(document: Any) -> LocalModelNetwork:
         if unknown := sorted(map(str, set(document) - _TOP)):
             raise StructureError(f"model document has unknown parts: {', '.join(unknown)[:100]}")
         _check_values(document, "document", 0)
+        if SEAL not in document:
+            check_form(document)
     network = LocalModelNetwork.from_json(document)
     _check_record(network.record)
     for part, read in _READERS.items():
         _read(part, read, network)
     _let_run(network)
+    if SEAL not in document:
+        check_meaning(network)
     return network
 
 
@@ -120,9 +128,12 @@ def _is_quantity(key: Any) -> bool:
 
 
 def _numbers_only(value: Any) -> bool:
-    """Whether a value is a number, nothing, or made of such; also where it names them, as by run or by way."""
+    """Whether a value is a number, nothing, or made of such; also where it names them, as by run or by way.
+
+    An effect's parameter is a number with its standard deviation and its unit.
+    """
     if isinstance(value, dict):
-        return bool(value) and all(_numbers_only(part) for part in value.values())
+        return bool(value) and all(_numbers_only(part) for key, part in value.items() if key != "unit")
     if isinstance(value, list):
         return all(_numbers_only(part) for part in value)
     return value is None or _number(value)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser_rig import PHONE, OpenPage, picture, served
+from browser_rig import DESKTOP, PHONE, OpenPage, picture, served
 from playwright.sync_api import Page, expect
 from stored_run import GAP_S, PAUSE_S, store_run
 
@@ -217,3 +217,53 @@ def test_a_first_cycle_from_the_library_to_its_capacity(open_page: OpenPage) -> 
     page.locator("#row-4-left").select_option("cycle")
     assert {point[1] for point in drawn(page, "Cycle")} == {1, 2}
     picture(page, "cycles")
+
+
+def test_a_charge_is_written_step_by_step_and_runs(open_page: OpenPage) -> None:
+    page = open_page("slow")
+    page.get_by_text("Start a test", exact=True).click()
+    page.locator("#start-initial_soc").fill("50")
+    page.locator("#start-source").select_option("edit:")
+    rows = page.locator("table.editor tbody tr")
+    expect(rows).to_have_count(1)
+    page.get_by_label("Name of the protocol").fill("Charge by hand")
+    page.get_by_label("Step 1, Current in C").fill("C/3")
+    page.get_by_label("Step 1, Hold at in V").fill("9")
+    expect(rows.first.locator(".field-error")).to_contain_text("9 V, limit")
+    expect(page.get_by_label("Step 1, Hold at in V")).to_have_attribute("aria-invalid", "true")
+    page.get_by_label("Step 1, Hold at in V").fill("4.1")
+    expect(rows.first.locator(".field-error")).to_be_empty()
+    expect(page.locator("#start-told")).to_contain_text("of real time: started now")
+    # Twice in a loop with a rest, by keyboard alone.
+    page.locator("#protocol-add-kind").select_option("rest")
+    page.locator("#protocol-add").press("Enter")
+    page.get_by_label("Step 2, end 1, Time in s").fill("10 min")
+    page.get_by_label("Step 1, kind").select_option("loop")
+    expect(rows).to_have_count(3)
+    page.get_by_label("Step 2, Name").press("Alt+ArrowUp")
+    expect(rows.nth(2).locator(".row-number")).to_have_text("1.2")
+    page.get_by_role("button", name="Duplicate, step 1.2").press("Enter")
+    page.get_by_role("button", name="Delete, step 1.3").press("Enter")
+    expect(rows).to_have_count(3)
+    expect(page.locator("#start-wrong")).to_be_empty()
+    page.locator("#start-save").click()
+    expect(page.locator("#start-source")).to_contain_text("Charge by hand, 1 step")
+    page.reload()
+    page.get_by_text("Start a test", exact=True).click()
+    page.locator("#start-source").select_option("edit:")
+    expect(rows).to_have_count(3)
+    expect(page.get_by_label("Step 1.1, Current in C")).to_have_value("C/3")
+    expect(page.locator("#start-told")).to_contain_text("of real time: started now")
+    picture(page, "editor")
+    page.set_viewport_size(PHONE)  # pyright: ignore[reportArgumentType]
+    page.wait_for_function("(width) => document.documentElement.scrollWidth === width", arg=PHONE["width"])
+    picture(page, "editor-phone")
+    page.set_viewport_size(DESKTOP)  # pyright: ignore[reportArgumentType]
+    page.locator("#start-dt_s").fill("0.1")
+    page.locator("#start-initial_soc").fill("50")
+    page.locator("#start-submit").click()
+    panel = page.get_by_role("region", name="Bench slow")
+    expect(panel.locator(".time-left")).to_contain_text("step 1, cc_cv, cycle 1")
+    expect(page.locator("#runs-body tbody tr").first).to_contain_text("Charge by hand")
+    page.get_by_role("button", name="STOP slow").click()
+    expect(panel.locator(".bench-head .chip")).to_have_text("idle")

@@ -23,6 +23,7 @@ from bench_service.bench.run_loop import RunLoop
 from bench_service.bench.safety import Rules
 from bench_service.bench.stop import StopSignal
 from bench_service.pytest_plugin.emulated_bench import MemoryRecording, NoFeed
+from bench_service.streams import SAMPLES, STREAMS
 from drivers.errors import CyclerError
 from drivers.factory import open_cycler
 from simulators.bench import SimulatorSettings, build_can_device, build_device
@@ -37,6 +38,7 @@ from tests.protocol.rigs import TRANSPORTS
 
 LIMITS = Limits((2.5, 4.2), (-6.0, 6.0), (0.0, 45.0), (0.0, 1.0), None, 100.0)
 TIMEOUT_S = 0.12
+COLUMNS = [column.name for column in STREAMS[SAMPLES]]
 DT_S, TICKS, HOLD = 0.1, 40, 5  # 4 s of pulses, a new set-point every half second
 WALL_DT_S = 0.05
 WATCHDOG_S = 0.4
@@ -160,9 +162,11 @@ def _judge(outcome: Outcome, cycler: Any, rows: list[Any], honest: dict[int, lis
         complaints.append(f"ended as {end.state} with reason {end.reason!r}")
     if end.code == "internal_error":
         complaints.append(f"a defect: {end.reason}")
-    for row in rows:
-        time_s, current_A, voltage_V, temperature_degC, *_, sequence, flags, _ = row
-        if flags == 0 and not _right((voltage_V, current_A, temperature_degC), honest[int(sequence)]):
+    for values in rows:
+        row = dict(zip(COLUMNS, values, strict=True))
+        time_s, current_A, voltage_V, temperature_degC = (row[name] for name in COLUMNS[:4])
+        seen = (voltage_V, current_A, temperature_degC)
+        if row["flags"] == 0 and not _right(seen, honest[int(row["device_sequence"])]):
             complaints.append(
                 f"stored as good at {time_s:.2f} s: {current_A} A, {voltage_V} V, {temperature_degC} degC"
             )

@@ -86,6 +86,7 @@ export const api = {
   skipStep: (name) => post(`/benches/${id(name)}/skip`, undefined, 5),
   standardTests: async () => list(await get("/standard-tests"), "standard_tests"),
   protocols: async () => list(await get("/protocols?limit=200"), "protocols"),
+  protocol: (protocolId) => get(`/protocols/${id(protocolId)}`, 60),
   addProtocol: (body) => post("/protocols", body, 60),
   previewProtocol: (body) => post("/protocols/preview", body, 60),
   runSteps: async (runId) => list(await get(`/runs/${id(runId)}/steps`), "steps"),
@@ -99,7 +100,8 @@ export const api = {
   startCampaign: (body) => post("/campaigns", body),
   estimateCampaign: (body) => post("/campaigns/estimate", body),
   stopCampaign: (campaignId) => post(`/campaigns/${id(campaignId)}/stop`, undefined, 5),
-  comparisonSeries: (comparisonId, max_points = 2000) => get(`/comparisons/${id(comparisonId)}/series?${query({ max_points })}`, 60),
+  /** `part`: from_s, to_s, points; the first look waits for the simulation. */
+  comparisonSeries: (comparisonId, part = {}) => get(`/comparisons/${id(comparisonId)}/series?${query(part)}`, 60),
   models: async () => list(await get("/models?limit=200"), "models"),
   model: (modelId) => get(`/models/${id(modelId)}`),
   importModel: (document, name) => post(`/models/import?${query({ name })}`, document, 60),

@@ -5,9 +5,18 @@ import { quantity } from "./format.js";
 import { ENDED } from "./run-data.js";
 import { RUN_COLOURS } from "./run-plot.js";
 
-const SERIES_POINTS = 20000;
+const SERIES_POINTS = 5000;
 
-export function comparePanel(shown, { draw, addRun, removeRun }) {
+/** Curves of the model for the part that is looked at, as fine as the picture needs. */
+export async function loadCompared(shown, { from, to }) {
+  const comparison = shown.comparison;
+  if (!comparison) return;
+  const series = await api.comparisonSeries(comparison, { from_s: from ?? undefined, to_s: to ?? undefined, points: SERIES_POINTS });
+  if (shown.comparison !== comparison) return; // another model was chosen meanwhile
+  for (const data of shown.runs) data.compared = series.runs.find((run) => run.run_id === data.run.id) ?? data.compared;
+}
+
+export function comparePanel(shown, { draw, load, addRun, removeRun }) {
   const message = el("p", { class: "form-message", role: "alert" });
   const answer = el("p", { class: "about", role: "status" });
   const chips = el("ul", { class: "run-chips", "aria-label": "Runs on the plot" });
@@ -21,11 +30,12 @@ export function comparePanel(shown, { draw, addRun, removeRun }) {
   async function compare(modelId) {
     message.textContent = "";
     shown.model = modelId;
+    shown.comparison = null;
     for (const data of shown.runs) data.compared = null;
     if (modelId) {
       answer.textContent = "The model is simulated over the run …";
       try {
-        await simulate(shown, modelId, (text) => { answer.textContent = text; });
+        await simulate(shown, modelId, load, (text) => { answer.textContent = text; });
       } catch (error) {
         answer.textContent = "";
         message.textContent = error.message;
@@ -60,13 +70,13 @@ export function comparePanel(shown, { draw, addRun, removeRun }) {
 }
 
 /** The free run of a model over each run that has ended: drawn with the measured voltage, its error as a signal. */
-async function simulate(shown, modelId, tell) {
+async function simulate(shown, modelId, load, tell) {
   const ended = shown.runs.filter((data) => ENDED.includes(data.run.state));
   if (!ended.length) throw new Error("A model is compared with a run that has ended.");
   const comparison = await api.compare({ model_id: modelId, run_ids: ended.map((data) => data.run.id) });
-  const series = await api.comparisonSeries(comparison.id, SERIES_POINTS);
   if (shown.model !== modelId) return;
-  for (const data of ended) data.compared = series.runs.find((run) => run.run_id === data.run.id) ?? null;
+  shown.comparison = comparison.id;
+  await load();
   const { rmse_mV: rmse, max_mV: most } = comparison.result.overall;
   tell(`Free run of the model: RMSE ${quantity(rmse, 2, "mV")}, largest ${quantity(most, 1, "mV")}.`);
 }

@@ -4,7 +4,7 @@ import { confirmRest } from "./actions.js";
 import { el, setText } from "./dom.js";
 import { header, stopButtons } from "./header.js";
 import { LiveLink } from "./live.js";
-import { comparePanel } from "./run-compare.js";
+import { comparePanel, loadCompared } from "./run-compare.js";
 import { controlPanel } from "./run-control.js";
 import { cyclesPanel } from "./run-cycles.js";
 import { cursorTable } from "./run-cursors.js";
@@ -29,7 +29,7 @@ const given = new URLSearchParams(location.search);
 const numberOf = (name) => (given.has(name) && Number.isFinite(Number(given.get(name))) ? Number(given.get(name)) : null);
 
 const shown = {
-  runs: [], events: [], over: given.get("over") === "charge" ? "charge" : "time", model: given.get("model"),
+  runs: [], events: [], comparison: null, over: given.get("over") === "charge" ? "charge" : "time", model: given.get("model"),
   rows: (given.get("rows")?.split(",") ?? ROWS).slice(0, 4).map((text) => { const [left, right] = text.split("."); return { left: left || null, right: right || null }; }),
   wanted: { from: numberOf("from"), to: numberOf("to") }, cursors: { a: numberOf("a"), b: numberOf("b") },
   get view() { return { from: this.wanted.from ?? 0, to: this.wanted.to ?? Math.max(this.whole.to, 1) }; },
@@ -85,14 +85,18 @@ function change(view) {
   timer = setTimeout(load, SETTLE_MS);
 }
 
-async function load() {
+/** What is asked for: a little more on both sides than is seen, so that lines run to the edge. */
+function wantedPart() {
   const { from, to } = shown.wanted;
-  // A little more on both sides, so that lines run to the edge.
   const margin = 0.02 * (shown.view.to - shown.view.from);
-  const part = { from: from === null ? null : Math.max(0, from - margin), to: to === null ? null : to + margin };
+  return { from: from === null ? null : Math.max(0, from - margin), to: to === null ? null : to + margin };
+}
+
+async function load() {
+  const part = wantedPart();
   const began = performance.now();
   try {
-    await Promise.all(shown.runs.map((data) => data.load(part, POINTS)));
+    await Promise.all([...shown.runs.map((data) => data.load(part, POINTS)), loadCompared(shown, part)]);
     say("");
   } catch (error) {
     say(`Samples cannot be shown: ${error.message}`);
@@ -182,7 +186,7 @@ function build(first) {
   place("run-cycles").replaceChildren(cycles.node);
   const incremental = incrementalPanel(shown);
   place("run-incremental").replaceChildren(incremental.node);
-  const compare = comparePanel(shown, { draw, addRun, removeRun });
+  const compare = comparePanel(shown, { draw, load: () => loadCompared(shown, wantedPart()), addRun, removeRun });
   place("run-compare").replaceChildren(compare.node);
   place("run-notes").replaceChildren(notesPanel(first, () => { document.title = `${first.name} · Bench service`; draw(); }));
   place("run-events").replaceChildren(events.node);

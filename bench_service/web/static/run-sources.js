@@ -4,14 +4,15 @@ import { el } from "./dom.js";
 import { duration, fixed, quantity } from "./format.js";
 import { lengthWords } from "./run-preview.js";
 
-/** Fill the chooser; a value is "test:NAME", "protocol:ID" or "profile:ID". Gives the standard tests by name. */
+/** Fill the chooser; a value is "test:NAME", "protocol:ID", "profile:ID" or "edit:". Gives the standard tests by name. */
 export async function fillSources(select, chosen) {
   const [tests, protocols, profiles] = await Promise.all([api.standardTests().catch(() => []), api.protocols().catch(() => []), api.profiles().catch(() => [])]);
   const group = (label, options) => (options.length ? el("optgroup", { label }, options) : null);
   const option = (value, text) => el("option", { value, text, selected: value === chosen });
   const groups = [
     group("Standard tests", tests.map((test) => option(`test:${test.name}`, test.title))),
-    group("Stored protocols", protocols.map((each) => option(`protocol:${each.id}`, `${each.name}, ${each.n_steps} steps`))),
+    group("Step by step", [option("edit:", "Protocol editor")]),
+    group("Stored protocols", protocols.map((each) => option(`protocol:${each.id}`, `${each.name}, ${each.n_steps} ${each.n_steps === 1 ? "step" : "steps"}`))),
     group("Stored profiles", profiles.map((each) => option(`profile:${each.id}`, `${each.name}, ${duration(each.duration_s)}`))),
   ];
   select.replaceChildren(...groups.filter(Boolean));
@@ -56,7 +57,7 @@ export async function lookAtProtocol(what, bench, initial, dt_s) {
     const told = `${lengthWords(bench, seen.duration_s ?? NaN, "about ")} Voltages are those of a nominal cell between the limits; steps that end by a voltage take some ten percent more or less.`;
     return { told, against: seen.stopped ? [`It would be stopped: ${seen.stopped}`] : [], series: seen.series, steps: seen.steps };
   } catch (error) {
-    return { told: "", against: [error.message], series: null, steps: [] };
+    return { told: "", against: [error.message], where: error.where, series: null, steps: [] };
   }
 }
 

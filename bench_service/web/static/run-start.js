@@ -1,6 +1,7 @@
 // Starts a run: what it will do, how long it takes and what speaks against it is said before.
 import { api } from "./api.js";
 import { el, setText } from "./dom.js";
+import { protocolEditor } from "./protocol-editor.js";
 import { previewChart } from "./run-preview.js";
 import { fillSources, lookAtProfile, lookAtProtocol, parameterFields, stepTable } from "./run-sources.js";
 
@@ -8,7 +9,7 @@ const TYPED_MS = 300;
 
 /** `started(run)` after the service took it. */
 export function runStart(state, root, started) {
-  const view = { tests: new Map(), fields: null, asked: 0, timer: 0 };
+  const view = { tests: new Map(), fields: null, asked: 0, timer: 0, saved: null };
   const message = el("p", { class: "form-message", role: "alert" });
   const told = el("p", { class: "hint", id: "start-told", role: "status" });
   const about = el("p", { class: "about", id: "start-about" });
@@ -23,22 +24,27 @@ export function runStart(state, root, started) {
   const parameters = el("div", { class: "fields", id: "start-parameters" });
   const steps = el("div", { id: "start-steps" });
   const submit = el("button", { class: "primary", type: "submit", id: "start-submit", text: "Start run", disabled: true });
+  const editIt = el("button", { type: "button", id: "start-edit", text: "Edit the steps" });
+  const fresh = el("button", { type: "button", id: "start-fresh", text: "Begin anew" });
+  const save = el("button", { type: "button", id: "start-save", text: "Save protocol" });
+  const editor = protocolEditor(() => state.bench, () => lookSoon());
   const plot = el("div", { class: "plot run-preview", role: "img", "aria-label": "Current over test time, and voltage of a nominal cell or counted state of charge", hidden: true });
   const form = el("form", { novalidate: true, "aria-label": "Start a run" },
     el("div", { class: "fields" }, field("Test, protocol or profile", source), el("div", { class: "field" }, el("span", { class: "about", text: "or a file: a protocol as JSON, or CSV with time_s,current_A" }), file, el("label", { class: "file-button", for: "start-file", text: "Upload a file" })),
       field("Sample period / s", dt), field("SoC now / %", soc), field("Live observer", model), field("Run name", name), field("Operator", operator)),
-    about, parameters, plot, told, wrong, steps, el("div", { class: "form-end" }, submit, message));
+    about, parameters, el("div", { class: "form-end" }, editIt, fresh), editor.node, plot, told, wrong, steps, el("div", { class: "form-end" }, submit, save, message));
   const details = el("details", { class: "run-start", id: "start-details" }, el("summary", { text: "Start a test" }), form);
   root.replaceChildren(details);
   const draw = previewChart(plot);
 
   const what = () => {
     const [kind, id] = source.value.split(/:(.*)/s);
+    if (kind === "edit") return { kind, body: { document: editor.document() } };
     if (kind === "test") return { kind, body: { standard_test: id, parameters: view.fields?.values() ?? {} } };
     return { kind, id, body: { protocol_id: id } };
   };
   // A run that nobody has named bears the name of what it plays.
-  const title = () => source.selectedOptions[0]?.textContent.split(", ")[0].trim() || undefined;
+  const title = () => (source.value === "edit:" ? editor.document()?.name : source.selectedOptions[0]?.textContent.split(", ")[0].trim()) || undefined;
   const allow = () => {
     const idle = state.bench?.state === "idle";
     submit.disabled = !source.value || !idle;
@@ -56,10 +62,15 @@ export function runStart(state, root, started) {
     const seen = typed.length ? { told: "", against: typed, series: null, steps: [] }
       : await (kind === "profile" ? lookAtProfile(id, bench, initial) : lookAtProtocol(body, bench, initial, dt.valueAsNumber)).catch((error) => ({ told: "", against: [error.message], series: null, steps: [] }));
     if (asked !== view.asked) return; // something else was typed meanwhile
-    setText(told, seen.told);
-    wrong.replaceChildren(...seen.against.map((text) => el("li", { text })));
-    steps.replaceChildren(...stepTable(seen.steps));
+    const atStep = kind === "edit" && editor.object(seen.where ?? [], seen.against[0] ?? "");
+    setText(told, atStep ? "It cannot be played like this: see the step." : seen.told);
+    wrong.replaceChildren(...(atStep ? [] : seen.against).map((text) => el("li", { text })));
+    steps.replaceChildren(...(kind === "edit" ? [] : stepTable(seen.steps)));
     draw(seen.series);
+  };
+  const lookSoon = () => {
+    clearTimeout(view.timer);
+    view.timer = setTimeout(look, TYPED_MS);
   };
   const choose = () => {
     const [kind, id] = source.value.split(/:(.*)/s);
@@ -67,6 +78,9 @@ export function runStart(state, root, started) {
     view.fields = test ? parameterFields(test) : null;
     setText(about, test?.sentence ?? "");
     parameters.replaceChildren(...(view.fields?.nodes ?? []));
+    editIt.hidden = kind !== "test" && kind !== "protocol";
+    editor.node.hidden = fresh.hidden = save.hidden = kind !== "edit";
+    if (kind === "edit" && !editor.document() && !editor.draft()) editor.begin();
     return look();
   };
   const list = async (chosen) => {
@@ -79,9 +93,34 @@ export function runStart(state, root, started) {
   source.addEventListener("change", choose);
   form.addEventListener("input", (event) => {
     if (event.target === source || event.target === file) return;
-    clearTimeout(view.timer);
-    view.timer = setTimeout(look, TYPED_MS);
+    lookSoon();
   });
+  const edit = async () => {
+    const { kind, id, body } = what();
+    const { document } = await (kind === "protocol" ? api.protocol(id) : api.previewProtocol({ ...body, bench: state.bench.name }));
+    editor.open(kind === "test" ? { ...document, name: `${document.name}, edited` } : document);
+    source.value = "edit:";
+    await choose();
+    editor.focus();
+  };
+  /** Store what the editor has; once, as long as it stays the same. */
+  const stored = async (body) => {
+    const text = JSON.stringify([body, state.bench.name]);
+    if (view.saved?.text !== text) view.saved = { text, id: (await api.addProtocol({ ...body, bench: state.bench.name })).id };
+    return view.saved.id;
+  };
+  const tell = (work) => async () => {
+    message.textContent = "";
+    try { await work(); } catch (error) { message.textContent = error.message; }
+  };
+  editIt.addEventListener("click", tell(edit));
+  fresh.addEventListener("click", () => { editor.begin(); editor.focus(); look(); });
+  save.addEventListener("click", tell(async () => {
+    const { body } = what();
+    await stored(body);
+    await list("edit:");
+    setText(told, `Saved as ${body.document.name}. ${told.textContent}`);
+  }));
   file.addEventListener("change", () => upload(file, state, list, (text) => { message.textContent = text; }));
   state.on("benches", allow);
   state.on("select", () => { if (details.open) { soc.value = ""; believe(state.bench, soc).then(look); } });
@@ -93,7 +132,7 @@ export function runStart(state, root, started) {
     submit.disabled = true;
     try {
       const { kind, id, body } = what();
-      const played = kind === "profile" ? { profile_id: id } : { protocol_id: kind === "protocol" ? id : (await api.addProtocol({ ...body, bench: state.bench.name })).id };
+      const played = kind === "profile" ? { profile_id: id } : { protocol_id: kind === "protocol" ? id : await stored(body) };
       const order = { bench: state.bench.name, ...played, dt_s: dt.valueAsNumber, initial_soc: soc.valueAsNumber / 100, name: name.value.trim() || title(), model_id: model.value || undefined };
       const run = await api.startRun(order);
       if (operator.value.trim()) await api.describeRun(run.id, { operator: operator.value.trim() });

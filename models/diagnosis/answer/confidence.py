@@ -11,13 +11,17 @@ from models.diagnosis.evidence.ranking import Ranking
 # (100, 101).
 _OFFSET, _SLOPE = 1.6, 0.52
 _LEAST_MARGIN, _MOST = 0.005, 0.985
+# Where all effects together leave more than this times the noise, the cell is not of the class that this was calibrated
+# on; what holds there is known in change mode only (`change_answer`), and taken from there.
+AS_NOISE, SURE_ELSEWHERE = 1.5, 0.85
 # Of two that one log can hardly tell apart, little more than half are named right.
 _MOST_WITH_RIVALS = 0.6
 
 
 def confidence(ranking: Ranking) -> float:
     """Probability that the effect named from the voltage is right."""
-    return _probability(ranking.margin, len(ranking.rivals))
+    sure = _probability(ranking.margin, len(ranking.rivals))
+    return sure if ranking.own_V <= AS_NOISE * ranking.noise_V else min(sure, SURE_ELSEWHERE)
 
 
 def _probability(margin: float, n_rivals: int) -> float:

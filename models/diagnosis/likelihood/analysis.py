@@ -128,6 +128,7 @@ def analyse(
     effects: list[Effect],
     *,
     same_start: bool = False,
+    share: float = 1.0,
 ) -> Analysis:
     """Hold runs against what is known of the cell as it was.
 
@@ -138,13 +139,14 @@ def analyse(
     soc_std : its standard deviations; None: those of a careful statement
     effects : to be tried
     same_start : the known voltage was simulated from the same start; nothing of it is open
+    share : of the usual number of samples that are looked at
 
     Raises
     ------
     ModelError
         No sample of the runs can be judged.
     """
-    sight = look(known, runs, soc)
+    sight = look(known, runs, soc, share=share)
     std = None if same_start else soc_std or [THRESHOLDS.start_soc] * len(runs)
     first = _held(sight, std, effects)
     moved = _moved_soc(first)
@@ -152,7 +154,7 @@ def analyse(
         return first
     # What an effect moves out of the trained state of charge would be held against it.
     try:
-        closer = look(known, runs, soc, moved)
+        closer = look(known, runs, soc, moved, share)
     except ModelError:
         return first
     enough = THRESHOLDS.share_kept * sight.share_inside <= closer.share_inside < sight.share_inside

@@ -90,7 +90,11 @@ class Sight:
 
 
 def look(
-    known: KnownRuns, runs: list[GridRun], soc: list[float], moved: Callable[[View], FloatArray] | None = None
+    known: KnownRuns,
+    runs: list[GridRun],
+    soc: list[float],
+    moved: Callable[[View], FloatArray] | None = None,
+    share: float = 1.0,
 ) -> Sight:
     """Choose the samples of judged runs that are looked at.
 
@@ -99,6 +103,7 @@ def look(
     known : of the training runs
     runs, soc : to be judged, with their SoC at the start
     moved : view -> (n,) state of charge by which a sample must lie within what was trained, too
+    share : of the usual number of samples; fewer are quicker, and errors that hang together make most of them repeat
 
     Raises
     ------
@@ -106,7 +111,7 @@ def look(
         None of them lies within the trained state of charge.
     """
     cell, at = known.cell, THRESHOLDS
-    stride = max(1, -(-sum(len(run) for run in runs) // at.simulated))
+    stride = max(1, -(-sum(len(run) for run in runs) // round(share * at.simulated)))
     views = [View(cell, run, start, np.arange(0, len(run), stride)) for run, start in zip(runs, soc, strict=True)]
     low, high = cell.soc_range
     inside = [
@@ -123,15 +128,15 @@ def look(
             f"no sample lies within the trained state of charge, {low:.2f} to {high:.2f}; the runs go through {start}: "
             "give the right SoC at the start, or train on runs that cover it"
         )
-    judged = []
+    judged, every = [], sum(len(view.index) for view in views)
     for number, (view, part) in enumerate(zip(views, inside, strict=True)):
         places = np.flatnonzero(part)
-        place = places[spread(len(places), round(at.voltage_points * len(places) / total), number)]
+        place = places[spread(len(places), round(share * at.voltage_points * len(places) / total), number)]
         points = replace(view, index=view.index[place])
         warm, warm_place = None, np.zeros(0, dtype=np.int64)
         if known.balance is not None and has_temperature(view.run):
             warm = simulated_heat(cell, view, stride, known.balance)
-            count = max(1, round(at.temperature_points * len(view.index) / sum(len(each.index) for each in views)))
+            count = max(1, round(share * at.temperature_points * len(view.index) / every))
             warm_place = spread(len(view.index), count, number)
         judged.append(RunSight(view, points, place, warm, warm_place))
     measured = sum(int(view.run.measured[view.index].sum()) for view in views)

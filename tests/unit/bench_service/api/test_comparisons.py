@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from bench_service.api import comparisons
+from bench_service.campaign.comparison_curves import CurvePart
 from bench_service.errors import NotFoundError
 from bench_service.store.records import ComparisonRecord
 from tests.unit.bench_service.api.route_rig import MOMENT, REFERENCE, AsyncPart, Store, client_of, error_of
@@ -65,7 +66,10 @@ def test_curves_are_handed_on_as_the_worker_wrote_them() -> None:
     answer = client.get("/comparisons/k1/series?max_points=50")
     assert (answer.content, answer.headers["content-type"]) == (text, "application/json")
     client.get("/comparisons/k1/series")
-    assert [arguments for _, arguments, _ in modelling.calls] == [("k1", 50), ("k1", 2000)]
+    client.get("/comparisons/k1/series?from_s=10&to_s=20.5&points=70")
+    parts = [("k1", CurvePart(points=50)), ("k1", CurvePart()), ("k1", CurvePart(10.0, 20.5, 70))]
+    assert [arguments for _, arguments, _ in modelling.calls] == parts
+    assert client.get("/comparisons/k1/series?from_s=3&to_s=2").status_code == 422
 
 
 @pytest.mark.parametrize("points", ["1", "20001", "many"])

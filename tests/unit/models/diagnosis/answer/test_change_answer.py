@@ -83,6 +83,17 @@ def test_rivals_make_it_ambiguous_and_ask_for_an_experiment(as_before: tuple[Ana
     assert request is not None and request["rivals"] == ["series_resistance", "voltage_offset"]
 
 
+@pytest.mark.parametrize(("off_V", "most"), [(5e-4, 1.0), (5e-3, 0.85)])
+def test_nothing_is_sure_where_the_cell_is_hardly_known(
+    new_contact: tuple[Analysis, Record], off_V: float, most: float
+) -> None:
+    analysis, record = new_contact
+    known = analysis.sight.known
+    elsewhere = replace(known.elsewhere, unseen_V=np.full(len(known.elsewhere.unseen_V), off_V), own_V2=0.0)
+    found = replace(analysis, sight=replace(analysis.sight, known=replace(known, elsewhere=elsewhere)))
+    assert answered(found, record).findings[0].confidence == pytest.approx(min(analysis.confidence, most))
+
+
 def test_twins_name_each_other_however_sure_one_is(as_before: tuple[Analysis, Record]) -> None:
     analysis, record = as_before
     tried = {each.effect.name: each for each in analysis.tried}

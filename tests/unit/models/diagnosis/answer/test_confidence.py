@@ -15,7 +15,9 @@ from tests.unit.models.diagnosis.hand_reference import compared, steps_A, true_r
 def ranking() -> Ranking:
     current = steps_A(600)
     comparison = compared(true_run(current, added_V=0.004 * current, noise_V=1e-3), ["series_resistance"], own_mse=1e-6)
-    return replace(rank(comparison, [try_effect(comparison, each) for each in comparison.effects]), rivals=())
+    return replace(
+        rank(comparison, [try_effect(comparison, each) for each in comparison.effects]), rivals=(), noise_V=1e-3
+    )
 
 
 def test_it_is_a_logistic_curve_over_the_logarithm_of_the_margin(ranking: Ranking) -> None:
@@ -36,3 +38,10 @@ def test_with_rivals_it_is_little_more_than_even(ranking: Ranking) -> None:
     assert confidence(replace(ranking, margin=1e9, rivals=("capacity",))) == 0.6
     low = replace(ranking, margin=0.01)
     assert confidence(replace(low, rivals=("capacity",))) == confidence(low) < 0.6
+
+
+def test_of_a_cell_that_even_all_effects_leave_open_nothing_is_sure(ranking: Ranking) -> None:
+    sure = replace(ranking, margin=1e9)
+    assert confidence(replace(sure, own_V=1.4 * sure.noise_V)) == 0.985
+    assert confidence(replace(sure, own_V=1.6 * sure.noise_V)) == 0.85
+    assert confidence(replace(sure, noise_V=0.0)) == 0.85

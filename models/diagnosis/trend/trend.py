@@ -1,0 +1,181 @@
+"""One call: a series of runs or cycles of one cell against the cell as it was."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from models.data.errors import ModelError
+from models.data.resampling import to_grid
+from models.data.timeseries import TimeSeries
+from models.diagnosis.answer.change_answer import change_answer
+from models.diagnosis.answer.findings import Diagnosis
+from models.diagnosis.diagnosis import check_training, known_of
+from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.known.record import known_in
+from models.diagnosis.likelihood.analysis import analyse
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.diagnosis.reference.record import make_record
+from models.diagnosis.trend.alarms import claimed
+from models.diagnosis.trend.estimate import State, estimate
+from models.diagnosis.trend.settings import SETTINGS
+from models.effects import effects
+from models.effects.input_correction import as_read
+from models.network.local_model_network import LocalModelNetwork
+
+# Runs that stand for the cell as it was, where nothing is known of those that the model was made from.
+_STAND_IN = 3
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class RunTrend:
+    """One run.
+
+    Attributes
+    ----------
+    run : its name
+    state : capacity and resistance
+    diagnosis : against the cell as it was; empty of findings where the series as a whole does not bear them out
+    """
+
+    run: str
+    state: State
+    diagnosis: Diagnosis
+
+    def to_json(self) -> dict[str, Any]:
+        """Return an entry of `runs` of the public contract."""
+        state, diagnosis = self.state, self.diagnosis
+        told = zip(state.soc, state.resistance_Ohm, state.resistance_std_Ohm, strict=True)
+        return {
+            "run": self.run,
+            "capacity_Ah": {"value": state.capacity_Ah, "std": state.capacity_std_Ah},
+            "resistance": [{"soc": float(s), "value_Ohm": float(r), "std_Ohm": float(d)} for s, r, d in told],
+            "verdict": diagnosis.verdict,
+            "findings": [finding.to_json() for finding in diagnosis.findings],
+            "unexplained_mV": diagnosis.unexplained_mV,
+            "remarks": list(diagnosis.remarks),
+        }
+
+
+@dataclass(frozen=True)
+class Trend:
+    """The answer.
+
+    Attributes
+    ----------
+    runs : in the order given
+    seconds : time it took
+    """
+
+    runs: tuple[RunTrend, ...]
+    seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the `trend` object of the public contract."""
+        return {"runs": [each.to_json() for each in self.runs], "seconds": self.seconds}
+
+
+def trend(
+    network: LocalModelNetwork,
+    runs: list[TimeSeries],
+    initial_soc: list[float],
+    *,
+    train: list[TimeSeries] | None = None,
+    train_soc: list[float] | None = None,
+    soc_std: list[float] | None = None,
+    memory: KnownRuns | None = None,
+    progress: Progress = lambda share, text: None,
+) -> Trend:
+    """Follow a cell through a series of runs.
+
+    Parameters
+    ----------
+    network : the model of the cell as it was
+    runs, initial_soc : of the series, each with its SoC at the start, a fraction of what it holds then
+    train, train_soc : the runs that the network was made from
+    soc_std : standard deviation of each run's SoC at the start; None: that of a careful statement
+    memory : of the training runs, where it is at hand already
+    progress : called with the share done and what is being done
+
+    Raises
+    ------
+    ModelError
+        No run, or runs that the model cannot be held against.
+    """
+    started = time.perf_counter()
+    if not runs:
+        raise ModelError("no trend: no run was given")
+    if train and (train_soc is None or len(train_soc) != len(train)):
+        raise ModelError("each training run needs its SoC at the start")
+    has_train = bool(train) or memory is not None or network.record.diagnosis is not None
+    known = memory if memory is not None else _known(network, runs, initial_soc, train or [], train_soc or [])
+    stds = soc_std or [THRESHOLDS.start_soc] * len(runs)
+    states, answers, nothing = [], [], []
+    for number, (run, soc, std) in enumerate(zip(runs, initial_soc, stds, strict=True)):
+        progress(number / len(runs), run.name)
+        state, answer, chance = _held(network, known, (run, soc, std), has_train)
+        states.append(state)
+        answers.append(answer)
+        nothing.append(chance)
+    borne_out = claimed(np.array(nothing), THRESHOLDS.nothing, SETTINGS.alarms)
+    told = [each if said else _silent(each) for each, said in zip(answers, borne_out, strict=True)]
+    entries = [RunTrend(run.name, state, each) for run, state, each in zip(runs, states, told, strict=True)]
+    return Trend(tuple(entries), time.perf_counter() - started)
+
+
+def _known(
+    network: LocalModelNetwork,
+    runs: list[TimeSeries],
+    soc: list[float],
+    train: list[TimeSeries],
+    train_soc: list[float],
+) -> KnownRuns:
+    """What is known of the cell as it was, made once for the whole series."""
+    grid = [to_grid(as_read(network.record, run), network.structure.dt_s) for run in train]
+    check_training(grid)
+    if not grid:
+        found = known_in(network)
+        if found is not None:
+            return found
+    return known_of(network, make_record(network, runs[:_STAND_IN], soc[:_STAND_IN]), grid, train_soc)
+
+
+def _held(
+    network: LocalModelNetwork, known: KnownRuns, given: tuple[TimeSeries, float, float], has_train: bool
+) -> tuple[State, Diagnosis, float]:
+    """One run: its state, its diagnosis alone, and the probability that nothing is new."""
+    run, soc, std = given
+    started = time.perf_counter()
+    try:
+        with np.errstate(over="raise"):
+            record = make_record(network, [run], [soc])
+            state = estimate(known, record.runs[0], soc, std)
+            every = list(effects().values())
+            analysis = analyse(known, record.runs, record.soc, [std], every, share=SETTINGS.share)
+            answer = change_answer(analysis, record, started, has_train, with_power=False)
+            return state, answer, analysis.verdict.nothing
+    except (ArithmeticError, IndexError, ValueError) as error:
+        if isinstance(error, ModelError) and run.name in str(error):
+            raise
+        raise ModelError(f"{run.name}: this run cannot be weighed: {str(error).splitlines()[0][:200]}") from error
+
+
+def _silent(answer: Diagnosis) -> Diagnosis:
+    """An answer that the series does not bear out: one among so many is expected by chance."""
+    if answer.verdict == "nothing_missing":
+        return answer
+    said = "alone this run would say more than nothing; among so many runs one that does is expected by chance"
+    return replace(
+        answer,
+        verdict="nothing_missing",
+        findings=(),
+        next_experiment=None,
+        depends_on=(),
+        remarks=(*answer.remarks, said),
+    )
