@@ -32,5 +32,8 @@ def test_a_charge_goes_over_into_a_held_voltage(dt_s: float) -> None:
     assert max(v for v, _ in seen) < 4.18 + 0.006, "noise of 1 mV and no more"
     assert seen[0][1] < 5.01 and seen[0][1] > 3.0 and 0.0 < seen[-1][1] < 2.5
     assert device.status == {"output_on", "remote", "voltage_held"}
+    moved_Ah = sum(current_A for _, current_A in seen) * dt_s / 3600.0
+    cell = device._cell
+    assert isinstance(cell, Cell) and moved_Ah / 2.5 == pytest.approx(cell.state.soc - 0.85, abs=1e-5)
     device.restart()
     assert device.hold_V is None
