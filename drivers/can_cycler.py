@@ -155,11 +155,13 @@ class CanCycler:
             return None
         return "stop_input" in (await self._dialogue.sample(self._sequence)).status
 
-    async def apply(self, current_A: float) -> None:
+    async def apply(self, current_A: float, hold_V: float | None = None) -> None:
         """See `Cycler.apply`. Nothing is sent when the set-point is not finite or out of range."""
         plan = self._dialogue.connected_plan()
         if self._watch is None:
             raise CyclerProtocolError(f"{self._link.address}: no set-point without control: acquire first")
+        if hold_V is not None:
+            raise SetPointRefusedError(f"{self._link.address}: no voltage to hold over CAN; {hold_V:g} V was not sent")
         plan.check_current(current_A)
         before, tick = self._current_A, self._tick
         self._current_A = current_A

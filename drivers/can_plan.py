@@ -204,6 +204,7 @@ class CanPlan:
             has_sequence="sequence" in self.map.roles,
             has_device_limits=set(LIMIT_ROLES) <= told,
             has_ramp="ramp" in told,
+            has_hold=False,
             has_temperature="temperature" in self.map.roles,
         )
 

@@ -62,8 +62,8 @@ class Reading:
 class Capabilities:
     """What the connected device can do; intervals are (low, high).
 
-    `has_temperature`: it measures the temperature of the cell. `maker`, `model`, `serial` and `firmware` are what the
-    device says of itself, empty where its map has no place for it.
+    `has_temperature`: it measures the temperature of the cell; `has_hold`: it can hold a voltage. `maker`, `model`,
+    `serial` and `firmware` are what the device says of itself, empty where its map has no place for it.
     """
 
     name: str
@@ -79,6 +79,7 @@ class Capabilities:
     maker: str = ""
     model: str = ""
     firmware: str = ""
+    has_hold: bool = False
 
     @property
     def identity(self) -> dict[str, str]:
@@ -135,8 +136,12 @@ class Cycler(Protocol):
         """
         ...
 
-    async def apply(self, current_A: float) -> None:
-        """Write set-point and heartbeat, and in lock-step the next tick, together."""
+    async def apply(self, current_A: float, hold_V: float | None = None) -> None:
+        """Write set-point and heartbeat, and in lock-step the next tick, together.
+
+        With `hold_V` the device gives less current than the set-point, down to none, so that the voltage is not above
+        (while charging; below, while discharging) this one. Only where it can: see `Capabilities`.
+        """
         ...
 
     async def safe(self) -> None:

@@ -29,7 +29,7 @@ SAMPLE_ROLES = (
 )  # fmt: skip
 IDENTITY_ROLES = ("maker", "model", "serial", "firmware")
 REGISTER_ROLES = frozenset(
-    (*SETPOINT_ROLES, *COMMAND_ROLES, *SAMPLE_ROLES, *LIMIT_ROLES, *SWITCH_ROLES, "ramp", "watchdog",
+    (*SETPOINT_ROLES, *COMMAND_ROLES, *SAMPLE_ROLES, *LIMIT_ROLES, *SWITCH_ROLES, "ramp", "watchdog", "hold_voltage",
      "lock_step_available", "lock_step_period", *IDENTITY_ROLES)
 )  # fmt: skip
 COIL_ROLES = frozenset(SWITCH_ROLES)

@@ -11,7 +11,7 @@ from drivers.errors import BadMapError
 from drivers.read_plan import block_of
 
 NEEDED_REGISTER_ROLES = ("actual_voltage", "actual_current", "status")
-READ_BACK_ROLES = (*LIMIT_ROLES, "ramp", "watchdog", "lock_step", "lock_step_period")
+READ_BACK_ROLES = (*LIMIT_ROLES, "ramp", "watchdog", "hold_voltage", "lock_step", "lock_step_period")
 _READ_FUNCTION = {"holding": 3, "input": 4}
 
 
@@ -67,6 +67,10 @@ def _check_setpoints(device_map: DeviceMap) -> None:
     if (signed is None) == (charge is None):
         reason = "one register must have the role 'set_current', or one 'set_charge' (and one 'set_discharge')"
         _fail(device_map, "reg", f"{reason}: every cycler needs a set-point")
+    hold = device_map.by_role("hold_voltage")
+    if hold is not None and (signed is None or hold.unlimited is None):
+        reason = "needs 'unlimited' (what ends the hold), and goes with 'set_current' only"
+        _fail(device_map, f"reg.{hold.name}", f"role 'hold_voltage' {reason}")
     for role in SETPOINT_ROLES:
         register = device_map.by_role(role)
         if register is not None and not register.writable:

@@ -11,6 +11,7 @@ from drivers.codec import Value, bind
 from drivers.cycler import Capabilities, DeviceLimits, Reading
 from drivers.device_map import IDENTITY_ROLES, Coil, DeviceMap, Register
 from drivers.errors import CyclerConnectionError, CyclerError, CyclerProtocolError, SetPointRefusedError
+from drivers.modbus_commands import Write, differs
 from drivers.modbus_link import ModbusLink
 from drivers.modbus_plan import DevicePlan
 from drivers.read_plan import ReadPlan
@@ -40,6 +41,7 @@ class ModbusCycler:
         self._sequence = 0
         self._voltage_V = (0.0, 0.0)  # limits of the run
         self._settings_watch = SettingsWatch()
+        self._hold_V: float | None = None  # that the device was told to hold
         self._identity: dict[str, str] = {}  # what the device has said of itself
         self._read_ahead: tuple[float, list[int]] | None = None  # the next sample, if the last message brought it
 
@@ -110,9 +112,9 @@ class ModbusCycler:
         await self._run("acquire", {"watchdog_s": watchdog_s})
         await self._run("safe")
         await self._verify_off()
-        for write in settings:
-            await self._link.write_registers(write.first, write.values, write.label)
-            await self._verify_readback(write.first, write.values, write.label)
+        for write in (*settings, *plan.hold(None)):
+            await self._set(write)
+        self._hold_V = None
         self._tick = None
         if lock_step_period_s is not None:
             tick = await self._read_role("lock_step", plan.constants)
@@ -120,7 +122,7 @@ class ModbusCycler:
         for write in plan.command.writes(0.0, self._next_heartbeat(plan), None, self._voltage_V):
             await self._link.write_registers(write.first, write.values, write.label)
         for write in plan.command.read_back(0.0, every=True):
-            await self._verify_readback(write.first, write.values, write.label)
+            await self._verify_readback(write)
         self._sequence = (await self._read_sample(plan)).sequence
         self._watch = SetPointWatch(exact=lock_step_period_s is not None)
         self._settings_watch = SettingsWatch(settings, plan.heartbeat)
@@ -168,13 +170,16 @@ class ModbusCycler:
             self._watch.verify(self._link.address, reading)
         return reading
 
-    async def apply(self, current_A: float) -> None:
+    async def apply(self, current_A: float, hold_V: float | None = None) -> None:
         """See `Cycler.apply`. Nothing is sent when the set-point is not finite or out of range."""
         plan = self._connected_plan()
         if self._watch is None:
             raise CyclerProtocolError(f"{self._link.address}: no set-point without control: acquire first")
         tick = None if self._tick is None else (self._tick + 1) & 0xFFFFFFFF
         self._read_ahead = None
+        for write in plan.hold(hold_V) if hold_V != self._hold_V else ():
+            await self._set(write)  # before the current that may lead there
+        self._hold_V = hold_V
         writes = plan.command.writes(current_A, self._next_heartbeat(plan), tick, self._voltage_V)
         if tick is not None and len(writes) == 1 and (read := plan.one_message_read) is not None:
             # Simulated time stands still until the next tick, so its sample may come with this one.
@@ -188,7 +193,7 @@ class ModbusCycler:
         self._tick = tick
         value_A, tolerance_A = plan.expected(current_A)
         for write in plan.command.read_back(current_A, every=False):
-            await self._verify_readback(write.first, write.values, write.label)
+            await self._verify_readback(write)
         if tolerance_A < math.inf:
             self._watch.written(value_A, tolerance_A, self._sequence)
 
@@ -267,13 +272,14 @@ class ModbusCycler:
         values = plan.codecs[name].encode(value)
         await self._link.write_registers(register.address, values, f"'{name}'")
 
-    async def _verify_readback(self, first: int, values: tuple[int, ...], label: str) -> None:
-        found = tuple(await self._link.read_registers("holding", first, len(values), label))
-        if found != values:
-            raise SetPointRefusedError(
-                f"{self._link.address}: {label} read back differently: "
-                f"wrote {_words(values)}, reads {_words(found)} (registers from {first})"
-            )
+    async def _set(self, write: Write) -> None:
+        await self._link.write_registers(write.first, write.values, write.label)
+        await self._verify_readback(write)
+
+    async def _verify_readback(self, write: Write) -> None:
+        found = tuple(await self._link.read_registers("holding", write.first, len(write.values), write.label))
+        if found != write.values:
+            raise SetPointRefusedError(f"{self._link.address}: {differs(write, found)}")
 
     async def _verify_output(self, plan: DevicePlan, *, on: bool) -> None:
         """Wait until the status says what the output was told."""
@@ -294,7 +300,3 @@ class ModbusCycler:
     def _next_heartbeat(self, plan: DevicePlan) -> int:
         self._heartbeat = (self._heartbeat + 1) % plan.command.heartbeat_modulus
         return self._heartbeat
-
-
-def _words(values: tuple[int, ...]) -> str:
-    return " ".join(f"{value:04X}" for value in values)

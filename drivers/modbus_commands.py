@@ -22,6 +22,12 @@ class Write:
     label: str
 
 
+def differs(write: Write, found: tuple[int, ...]) -> str:
+    """Say that registers read otherwise than they were written."""
+    wrote, reads = (" ".join(f"{value:04X}" for value in values) for values in (write.values, found))
+    return f"{write.label} read back differently: wrote {wrote}, reads {reads} (registers from {write.first})"
+
+
 class Commands(Protocol):
     """What goes out with each tick."""
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from drivers.codec import bind_all
 from drivers.cycler import Capabilities, DeviceLimits
 from drivers.device_map import LIMIT_ROLES, DeviceMap
-from drivers.errors import CyclerProtocolError
+from drivers.errors import CyclerProtocolError, SetPointRefusedError
 from drivers.expression import ExpressionError
 from drivers.modbus_commands import CommandPlan, Commands, DirectionPlan, Write, contiguous
 from drivers.modbus_link import ModbusLink
@@ -58,6 +58,22 @@ class DevicePlan:
             return None
         read = await link.read_registers(status.space, status.address, status.words, f"'{status.name}'")
         return bool(int(self.codecs[status.name].decode(read)) >> bit & 1)
+
+    def hold(self, voltage_V: float | None) -> list[Write]:
+        """Messages that have the device hold a voltage, or none any more; empty where it has nothing to be told.
+
+        Raises
+        ------
+        SetPointRefusedError
+            The voltage is beyond what the device can hold, or it can hold none.
+        """
+        register = self.map.by_role("hold_voltage")
+        if register is None or register.unlimited is None:
+            if voltage_V is not None:
+                raise SetPointRefusedError(f"map '{self.map.name}' has no voltage to hold; {voltage_V:g} V not sent")
+            return []
+        value = register.unlimited if voltage_V is None else voltage_V
+        return [Write(register.address, self.codecs[register.name].encode(value), f"'{register.name}'")]
 
     def limit_values(self, limits: DeviceLimits) -> dict[str, float]:
         """Device limits by register name, for those registers that the map has."""
@@ -123,6 +139,7 @@ class DevicePlan:
             has_sequence=self.sample.has_sequence,
             has_device_limits=all(self.map.by_role(role) for role in LIMIT_ROLES),
             has_ramp=self.map.by_role("ramp") is not None,
+            has_hold=self.map.by_role("hold_voltage") is not None,
             has_temperature=self.map.by_role("temperature") is not None,
         )
 

@@ -21,8 +21,8 @@ class RegisterCommands:
         The last one that was written.
     set_voltage_V : float
         The voltage set-point of a device with a current set-point for each direction; it is kept and not held.
-    unlimited_ramp : float
-        What the ramp's register holds where there is no ramp.
+    unlimited_ramp, no_hold_V : float
+        What the registers hold where there is no ramp, and no voltage to hold.
     """
 
     def __init__(self, device_map: DeviceMap, cycler: Cycler, clock: SimulatedClock, refusals: ModbusRefusals) -> None:
@@ -30,6 +30,8 @@ class RegisterCommands:
         self.heartbeat = self.set_voltage_V = 0.0
         ramp = device_map.by_role("ramp")
         self.unlimited_ramp = ramp.unlimited or 0.0 if ramp else 0.0
+        hold = device_map.by_role("hold_voltage")
+        self.no_hold_V = hold.unlimited or 0.0 if hold else 0.0
         self._directions = {"set_charge": 0.0, "set_discharge": 0.0}
         self._setters = self._bound()
 
@@ -108,6 +110,7 @@ class RegisterCommands:
             "lock_step_period": clock.set_period,
             "watchdog": self._set_watchdog,
             "ramp": self._set_ramp,
+            "hold_voltage": self._set_hold,
         }
         setters |= {f"limit_{name}": partial(cycler.set_limit, name) for name in cycler.limits}
         return MappingProxyType(setters)
@@ -130,3 +133,6 @@ class RegisterCommands:
     def _set_ramp(self, ramp_A_per_s: float) -> None:
         none = ramp_A_per_s in (0.0, self.unlimited_ramp)
         self._cycler.ramp_A_per_s = None if none else ramp_A_per_s
+
+    def _set_hold(self, voltage_V: float) -> None:
+        self._cycler.hold_V = None if voltage_V == self.no_hold_V else voltage_V

@@ -49,6 +49,7 @@ class RegisterReadouts:
             "set_discharge": lambda: max(-cycler.requested_A, 0.0),
             "set_voltage": lambda: commands.set_voltage_V,
             "ramp": self._ramp,
+            "hold_voltage": lambda: commands.no_hold_V if cycler.hold_V is None else cycler.hold_V,
         }
         return told | {f"limit_{name}": partial(cycler.limits.__getitem__, name) for name in cycler.limits}
 

@@ -24,6 +24,8 @@ class SetPoints(Protocol):
         Whether set-points follow from what is measured.
     due : bool or None
         Whether the last sample is to be stored; None: as the run's sampling time says.
+    hold_V : float or None
+        Voltage that the device is to hold with the last set-point as the greatest current.
     step_count, cycle_count : int
         That the last sample belongs to; 0 where there are none.
     stopped : str or None
@@ -40,6 +42,8 @@ class SetPoints(Protocol):
     def skipped_points(self) -> int: ...  # noqa: D102
     @property
     def due(self) -> bool | None: ...  # noqa: D102
+    @property
+    def hold_V(self) -> float | None: ...  # noqa: D102
     @property
     def step_count(self) -> int: ...  # noqa: D102
     @property
@@ -93,6 +97,7 @@ class Player:
     skipped_points: int
     closed_loop: bool = field(default=False, init=False)
     due: bool | None = field(default=None, init=False)
+    hold_V: float | None = field(default=None, init=False)
     step_count: int = field(default=0, init=False)
     cycle_count: int = field(default=0, init=False)
     stopped: str | None = field(default=None, init=False)

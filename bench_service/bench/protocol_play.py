@@ -26,6 +26,8 @@ class ProtocolPlay:
         Where to go on.
     expected_s : float or None
         How long it may take, for the progress.
+    device_holds : bool
+        Whether the device can hold a voltage.
 
     Attributes
     ----------
@@ -37,15 +39,26 @@ class ProtocolPlay:
     closed_loop = True
 
     def __init__(
-        self, program: Program, dt_s: float, standing: Standing | None = None, expected_s: float | None = None
+        self,
+        program: Program,
+        dt_s: float,
+        standing: Standing | None = None,
+        expected_s: float | None = None,
+        *,
+        device_holds: bool = False,
     ) -> None:
         self.dt_s = dt_s
-        self._engine = Engine(program, dt_s, standing)
+        self._engine = Engine(program, dt_s, standing, device_holds=device_holds)
         self._expected_s = expected_s
         self._began_s = 0.0 if standing is None else standing.total.time_s + standing.step.time_s
         self._time_s: float | None = None
         self._stored: tuple[float, float, float] | None = None
         self.due: bool | None = None
+
+    @property
+    def hold_V(self) -> float | None:
+        """Voltage that the device is to hold."""
+        return self._engine.hold_V
 
     @property
     def step_count(self) -> int:

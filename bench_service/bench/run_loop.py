@@ -11,7 +11,7 @@ from bench_service.bench.clock import Tick
 from bench_service.bench.holding import Holding
 from bench_service.bench.input_watch import InputWatch
 from bench_service.bench.judging import PlausibilityJudge, SettingsJudge
-from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverRow
+from bench_service.bench.observing import Observing
 from bench_service.bench.quality import sample_flags
 from bench_service.bench.recording import RecorderError
 from bench_service.bench.rest import bring_to_rest, uncancelled
@@ -56,8 +56,8 @@ class RunLoop:
         self._next_record = 0
         # A sample that is counted and not stored, with what the loop then knew of the current.
         self._unstored: tuple[Tick, Reading, tuple[float, float]] | None = None
-        self._observer = parts.observer
-        self._observed = NO_ESTIMATE
+        self._observing = Observing(parts.observer, parts.notify)
+        self._hold_V: float | None = None  # that the device holds itself
 
     async def play(self) -> RunEnd:
         """Play the run to its end, whatever that is, and bring the cycler to rest."""
@@ -144,7 +144,7 @@ class RunLoop:
         # What follows a sample is known before it is stored: the last one of a step always is.
         setpoint_A = None if trip or refused else self._next_A(tick, reading)
         on_grid, due = tick.index >= self._next_record, self._plan.player.due
-        if due is None or (on_grid and self._observer is not None):
+        if due is None or (on_grid and self._observing.active):
             due = on_grid  # an observer steps in the run's sampling time, whatever else is stored between
         self._unstored = tick, reading, (self._commanded_A, self._settled_from_s)
         if due or trip or refused:
@@ -205,7 +205,7 @@ class RunLoop:
         clock, plan = self._parts.clock, self._plan
         time_s = clock.sample_time_s(tick, reading.monotonic_s)
         settled = time_s >= self._settled_from_s - _TIME_TOLERANCE_S
-        self._track = follow(self._track, plan.rules, reading, time_s, self._commanded_A, settled)
+        self._track = follow(self._track, plan.rules, reading, time_s, self._commanded_A, settled, self._hold_V)
         if self._soc is not None:
             self._soc = count_charge(self._soc, reading.current_A, self._track.interval_s, plan.request.capacity_Ah)
         context = self._context(tick)
@@ -248,24 +248,8 @@ class RunLoop:
         self._gap, self._unstored = False, None
         if parts.observer is not None:
             if on_grid:
-                self._observed = self._observe(reading)
-            parts.recording.put(OBSERVER, (time_s, *self._observed))
-
-    def _observe(self, reading: Reading) -> ObserverRow:
-        if self._observer is None:
-            return NO_ESTIMATE
-        try:
-            row = self._observer.step(
-                reading.current_A, reading.voltage_V, reading.temperature_degC, reading.ambient_degC
-            )
-            for reason in self._observer.new_alarms():
-                self._parts.notify("warning", "observer", reason)
-            return row
-        except ObserverError as error:
-            # Its state of charge is for people; no limit depends on it, so the run goes on.
-            self._observer = None
-            self._parts.notify("warning", "observer", f"{error}; its state of charge is invalid from now on")
-            return NO_ESTIMATE
+                self._observing.step(reading)
+            parts.recording.put(OBSERVER, (time_s, *self._observing.row))
 
     def _show(self, tick: Tick, reading: Reading) -> None:
         counted = math.nan if self._soc is None else self._soc
@@ -276,8 +260,8 @@ class RunLoop:
             seq=self._parts.recording.n_rows - 1,
             time_s=self._track.time_s,
             setpoint_A=self._commanded_A,
-            soc=counted if self._parts.observer is None else self._observed.soc,
-            soc_std=self._observed.soc_std,
+            soc=counted if self._parts.observer is None else self._observing.row.soc,
+            soc_std=self._observing.row.soc_std,
             progress=player.progress(self._holding.position(tick)),
             missed_ticks=self._missed,
             **player.view,
@@ -294,5 +278,6 @@ class RunLoop:
             ramp = self._limits.ramp_A_per_s
             ramp_s = 0.0 if ramp is None else change_A / ramp
             self._settled_from_s = now_s + self._plan.request.settle_s + ramp_s
-        await self._parts.cycler.apply(setpoint_A)
-        self._commanded_A = setpoint_A
+        hold_V = None if self._holding.active else self._plan.player.hold_V
+        await self._parts.cycler.apply(setpoint_A, hold_V)
+        self._commanded_A, self._hold_V = setpoint_A, hold_V

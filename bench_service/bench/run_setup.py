@@ -113,7 +113,9 @@ def _set_points(settings: BenchSettings, capabilities: Capabilities, request: Ru
     window = window_of(request.limits, capabilities.current_A, soc_known=request.initial_soc is not None)
     program = compile_protocol(read_protocol(order["document"]), request.capacity_Ah, window)
     standing = None if order["standing"] is None else Standing.from_json(order["standing"])
-    return ProtocolPlay(program, request.dt_s / every, standing, order["expected_s"])
+    return ProtocolPlay(
+        program, request.dt_s / every, standing, order["expected_s"], device_holds=capabilities.has_hold
+    )
 
 
 def build_observer(request: RunRequest) -> ObserverLink | None:

@@ -12,7 +12,6 @@ from bench_service.protocol.state import Standing, StepEnd
 from bench_service.protocol.steps import Record
 
 _NEAREST = 0.5  # a time ends with the sample that is nearest to it
-_SETTLING_SAMPLES = 3
 _TOLERANCE = 1e-6
 
 
@@ -26,6 +25,8 @@ class Engine:
         Period in which samples come.
     standing : Standing or None
         Where to go on; None: at the beginning.
+    device_holds : bool
+        Whether the device can hold a voltage.
 
     Attributes
     ----------
@@ -35,12 +36,14 @@ class Engine:
         Why the protocol cannot go on; None: it plays, or is at its end.
     """
 
-    def __init__(self, program: Program, dt_s: float, standing: Standing | None = None) -> None:
+    def __init__(
+        self, program: Program, dt_s: float, standing: Standing | None = None, *, device_holds: bool = False
+    ) -> None:
         self.program = program
         self.standing = standing or Standing(counters=[0] * program.n_counters)
         self.ended: list[StepEnd] = []
         self.stopped: str | None = None
-        self._dt_s = dt_s
+        self._dt_s, self._device_holds = dt_s, device_holds
         self._cell = Response(program.capacity_Ah)
         self._play: Play | None = None
         self._law: Law | None = None
@@ -66,6 +69,11 @@ class Engine:
         """Name of the step that plays."""
         return None if self._play is None else self._play.name
 
+    @property
+    def hold_V(self) -> float | None:
+        """Voltage that the device is to hold until the next sample; None: it holds the set-point."""
+        return None if self._law is None or self._play is None else self._law.hold_V
+
     def skip(self) -> None:
         """End the step that plays with the next sample."""
         self._skip = True
@@ -80,7 +88,10 @@ class Engine:
 
         `step_count` and `cycle_count` are then those that the sample belongs to.
         """
-        self._cell.see(seen.voltage_V, seen.current_A, seen.interval_s)
+        if self._law is not None and self._law.device_rules:
+            self._cell.look_away()  # what the device makes of voltage and current is no answer of the cell
+        else:
+            self._cell.see(seen.voltage_V, seen.current_A, seen.interval_s)
         self._last = seen
         if self._play is None:
             if not self._start(seen):
@@ -145,7 +156,8 @@ class Engine:
             wanted_A = self._ramped(law.current_A(seen, self.standing.step.time_s, self._set_A))
             if not self._cell.known and play.law not in ("voltage", "cc_cv"):
                 wanted_A = careful(self.program, self._cell, seen, wanted_A)
-            out = leaves(self.program, play, self._cell, seen, (self._set_A, wanted_A), self._dt_s)
+            flows_A = seen.current_A if law.device_rules else wanted_A
+            out = leaves(self.program, play, self._cell, seen, (self._set_A, flows_A), self._dt_s)
             if out is None and self._run_s + (1 - _NEAREST) * self._dt_s > self.program.window.duration_s:
                 out = "duration_s", f"the run would last longer than {self.program.window.duration_s:g} s"
             if out is None:
@@ -175,7 +187,7 @@ class Engine:
         quantity, step = end.quantity, self.standing.step
         if quantity == "time_s":
             return step.time_s >= end.value - _NEAREST * self._dt_s - _TOLERANCE
-        if quantity == "current_A" and not self._current_counts():
+        if quantity == "current_A" and self._law is not None and not self._law.current_counts:
             return False
         if quantity == "dV_dt_V_per_s":
             assert self._slope is not None
@@ -185,13 +197,6 @@ class Engine:
         if value is None:
             return False
         return value >= end.value if end.above else value <= end.value
-
-    def _current_counts(self) -> bool:
-        """Whether the current may end the step: in a hold only when it holds."""
-        law, play = self._law, self._play
-        if law is None or play is None or law.hold is None:
-            return play is None or play.law != "cc_cv"
-        return law.held >= _SETTLING_SAMPLES and law.hold.settled
 
     def _value(self, quantity: str, seen: Seen) -> float | None:
         if quantity == "voltage_V":
@@ -226,7 +231,7 @@ class Engine:
         play = self.program.instructions[self.standing.at]
         assert isinstance(play, Play)
         self._play = play
-        self._law = Law(play, self.program.window, self._cell, self._dt_s)
+        self._law = Law(play, self.program.window, self._cell, self._dt_s, device_holds=self._device_holds)
         over_s = next((end.over_s for end in play.ends if end.quantity == "dV_dt_V_per_s"), None)
         self._slope = None if over_s is None else Slope(over_s)
         self.standing.step = Counters()

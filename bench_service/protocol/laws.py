@@ -6,10 +6,12 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass
 
+from bench_service.protocol.device_hold import DeviceHold
 from bench_service.protocol.hold import Hold
 from bench_service.protocol.program import Play, Window
 from bench_service.protocol.response import Response
 
+_SETTLING_SAMPLES = 3
 _GRID_TOLERANCE = 0.05  # of a period: ticks of a wall clock are a little early or late
 
 
@@ -39,17 +41,41 @@ class Law:
         Where a voltage is held.
     held : int
         Samples since the hold began.
+    by_device : DeviceHold or None
+        Where the device holds it.
     """
 
-    __slots__ = ("_cell", "_dt_s", "_play", "_window", "held", "hold")
+    __slots__ = ("_cell", "_dt_s", "_play", "_window", "by_device", "held", "hold")
 
-    def __init__(self, play: Play, window: Window, cell: Response, dt_s: float) -> None:
+    def __init__(self, play: Play, window: Window, cell: Response, dt_s: float, *, device_holds: bool = False) -> None:
         self._play = play
         self._window = window
         self._cell = cell
         self._dt_s = dt_s
         self.hold: Hold | None = None
         self.held = 0
+        self.by_device = None
+        if device_holds and play.law in ("voltage", "cc_cv"):
+            self.by_device = DeviceHold(play.voltage_V, self._bounds_A())
+
+    @property
+    def hold_V(self) -> float | None:
+        """Voltage that the device is to hold."""
+        return None if self.by_device is None else self.by_device.voltage_V
+
+    @property
+    def device_rules(self) -> bool:
+        """Whether the current is what the device makes of it."""
+        return self.by_device is not None and self.by_device.held > 0
+
+    @property
+    def current_counts(self) -> bool:
+        """Whether the current may end the step: in a hold only when it holds."""
+        if self.by_device is not None:
+            return self.by_device.settled
+        if self.hold is None:
+            return self._play.law != "cc_cv"
+        return self.held >= _SETTLING_SAMPLES and self.hold.settled
 
     def current_A(self, seen: Seen, time_s: float, last_A: float) -> float:
         """Return the current until the next sample.
@@ -63,6 +89,8 @@ class Law:
             The set-point in force.
         """
         law, play = self._play.law, self._play
+        if self.by_device is not None:
+            return self.by_device.follow(seen.voltage_V, seen.current_A)
         if law == "current":
             return play.level
         if law == "rest":
@@ -70,8 +98,7 @@ class Law:
         if law == "cc_cv":
             return self._cc_cv(seen, last_A)
         if law == "voltage":
-            low, high = self._window.current_A
-            return self._held(seen, last_A, max(-play.level, low), min(play.level, high))
+            return self._held(seen, last_A)
         if law == "power":
             return self._inside(self._powered(seen, play.level, last_A))
         if law == "resistance":
@@ -101,14 +128,21 @@ class Law:
             ahead_V = seen.voltage_V + cell.drift_V_per_s * self._dt_s + cell.resistance_Ohm * jump_A
             if (play.voltage_V - ahead_V) * play.level > 0:
                 return play.level
-        low, high = min(play.level, 0.0), max(play.level, 0.0)
-        return self._held(seen, last_A, low, high)
+        return self._held(seen, last_A)
 
-    def _held(self, seen: Seen, last_A: float, low_A: float, high_A: float) -> float:
+    def _bounds_A(self) -> tuple[float, float]:
+        """Return between which currents a voltage is held."""
+        level_A = self._play.level
+        if self._play.law == "cc_cv":
+            return min(level_A, 0.0), max(level_A, 0.0)
+        low_A, high_A = self._window.current_A
+        return max(-level_A, low_A), min(level_A, high_A)
+
+    def _held(self, seen: Seen, last_A: float) -> float:
         if self.hold is None:
             self.hold = Hold(self._play.voltage_V, last_A)
         self.held += 1
-        return self.hold.follow(seen.voltage_V, last_A, self._cell, self._dt_s, (low_A, high_A))
+        return self.hold.follow(seen.voltage_V, last_A, self._cell, self._dt_s, self._bounds_A())
 
     def _clipped(self, seen: Seen, current_A: float, last_A: float) -> float:
         """Take back what would lead out of the step's own window of voltage."""

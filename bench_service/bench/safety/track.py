@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from bench_service.bench.safety.rules import CURRENT_GAIN_TOLERANCE, Rules
 from drivers.cycler import Reading
 
+# A device that holds a voltage has it within so much.
+HELD_WITHIN_V = 0.01
 # A voltage that is the same to the last bit although the current has moved by a tenth of the device's range (a usual
 # tolerance is half a percent of it) comes from a sensor that is stuck; three times in a row are no chance.
 RESPONSE_TOLERANCES = 20
@@ -77,16 +79,28 @@ class Track:
         return before >= LIVELY_SAMPLES and self.changes >= LIVELY_SHARE * before
 
 
-def follow(track: Track, rules: Rules, reading: Reading, time_s: float, commanded_A: float, settled: bool) -> Track:
+def follow(
+    track: Track,
+    rules: Rules,
+    reading: Reading,
+    time_s: float,
+    commanded_A: float,
+    settled: bool,
+    hold_V: float | None = None,
+) -> Track:
     """Return the track after a reading taken at `time_s` with `commanded_A` in force.
 
-    `settled` tells whether the current has had its time to reach the set-point.
+    `settled` tells whether the current has had its time to reach the set-point; `hold_V` is the voltage that the device
+    itself holds by less current.
     """
     stale = rules.has_sequence and reading.sequence == track.sequence
     allowed_A = rules.current_tolerance_A + CURRENT_GAIN_TOLERANCE * abs(commanded_A)
-    follows = not settled or abs(reading.current_A - commanded_A) <= allowed_A
+    follows = not settled or _follows(reading, commanded_A, allowed_A, hold_V)
     first = track.sequence is None
-    seen = track if stale else _follow_voltage(track, rules, reading, time_s)
+    held = hold_V is not None and abs(reading.voltage_V - hold_V) <= HELD_WITHIN_V
+    # A voltage that is held may well stay the same to the last bit.
+    still = replace(track, repeats=0, unresponsive=0, doubtful=False) if held else None
+    seen = track if stale else still or _follow_voltage(track, rules, reading, time_s)
     return replace(
         seen,
         sequence=reading.sequence,
@@ -102,6 +116,20 @@ def follow(track: Track, rules: Rules, reading: Reading, time_s: float, commande
         temperature_degC=reading.temperature_degC,
         remote_seen=track.remote_seen or "remote" in reading.status,
     )
+
+
+def _follows(reading: Reading, commanded_A: float, allowed_A: float, hold_V: float | None) -> bool:
+    """Whether the current is what it was told to be.
+
+    Where the device holds a voltage: less only where it is held, and none where it is passed.
+    """
+    if hold_V is None or commanded_A == 0.0:
+        return abs(reading.current_A - commanded_A) <= allowed_A
+    sign = 1.0 if commanded_A > 0.0 else -1.0
+    beyond_V, current_A = (reading.voltage_V - hold_V) * sign, reading.current_A * sign
+    least_A = abs(commanded_A) if beyond_V < -HELD_WITHIN_V else 0.0
+    most_A = 0.0 if beyond_V > HELD_WITHIN_V else abs(commanded_A)
+    return least_A - allowed_A <= current_A <= most_A + allowed_A
 
 
 def _follow_voltage(track: Track, rules: Rules, reading: Reading, time_s: float) -> Track:

@@ -61,7 +61,7 @@ CURRENT_RANGE = 'range = ["-i_nom", "i_nom"]'
         (STATUS, '[reg.status]\naddress = 209\ntype = "u16"', "reg.status.address", "overlaps 'setpoint_in_force'"),
         (STATUS, '[reg.status]\naddress = 212\ntype = "u16"', "reg.status.address", "does not lie in one"),
         (STATUS, '[reg.status]\naddress = 65536\ntype = "u16"', "reg.status.address", "within 0 and 65535"),
-        ("first = 110", "first = 105", "block", "105..134 overlaps 100..105"),
+        ("first = 110", "first = 105", "block", "105..135 overlaps 100..105"),
         ("first = 110", "first = 140", r"block\[2\].last", "within 140"),
         ('role = "status"', 'role = "state"', "reg.status.role", "not 'state'"),
         ('role = "alarms"', 'role = "status"', "reg", "role 'status' is given to 2"),
@@ -103,6 +103,7 @@ CURRENT_RANGE = 'range = ["-i_nom", "i_nom"]'
         ('missing = ["ambient_temperature"]', 'missing = ["ambience"]', r"frame\[0\]", "'ambience'"),
         ('role = "lock_step"  ', 'role = "sequence"  ', "reg", "role 'sequence' is given to 2"),
         ('role = "lock_step_period"', "", "reg", "come together"),
+        ('unlimited = 0.0                      # what to write for "hold', '# "', "reg.hold_voltage", "'unlimited'"),
     ],
 )
 def test_what_is_wrong_is_told_by_file_key_and_reason(tmp_path, old, new, key, reason):

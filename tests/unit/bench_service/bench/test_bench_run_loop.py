@@ -61,7 +61,7 @@ class FakeCycler:
         await asyncio.sleep(0)
         return self.spoil(self.reading)
 
-    async def apply(self, current_A: float) -> None:
+    async def apply(self, current_A: float, hold_V: float | None = None) -> None:
         self.applied.append(current_A)
         sequence = self.reading.sequence + 1
         told = {"current_A": current_A, "setpoint_in_force_A": current_A, "voltage_V": 3.7 + 0.02 * current_A}
@@ -411,3 +411,23 @@ async def test_a_step_that_is_cut_off_counts_no_charge_beyond_the_last_stored_sa
     assert step_row[0] == times_s[-1] and step_row[6] == pytest.approx(times_s[-1])
     assert step_row[7] == pytest.approx(2.0 * times_s[-1] / 3600)
     assert [row[5] for row in rows[SAMPLES]] == [0.0, 2.0, 2.0], "set-points as they were in force at the samples"
+
+
+@pytest.mark.parametrize("obeys", [True, False])
+async def test_a_device_that_does_not_hold_the_voltage_that_it_was_told_is_a_fault(bench: Bench, obeys: bool) -> None:
+    """At 2 A the voltage is 3.74 V; held are 3.72 V, which takes 1 A."""
+    told_V: list[float | None] = []
+
+    class Holding(FakeCycler):
+        async def apply(self, current_A: float, hold_V: float | None = None) -> None:
+            told_V.append(hold_V)
+            await super().apply(current_A)
+            if obeys and hold_V is not None:
+                self.reading = replace(self.reading, voltage_V=hold_V, current_A=1.0)
+
+    step = {"step": "cc_cv", "current_A": 2.0, "voltage_V": 3.72, "until": {"time_s": 3}}
+    document = {"schema": "bench-protocol-1", "name": "t", "steps": [step]}
+    program = compile_protocol(read_protocol(document), 3.0, Window(LIMITS.voltage_V, LIMITS.current_A))
+    end = await bench.loop(Holding(), player=ProtocolPlay(program, 0.1, device_holds=True)).play()
+    assert set(told_V) == {3.72}
+    assert (end.state, end.code) == (("completed", "completed") if obeys else ("fault", "current_mismatch")), end

@@ -122,6 +122,26 @@ def test_mismatched_current_is_counted_after_settling(samples: list[tuple[float,
         assert track.mismatched == expected
 
 
+@pytest.mark.parametrize(
+    ("voltage_V", "current_A", "counted"),
+    [
+        (4.17, 2.0, 0), (4.17, 1.0, 1),  # short of the voltage: the whole current
+        (4.199, 0.7, 0), (4.2, 0.0, 0), (4.201, -0.5, 1),  # held by less, but never by the opposite
+        (4.22, 0.0, 0), (4.22, 2.0, 1),  # passed: none
+    ],
+)  # fmt: skip
+def test_a_device_that_holds_a_voltage_gives_less_current_only_there(
+    voltage_V: float, current_A: float, counted: int
+) -> None:
+    for sign in (1.0, -1.0):
+        seen = replace(GOOD, voltage_V=4.2 + sign * (voltage_V - 4.2), current_A=sign * current_A)
+        assert follow(Track(), RULES, seen, 0.0, sign * 2.0, True, 4.2).mismatched == counted
+    held = Track(samples=40, changes=40, repeats=9, voltage_V=4.2, sequence=1)
+    seen = replace(GOOD, voltage_V=4.2, sequence=2)
+    assert follow(held, RULES, seen, 0.0, 2.0, True, 4.2).repeats == 0
+    assert follow(held, RULES, seen, 0.0, 2.0, True).repeats == 10
+
+
 def follow_all(*readings: Reading, dt_s: float = 0.1) -> list[Track]:
     """Tracks after each of some readings, each with a sequence number of its own."""
     tracks = [Track()]
