@@ -101,7 +101,6 @@ class ModbusCycler:
         raw = await self._link.read_registers(register.space, register.address, register.words, f"'{register.name}'")
         return bind(register, constants).decode(raw)
 
-    # --- taking and giving back control --------------------------------------------------------------------
     async def acquire(self, limits: DeviceLimits, watchdog_s: float, lock_step_period_s: float | None) -> None:
         """See `Cycler.acquire`. Output off and set-point 0 come before anything else is configured."""
         plan = self._connected_plan()
@@ -221,7 +220,8 @@ class ModbusCycler:
 
     async def stop_input(self) -> bool | None:
         """See `Cycler.stop_input`."""
-        return None if self._tick is not None else await self._connected_plan().stop_input(self._link)
+        quick = self._tick is None and self._link.quick
+        return await self._connected_plan().stop_input(self._link.read_registers) if quick else None
 
     # --- safety --------------------------------------------------------------------------------------------
     async def safe(self) -> None:

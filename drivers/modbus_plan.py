@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 
 from drivers.codec import bind_all
 from drivers.cycler import Capabilities, DeviceLimits
@@ -11,7 +11,6 @@ from drivers.device_map import LIMIT_ROLES, DeviceMap
 from drivers.errors import CyclerProtocolError, SetPointRefusedError
 from drivers.expression import ExpressionError
 from drivers.modbus_commands import CommandPlan, Commands, DirectionPlan, Write, contiguous
-from drivers.modbus_link import ModbusLink
 from drivers.modbus_sample import SamplePlan
 
 
@@ -50,14 +49,14 @@ class DevicePlan:
             return value_A, 0.0
         return value_A, max(command.resolution(value_A), self._in_force.resolution(value_A))
 
-    async def stop_input(self, link: ModbusLink) -> bool | None:
+    async def stop_input(self, read: Callable[..., Awaitable[list[int]]]) -> bool | None:
         """Read whether the wired stop input is pressed; see `Cycler.stop_input`."""
         status = self.map.by_role("status")
         bit = None if status is None else self.map.bits.get(status.name, {}).get("stop_input")
-        if status is None or bit is None or not link.quick:
+        if status is None or bit is None:
             return None
-        read = await link.read_registers(status.space, status.address, status.words, f"'{status.name}'")
-        return bool(int(self.codecs[status.name].decode(read)) >> bit & 1)
+        words = await read(status.space, status.address, status.words, f"'{status.name}'")
+        return bool(int(self.codecs[status.name].decode(words)) >> bit & 1)
 
     def hold(self, voltage_V: float | None) -> list[Write]:
         """Messages that have the device hold a voltage, or none any more; empty where it has nothing to be told.
