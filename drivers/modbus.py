@@ -223,7 +223,6 @@ class ModbusCycler:
         quick = self._tick is None and self._link.quick
         return await self._connected_plan().stop_input(self._link.read_registers) if quick else None
 
-    # --- safety --------------------------------------------------------------------------------------------
     async def safe(self) -> None:
         """See `Cycler.safe`. Writing rest twice does no harm, so each step is tried again on a fresh link."""
         self._read_ahead = None
@@ -254,7 +253,6 @@ class ModbusCycler:
     async def _verify_off(self) -> None:
         await self._verify_output(self._connected_plan(), on=False)
 
-    # --- writing and verifying -----------------------------------------------------------------------------
     async def _run(self, sequence: str, arguments: Mapping[str, float] | None = None) -> None:
         for step in self._map.sequences[sequence]:
             value = step.value if step.argument is None else (arguments or {}).get(step.argument)

@@ -7,7 +7,7 @@ from bench_service.app.simulated import same_address
     ("address", "arguments"),
     [
         ("modbus-tcp://127.0.0.1:1502", ["--host", "127.0.0.1", "--port", "1502"]),
-        ("modbus-rtu:///tmp/bench-x/line?baud=115200", ["--device", "/tmp/bench-x/line"]),
+        ("modbus-rtu:///run/bench-x/line?baud=115200", ["--device", "/run/bench-x/line"]),
         ("can://udp_multicast/239.74.163.2:43113?node=0", ["--channel", "udp_multicast/239.74.163.2:43113"]),
     ],
 )
