@@ -77,7 +77,7 @@ def diagnose(
         every, soc = [*grid, *record.runs], [*(train_soc or []), *record.soc]
         reference = fit_reference(every, soc, network.cell.capacity_Ah, Shape(own_activation_K(network.structure)))
         lacking = [each for each in catalogue if not _has(network, each)]
-        found = analyse_structure(network, reference, grid, train_soc or [], record.runs, record.soc, lacking)
+        found = analyse_structure(network, reference, grid, train_soc or [], record.runs, record.soc, lacking, soc_std)
         refits = None
         if grid and unexplained(found):
             refits = try_refits(network, grid, train_soc or [], record, found)

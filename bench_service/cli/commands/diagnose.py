@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
-from bench_service.cli.arguments import fraction, fractions
 from bench_service.cli.command import Command
-from bench_service.cli.files import add_current_sign, read_model, read_runs
-from bench_service.cli.initial_soc import initial_soc
+from bench_service.cli.judged_runs import add_judged_runs, read_judged_runs
 from bench_service.cli.output import Output
 
 if TYPE_CHECKING:
@@ -19,27 +17,14 @@ if TYPE_CHECKING:
 
 
 def _arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL.json")
-    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="CSV, gzipped CSV or Parquet")
-    parser.add_argument("--train", type=Path, nargs="+", default=[], metavar="RUN", help="runs the model was made from")
+    add_judged_runs(parser)
     parser.add_argument(
         "--mode",
         choices=["structure", "change"],
         default="structure",
         help="structure: what does the model lack? change: the model was right, what is new?",
     )
-    parser.add_argument("--initial-soc", type=fractions, metavar="S[,S...]", help="one value, or one for each RUN")
-    parser.add_argument(
-        "--train-initial-soc", type=fractions, metavar="S[,S...]", help="the same for the runs of --train"
-    )
-    parser.add_argument(
-        "--initial-soc-std",
-        type=fraction,
-        metavar="D",
-        help="change: how far off the SoC of the runs' start may be (default: 0.005, a careful statement)",
-    )
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with the evidence")
-    add_current_sign(parser)
 
 
 def _run(options: Namespace, output: Output) -> int:
@@ -51,19 +36,22 @@ def _run(options: Namespace, output: Output) -> int:
 
     if options.report is not None:
         check_writable(options.report)
-    network = read_model(options.model)
-    runs = read_runs(options.runs, options.current_sign, output)
-    train = read_runs(options.train, options.current_sign, output)
-    soc = initial_soc(runs, options.initial_soc, network, output)
-    train_soc = initial_soc(train, options.train_initial_soc, network, output)
-    std = None if options.initial_soc_std is None else [options.initial_soc_std] * len(runs)
+    judged = read_judged_runs(options, output)
     with output.progress("Diagnosing"), threadpool_limits(1):
         diagnosis = diagnose(
-            network, runs, soc, train=train or None, train_soc=train_soc or None, mode=options.mode, soc_std=std
+            judged.network,
+            judged.runs,
+            judged.soc,
+            train=judged.train,
+            train_soc=judged.train_soc,
+            mode=options.mode,
+            soc_std=judged.soc_std,
         )
     result = diagnosis.to_json()
     if options.report is not None:
-        write_atomically(options.report, diagnosis_page(options.model.name, network, runs, soc, result))
+        write_atomically(
+            options.report, diagnosis_page(options.model.name, judged.network, judged.runs, judged.soc, result)
+        )
     output.result(result, lambda console: _show(console, result))
     return 0
 

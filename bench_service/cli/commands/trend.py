@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
-from bench_service.cli.arguments import fraction, fractions
 from bench_service.cli.command import Command
-from bench_service.cli.files import add_current_sign, read_model, read_runs
-from bench_service.cli.initial_soc import initial_soc
+from bench_service.cli.judged_runs import add_judged_runs, read_judged_runs
 from bench_service.cli.output import Output
 
 if TYPE_CHECKING:
@@ -19,28 +17,13 @@ if TYPE_CHECKING:
 
 
 def _arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL.json", help="of the cell as it was")
-    parser.add_argument(
-        "runs", type=Path, nargs="+", metavar="RUN", help="CSV, gzipped CSV or Parquet, in time's order"
-    )
-    parser.add_argument("--train", type=Path, nargs="+", default=[], metavar="RUN", help="runs the model was made from")
-    parser.add_argument(
-        "--initial-soc",
-        type=fractions,
-        metavar="S[,S...]",
-        help="one value, or one for each RUN, as a fraction of what the cell holds then: 1 is full, however aged",
-    )
-    parser.add_argument(
-        "--train-initial-soc", type=fractions, metavar="S[,S...]", help="the same for the runs of --train"
-    )
-    parser.add_argument(
-        "--initial-soc-std",
-        type=fraction,
-        metavar="D",
-        help="how far off the SoC of the runs' start may be (default: 0.005, a careful statement)",
+    add_judged_runs(
+        parser,
+        model_help="of the cell as it was",
+        in_order=True,
+        soc_help=", as a fraction of what the cell holds then: 1 is full, however aged",
     )
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with the cell's life")
-    add_current_sign(parser)
 
 
 def _run(options: Namespace, output: Output) -> int:
@@ -51,15 +34,16 @@ def _run(options: Namespace, output: Output) -> int:
 
     if options.report is not None:
         check_writable(options.report)
-    network = read_model(options.model)
-    runs = read_runs(options.runs, options.current_sign, output)
-    train = read_runs(options.train, options.current_sign, output)
-    soc = initial_soc(runs, options.initial_soc, network, output)
-    train_soc = initial_soc(train, options.train_initial_soc, network, output)
-    std = None if options.initial_soc_std is None else [options.initial_soc_std] * len(runs)
+    judged = read_judged_runs(options, output)
     with output.progress("Following the cell") as report, threadpool_limits(1):
         found = trend(
-            network, runs, soc, train=train or None, train_soc=train_soc or None, soc_std=std, progress=report
+            judged.network,
+            judged.runs,
+            judged.soc,
+            train=judged.train,
+            train_soc=judged.train_soc,
+            soc_std=judged.soc_std,
+            progress=report,
         )
     result = found.to_json()
     if options.report is not None:

@@ -19,9 +19,11 @@ from models.network.signals import parse_signal
 # A time constant that was given or chosen from a coarse grid is known to this in its logarithm, and how far its
 # derivative is taken.
 _LOG_TAU, _LOG_STEP = 0.35, 0.1
-# A log begins anywhere: polarisations that fade, in s, a place in the hysteresis loop that charge moves away from, in
-# 1/capacity, each about so large; and a state of charge that a person counted.
-_FADES_S, _LOOPS, _START_V, _START_SOC = (30.0, 150.0, 700.0, 3000.0), (10.0, 40.0, 160.0), 5e-3, 0.005
+# A log begins anywhere: polarisations that fade, in s, and a place in the hysteresis loop that charge moves away from,
+# in 1/capacity, each about so large.
+_FADES_S, _LOOPS, _START_V = (30.0, 150.0, 700.0, 3000.0), (10.0, 40.0, 160.0), 5e-3
+# Step of the slope over the state of charge.
+_SOC_STEP = 0.005
 # Counted charge slips by about so much, slowly.
 _SLIP_SOC, _SLIP_S = 0.005, 3000.0
 
@@ -50,10 +52,19 @@ class Nuisances:
         return self.starts.shape[1] + (self.slips.shape[1] if slips else 0)
 
 
-def nuisances_of(network: LocalModelNetwork, views: Sequence[View]) -> Nuisances:
-    """All that is open of a network beside its parameters at the samples of runs on its grid."""
+def nuisances_of(network: LocalModelNetwork, views: Sequence[View], soc_std: Sequence[float]) -> Nuisances:
+    """All that is open of a network beside its parameters.
+
+    Parameters
+    ----------
+    network : the model
+    views : runs on its grid with their samples
+    soc_std : standard deviation of the SoC at the start of each
+    """
     taus = [time_constants_V(network, view.run, view.initial_soc, view.index) for view in views]
-    starts = [starts_V(network, view.run, view.initial_soc, view.index) for view in views]
+    starts = [
+        starts_V(network, view.run, view.initial_soc, view.index, std) for view, std in zip(views, soc_std, strict=True)
+    ]
     slips = [slips_V(network, view.run, view.initial_soc, view.index) for view in views]
     return Nuisances(np.vstack(taus), _each_alone(slips), _each_alone(starts))
 
@@ -86,11 +97,13 @@ def time_constants_V(network: LocalModelNetwork, run: GridRun, initial_soc: floa
     return np.column_stack(columns) if columns else np.zeros((len(index), 0))
 
 
-def starts_V(network: LocalModelNetwork, run: GridRun, initial_soc: float, index: np.ndarray) -> FloatArray:
+def starts_V(
+    network: LocalModelNetwork, run: GridRun, initial_soc: float, index: np.ndarray, soc_std: float
+) -> FloatArray:
     """(m, k) what is open where a run begins, one standard deviation each."""
     time_s, moved_Ah = run.time_s[index], np.abs(np.diff(run.charge_Ah, prepend=run.charge_Ah[0]))
     passed = np.cumsum(moved_Ah)[index] / network.cell.capacity_Ah
-    fuller = _START_SOC * _slope_V(network, run, initial_soc, index)
+    fuller = soc_std * _slope_V(network, run, initial_soc, index)
     fading = [_START_V * np.exp(-time_s / tau_s) for tau_s in _FADES_S]
     loops = [_START_V * np.exp(-rate * passed) for rate in _LOOPS]
     return np.column_stack([fuller, *fading, *loops])
@@ -105,8 +118,8 @@ def slips_V(network: LocalModelNetwork, run: GridRun, initial_soc: float, index:
 
 
 def _slope_V(network: LocalModelNetwork, run: GridRun, initial_soc: float, index: np.ndarray) -> FloatArray:
-    more, less = (free_run_V(network, run, initial_soc + sign * _START_SOC)[index] for sign in (1.0, -1.0))
-    return (more - less) / (2.0 * _START_SOC)
+    more, less = (free_run_V(network, run, initial_soc + sign * _SOC_STEP)[index] for sign in (1.0, -1.0))
+    return (more - less) / (2.0 * _SOC_STEP)
 
 
 def _slower(name: str, factor: float) -> str:

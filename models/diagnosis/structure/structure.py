@@ -32,6 +32,8 @@ _HELD_OUT_RIDGE = 1e-5
 _BIAS_ALLOWANCE = 0.2
 _NEARLY = 0.9
 _SOC_SLACK = 0.01
+# Of a state of charge that a person counted with care.
+_SOC_STD = 0.005
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ def analyse_structure(
     runs: list[GridRun],
     soc: list[float],
     effects: list[Effect],
+    soc_std: list[float] | None = None,
 ) -> StructureAnalysis:
     """Try every effect beside what the network has.
 
@@ -72,11 +75,12 @@ def analyse_structure(
     train, train_soc : what the network was fitted to; empty where it is not at hand
     runs, soc : runs to be explained
     effects : to be tried
+    soc_std : standard deviation of the stated SoC of each of these runs; None: that of a careful statement
     """
     samples = _inside(all_samples(reference, [*train, *runs], [*train_soc, *soc], _SAMPLES), len(train))
     error = np.concatenate([_error_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
     own = np.vstack([directions_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
-    open_ = nuisances_of(network, samples.views)
+    open_ = nuisances_of(network, samples.views, [_SOC_STD] * len(train) + (soc_std or [_SOC_STD] * len(runs)))
     usable = [effect for effect in effects if not effect.absorbed and visible(effect, [*train, *runs])]
     columns = {effect.name: samples.regressors(effect) for effect in usable}
     evidence, resolution = resolved(samples, error, own, open_, np.hstack(list(columns.values())))

@@ -45,7 +45,7 @@ def test_each_time_constant_has_its_derivative(network_and_run: tuple[LocalModel
 def test_where_a_run_begins_fades_and_a_slip_lasts(network_and_run: tuple[LocalModelNetwork, GridRun]) -> None:
     network, run = network_and_run
     late = np.array([0, len(run) - 1])
-    starts = np.abs(starts_V(network, run, SOC, late))
+    starts = np.abs(starts_V(network, run, SOC, late, 0.005))
     # All but the state of charge; the slowest has a time constant of 3000 s.
     assert (starts[1, 1:] < 0.2 * starts[0, 1:]).all()
     slips = slips_V(network, run, SOC, late)
@@ -74,3 +74,12 @@ def test_a_log_that_begins_under_load_lacks_nothing(network_and_run: tuple[Local
     )
     answer = diagnose(network, [rest], [soc], train=[TRAIN], train_soc=[SOC], mode="structure")
     assert answer.verdict == "nothing_missing"
+
+
+def test_a_start_that_nobody_is_sure_of_is_open_as_far_as_is_said(
+    network_and_run: tuple[LocalModelNetwork, GridRun],
+) -> None:
+    network, run = network_and_run
+    careful, vague = (starts_V(network, run, SOC, INDEX, std) for std in (0.005, 0.05))
+    np.testing.assert_allclose(vague[:, 0], 10.0 * careful[:, 0])
+    np.testing.assert_array_equal(vague[:, 1:], careful[:, 1:])
