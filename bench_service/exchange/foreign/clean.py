@@ -122,9 +122,9 @@ def _judge_steps(
     highest = np.maximum.accumulate(time)
     back, level = np.diff(time) < 0, np.diff(time) == 0
     if leave_out:
-        back = time[1:] < highest[:-1]
+        back = (time[1:] <= highest[:-1]) & ~level
     if not has_before:
-        level[:1] = False
+        level[:1] = back[:1] = False
     same = level & _twins(joined, np.arange(len(rows)), np.arange(1, len(rows) + 1))
     for kind, found in (("backwards", back), ("same", same), ("coarse", level & ~same)):
         for k in np.flatnonzero(found)[:1]:
@@ -183,6 +183,11 @@ def judge_faults(where: str, faults: Faults, leave_out: bool) -> list[str]:
         )
     if faults.backwards and not leave_out:
         _ask_backwards(where, faults)
+    if 2 * faults.backwards > faults.n:
+        raise RunFileError(
+            f"{where}: {faults.backwards} of {faults.n} rows lie before the time of an earlier one: a single wrong "
+            "time, or no time at all; name another column with --column time_s=NAME"
+        )
     if faults.backwards:
         remarks.append(f"{_rows(faults.backwards)} whose time lies before that of an earlier row: left out")
     if faults.same:

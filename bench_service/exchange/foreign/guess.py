@@ -136,8 +136,10 @@ def numbers_of(table: Table, name: str) -> np.ndarray:
     """(n,) first numbers of a column; what is none is left out."""
     values = []
     for cell in cells_of(table, name):
+        # The last mark is that of the decimals; those before it group thousands.
+        head, mark, tail = cell.replace("'", "").replace(" ", "").replace(",", ".").rpartition(".")
         try:
-            values.append(float(cell.replace(",", ".")))
+            values.append(float(head.replace(".", "") + mark + tail))
         except ValueError:
             continue
     return np.array(values)
@@ -148,7 +150,7 @@ def _find(table: Table, role: str, wanted: Sequence[str], known: CyclerMap, why:
     for name in wanted:
         fitting = []
         for k, title in enumerate(table.names):
-            base, unit, other = split_name(title)
+            base, unit, other = split_name(_without_count(title, table))
             if unit is None and k < len(table.units):
                 unit = find_unit(table.units[k])
             if base == name and not other and (unit is None or unit.quantity == quantity):
@@ -163,6 +165,12 @@ def _find(table: Table, role: str, wanted: Sequence[str], known: CyclerMap, why:
             if (column := _column(table, role, title, unit, known, why)) is not None:
                 return column
     return None
+
+
+def _without_count(title: str, table: Table) -> str:
+    """A name without the number that tells it from another column of the same name."""
+    name, _, count = title.rpartition(" (")
+    return name if count.rstrip(")").isdigit() and name in table.names else title
 
 
 def _column(table: Table, role: str, title: str, unit: Unit | None, known: CyclerMap, why: str) -> Column | None:

@@ -199,7 +199,7 @@ def cleaned(array: pa.Array, decimal: str) -> pa.Array:
     text = pc.utf8_trim_whitespace(array)  # pyright: ignore[reportAttributeAccessIssue]
     text = pc.if_else(pc.is_in(text, value_set=pa.array(MISSING)), None, text)  # pyright: ignore[reportAttributeAccessIssue]
     group = "," if decimal == "." else r"\."
-    text = pc.replace_substring_regex(text, pattern=rf"(\d)(?:{group}|'| |\u00a0)(\d\d\d)", replacement=r"\1\2")  # pyright: ignore[reportAttributeAccessIssue]
+    text = pc.replace_substring_regex(text, pattern=rf"(\d)(?:{group}|'| | )(\d\d\d)", replacement=r"\1\2")  # pyright: ignore[reportAttributeAccessIssue]
     if decimal == ",":
         text = pc.replace_substring(text, pattern=",", replacement=".")  # pyright: ignore[reportAttributeAccessIssue]
     return text.cast(pa.float64())

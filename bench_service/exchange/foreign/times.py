@@ -46,7 +46,7 @@ def kind_of_times(cells: Iterable[str]) -> str | None:
     for cell in cells:
         if not cell.strip():
             continue
-        if re.fullmatch(r"\s*[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\s*", cell):
+        if re.fullmatch(r"\s*[+-]?(\d+([.,]\d*)?|[.,]\d+|\d{1,3}([,.' ]\d{3})+[.,]\d+)([eE][+-]?\d+)?\s*", cell):
             kinds.add("number")
         elif re.match(_DURATION.replace("(?P<sign>-)", "-"), cell):
             kinds.add("duration")

@@ -65,7 +65,7 @@ def find_unit(text: str) -> Unit | None:
     """Return the unit of a spelling, or None."""
     plain = text.strip().strip("[]()").strip().rstrip(".")
     # The degree sign as written by programs of any encoding, or as what a wrong one left of it.
-    for sign in ("°", "º", "\ufffd", "℃"):
+    for sign in ("°", "º", "\ufffd", "?", "℃"):
         plain = plain.replace(sign, "deg" if sign != "℃" else "degC")
     plain = plain.replace("µ", "u").replace("μ", "u").replace(" ", "").lower()
     plain = plain.replace("degrees", "deg").replace("deg.", "deg")
