@@ -88,7 +88,7 @@ def settle_sign(where: str, spool: Spool, keep: NDArray[np.bool_], mapping: Mapp
         return
     evidence, counted = judge_spool(spool, keep)
     one_sign = spool.lowest["current_A"] >= 0.0 or spool.highest["current_A"] <= 0.0
-    if one_sign and counted.both and abs(counted.score) < 0.5:
+    if one_sign and (counted.surely_both or (evidence.verdict == "unclear" and counted.both)):
         raise QuestionError(
             f"{where}: the current has one sign only, while the voltage shows both charge and discharge: name the "
             "column that tells which with --column state=NAME, or the two columns with --column charge_current_A=NAME "
@@ -105,7 +105,8 @@ def settle_sign(where: str, spool: Spool, keep: NDArray[np.bool_], mapping: Mapp
     else:
         raise QuestionError(
             f"{where}: the current has the wrong sign ({expected} expected): {evidence.text}; settle it with "
-            f"--current-sign {evidence.verdict} (or {expected} to keep the file's sign)",
+            f"--current-sign {evidence.verdict} (or {expected} to keep the file's sign)"
+            + ("; where a column tells charge from discharge, name it with --column state=NAME" if one_sign else ""),
             "current_sign",
         )
 

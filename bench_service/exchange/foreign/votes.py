@@ -17,17 +17,34 @@ from bench_service.exchange.sign import SignEvidence, judge_sign
 _STEP_SHARE, _REST_SHARE, _SAME_SHARE = 0.3, 0.02, 0.02
 _STEP_V, _STAGE_V, _NOISE = 0.003, 0.008, 5.0
 _CLEAR = 0.5
-_BOTH = 0.15
+_BOTH, _LONG_SHARE = 0.15, 0.1
 # A longer record is looked at in windows: sign, as opposed to shape, is the same everywhere.
 _WHOLE, _WINDOW, _WINDOWS = 1_000_000, 25_000, 24
 
 
 @dataclass(frozen=True, slots=True)
 class Votes:
-    """Volts by which the voltage moved with the current, and against it."""
+    """Volts by which the voltage moved with the current, and against it.
+
+    Attributes
+    ----------
+    for_V, against_V : at steps and over stages
+    long_for_V, long_against_V : over stages alone that crossed a good part of the voltage's range
+    """
 
     for_V: float
     against_V: float
+    long_for_V: float = 0.0
+    long_against_V: float = 0.0
+
+    def __add__(self, other: Votes) -> Votes:
+        """Count two together."""
+        return Votes(
+            self.for_V + other.for_V,
+            self.against_V + other.against_V,
+            self.long_for_V + other.long_for_V,
+            self.long_against_V + other.long_against_V,
+        )
 
     @property
     def score(self) -> float:
@@ -37,8 +54,17 @@ class Votes:
 
     @property
     def both(self) -> bool:
-        """Whether the voltage clearly does both: charge and discharge with one sign of the current."""
-        return min(self.for_V, self.against_V) > _BOTH * (self.for_V + self.against_V) > 0.0
+        """Whether the voltage does both: charge and discharge with one sign of the current."""
+        return _are_both(self.for_V, self.against_V)
+
+    @property
+    def surely_both(self) -> bool:
+        """Whether it does so over long stages, which a drive cycle's noise does not look like."""
+        return _are_both(self.long_for_V, self.long_against_V)
+
+
+def _are_both(one_V: float, other_V: float) -> bool:
+    return min(one_V, other_V) > _BOTH * (one_V + other_V) > 0.0
 
 
 def votes(current_A: NDArray[np.float64], voltage_V: NDArray[np.float64]) -> Votes:
@@ -60,8 +86,9 @@ def votes(current_A: NDArray[np.float64], voltage_V: NDArray[np.float64]) -> Vot
     moved = moved[np.abs(moved) >= max(_STEP_V, noise_V)]
     stages = _stages(current, voltage, _SAME_SHARE * largest, _REST_SHARE * largest)
     stages = stages[np.abs(stages) >= max(_STAGE_V, noise_V)]
+    long = stages[np.abs(stages) >= _LONG_SHARE * float(np.ptp(voltage))]
     both = np.concatenate([moved, stages])
-    return Votes(float(both[both > 0].sum()), float(-both[both < 0].sum()))
+    return Votes(*(float(sign * each[sign * each > 0].sum()) for each in (both, long) for sign in (1, -1)))
 
 
 def _stages(
@@ -88,26 +115,24 @@ def judge_spool(spool: Spool, keep: NDArray[np.bool_]) -> tuple[SignEvidence, Vo
         starts = np.linspace(0, spool.n - _WINDOW, _WINDOWS).astype(int)
         windows = [(int(start), int(start) + _WINDOW) for start in starts]
     verdicts: list[SignEvidence] = []
-    for_V = against_V = 0.0
+    counted = Votes(0.0, 0.0)
     for start, stop in windows:
         kept = keep[start:stop]
         time, current, voltage = (
             spool.column(name, start, stop)[kept] for name in ("time_s", "current_A", "voltage_V")
         )
         verdicts.append(judge_sign(current, voltage, time))
-        counted = votes(current, voltage)
-        for_V, against_V = for_V + counted.for_V, against_V + counted.against_V
-    counted = Votes(for_V, against_V)
+        counted += votes(current, voltage)
     clear = [each for each in verdicts if each.verdict != "unclear"]
     agree = len({each.verdict for each in clear}) == 1
     opposite = agree and abs(counted.score) >= _CLEAR and (clear[0].verdict == "charge-positive") != (counted.score > 0)
     if agree and not opposite:
         return clear[0], counted
-    text = f"the voltage moved {for_V:.3g} V with the current and {against_V:.3g} V against it"
+    text = f"the voltage moved {counted.for_V:.3g} V with the current and {counted.against_V:.3g} V against it"
     if opposite:
         return SignEvidence("unclear", f"{clear[0].text}, but {text}"), counted
     if counted.score >= _CLEAR:
         return SignEvidence("charge-positive", text), counted
     if counted.score <= -_CLEAR:
         return SignEvidence("discharge-positive", text), counted
-    return SignEvidence("unclear", verdicts[0].text if for_V + against_V == 0.0 else text), counted
+    return SignEvidence("unclear", verdicts[0].text if counted.for_V + counted.against_V == 0.0 else text), counted

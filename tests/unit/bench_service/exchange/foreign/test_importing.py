@@ -83,7 +83,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(votes_module, "_WINDOW", 2_000)
     monkeypatch.setattr(settle, "_SAMPLED", 5_000)
     monkeypatch.setattr(byte_source, "_BLOCK_BYTES", 1 << 15)
-    n, row = 600_000, "{:d}.0,{:.1f},3.7{:d},25.0,1,1"
+    n, row = 400_000, "{:d}.0,{:.1f},3.7{:d},25.0,1,1"
     path = tmp_path / "a.csv"
     lines = (row.format(k, k // 100 % 2, k // 100 % 2) for k in range(n))
     path.write_text("time_s,current_A,voltage_V,temperature_degC,cycle_count,step_count\n" + "\n".join(lines))
