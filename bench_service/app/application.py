@@ -19,6 +19,7 @@ from bench_service.api import (
     events,
     formats,
     health,
+    imports,
     jobs,
     live,
     models,
@@ -55,6 +56,7 @@ _RESOURCES = (
     designs,
     campaigns,
     commissioning,
+    imports,
     live,
 )
 
@@ -101,6 +103,8 @@ def create_app(
         api.include_router(resource.router)
     api.include_router(protocols.tests_router)
     api.include_router(models.bulk_router)
+    api.include_router(imports.upload_router)
+    api.include_router(imports.mapping_router)
     app.include_router(api)
     app.include_router(health.router)
     app.include_router(web.router)

@@ -24,6 +24,7 @@ from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.endings import close_left_open
 from bench_service.campaign.hardware import Hardware
+from bench_service.campaign.importing import Importing
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.latches import unacknowledged
 from bench_service.campaign.live import Broadcaster
@@ -105,6 +106,7 @@ async def running_services(
             recorder_state=lambda: recorder.state,
             storage=storage,
             commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
+            importing=Importing(store, jobs, storage, recorder.attach, (config.data_dir, code_version)),
         )
 
 

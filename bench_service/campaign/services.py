@@ -10,6 +10,7 @@ from bench_service.campaign.campaigns import CampaignRunner
 from bench_service.campaign.commissioning import Commissioning
 from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
+from bench_service.campaign.importing import Importing
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
@@ -48,3 +49,4 @@ class Services:
     recorder_state: Callable[[], str]
     storage: Storage
     commissioning: Commissioning
+    importing: Importing

@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import Self, Unpack
 
 from bench_service.client.connection import API, Connection, Record, part
+from bench_service.client.import_calls import ImportCalls
 from bench_service.client.model_calls import ModelCalls
 from bench_service.client.protocol_calls import ProtocolCalls
 from bench_service.client.run_options import RunOptions
@@ -54,6 +55,13 @@ class BenchClient:
         self.add_effect = models.add_effect
         self.refit = models.refit
         self.model_chain = models.model_chain
+        imports = ImportCalls(self._connection)
+        self.upload_file = imports.upload_file
+        self.look_at_import = imports.look_at_import
+        self.store_import = imports.store_import
+        self.drop_import = imports.drop_import
+        self.mappings = imports.mappings
+        self.save_mapping = imports.save_mapping
         protocols = ProtocolCalls(self._connection)
         self.upload_protocol = protocols.upload_protocol
         self.add_standard_test = protocols.add_standard_test
