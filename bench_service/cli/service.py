@@ -52,6 +52,19 @@ def connected(config: ServiceConfig, bench: str) -> Iterator[BenchClient]:
         yield client
 
 
+@contextmanager
+def connected_to_store(config: ServiceConfig) -> Iterator[BenchClient]:
+    """Give a client of the service that holds the store, else of one of its own without a bench."""
+    holder = MetadataStore.holder(config.data_dir)
+    if holder is not None and holder.url is not None:
+        with BenchClient(holder.url, token=read_token(config.data_dir)) as client:
+            yield client
+        return
+    check_data_dir(config.data_dir)
+    with _OwnService(config.model_copy(update={"bench": {}})) as url, BenchClient(url) as client:
+        yield client
+
+
 def check_data_dir(path: Path) -> None:
     """Refuse a data directory that cannot be one; what goes wrong in a good one later is no bad input.
 

@@ -7,6 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench_service.cli.arguments import fraction, positive
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
@@ -44,6 +45,8 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--bad-times", choices=["leave-out"], help="rows whose time lies before that of an earlier row are left out"
     )
+    parser.add_argument("--capacity-Ah", type=positive, metavar="Q", help="of the cell; without --out, to store a run")
+    parser.add_argument("--initial-soc", type=fraction, metavar="S", help="of the cell at the start of the file")
     parser.add_argument("--save-mapping", metavar="NAME", help="remember the mapping, with what was chosen here")
     parser.add_argument("--config", type=Path, metavar="bench.toml", help="which says where mappings are kept")
 
@@ -77,7 +80,7 @@ def _run(options: Namespace, output: Output) -> int:
         output.result(_told(seen), lambda console: _show(console, seen))
         return 0
     if options.out is None:
-        raise UsageError("import: say where to with --out RUN.csv, or only look with --show")
+        return _store(options, output)
     check_suffix(options.out)
     check_writable(options.out)
     with output.progress(f"reading {options.file.name}") as report:
@@ -89,6 +92,61 @@ def _run(options: Namespace, output: Output) -> int:
     output.warn(*(f"{options.file}: {remark}" for remark in run.remarks))
     output.result(_answer(options, run), lambda console: _say(console, options, run))
     return 0
+
+
+def _store(options: Namespace, output: Output) -> int:
+    """Put the file into the store, through the service that holds it or one of its own."""
+    # Lazy: pydantic, sqlalchemy and httpx take 400 ms.
+    from bench_service.cli.service import connected_to_store
+    from bench_service.client import ClientError
+    from bench_service.config import load_config
+
+    if options.capacity_Ah is None or options.initial_soc is None:
+        raise UsageError(
+            "import: say where to with --out RUN.csv, or store it as a run with --capacity-Ah and --initial-soc; "
+            "--show only looks"
+        )
+    choices = _choices(options)
+    given: dict[str, Any] = {
+        "format": options.format,
+        "mapping": options.mapping,
+        "columns": {role: {"column": each.name, "unit": each.unit} for role, each in choices.columns.items()},
+        "current_sign": options.current_sign,
+        "date_order": options.date_order,
+        "time_zone": options.time_zone,
+        "cell": options.cell,
+        "leave_out": choices.leave_out,
+    }
+    _remember(options, _look_first(options, choices))
+    with connected_to_store(load_config(options.config)) as client, output.progress(options.file.name) as report:
+        upload = client.upload_file(options.file)
+        try:
+            stored = client.store_import(
+                upload["id"],
+                options.capacity_Ah,
+                options.initial_soc,
+                choices=given,
+                on_progress=lambda job: report(job["progress"], job["message"]),
+            )
+        except ClientError as error:
+            client.drop_import(upload["id"])
+            if str(error).startswith(f"{options.file.name}: "):  # the file's fault, not the service's
+                raise UsageError(str(error)) from error
+            raise
+    output.warn(*(f"{options.file}: {remark}" for remark in stored["remarks"]))
+    answer = {"run": stored["run"], "state": stored["state"], "samples": stored["samples"], "reason": None}
+    output.result(
+        answer | {key: stored[key] for key in ("mapping", "remarks", "ignored_columns")},
+        lambda console: console.print(f"run {stored['run']}: {stored['samples']} samples", markup=False),
+    )
+    return 0
+
+
+def _look_first(options: Namespace, choices: Choices) -> Look:
+    """Look at the file before a service is asked: what is missing is told at once."""
+    from bench_service.exchange.foreign.looking import look
+
+    return look(options.file, choices)
 
 
 def _choices(options: Namespace) -> Choices:
@@ -175,4 +233,4 @@ def _say(console: Console, options: Namespace, run: Imported) -> None:
     console.print(f"wrote {run.n} samples to {options.out} (read as {run.mapping.title})", markup=False)
 
 
-COMMAND = Command("import", "read a run that any cycler's program wrote into a file of our own", _arguments, _run)
+COMMAND = Command("import", "read what any cycler's program wrote, into a file or as a stored run", _arguments, _run)
