@@ -39,6 +39,12 @@ async def run_page(request: Request, run_id: str) -> Response:
     return _page(request, "run.html")
 
 
+@router.get("/import", response_class=HTMLResponse)
+async def import_page(request: Request) -> Response:
+    """Return the page where files of other programs come in."""
+    return _page(request, "import.html")
+
+
 def _page(request: Request, template: str) -> Response:
     context = {"version": request.app.version, "openapi_url": request.app.openapi_url}
     return _templates.TemplateResponse(request, template, context, headers=_page_headers(request))

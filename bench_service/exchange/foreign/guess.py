@@ -57,6 +57,7 @@ class QuestionError(RunFileError):
     def __init__(self, message: str, asks: str) -> None:
         super().__init__(message)
         self.asks = asks
+        self.mapping: Mapping | None = None  # as far as it was guessed
 
 
 def guess(table: Table, known: CyclerMap, where: str, settled: Sequence[str] = ()) -> Mapping:

@@ -62,7 +62,7 @@ def look(path: Path, choices: Choices | None = None) -> Look:
         No table, or nothing that is read here.
     """
     choices = choices or Choices()
-    table = _open(path)
+    table = open_table(path)
     where = str(path)
     settled = {
         role: column if column.name == "" else resolve(table, role, column, where)
@@ -76,11 +76,16 @@ def look(path: Path, choices: Choices | None = None) -> Look:
     mapping = mapping.corrected(
         settled, current_sign=choices.current_sign, date_order=choices.date_order, time_zone=choices.time_zone
     )
-    _check_complete(where, table, mapping)
-    return Look(path, table, _settle_dates(where, table, mapping))
+    try:
+        _check_complete(where, table, mapping)
+        return Look(path, table, _settle_dates(where, table, mapping))
+    except QuestionError as error:
+        error.mapping = mapping
+        raise
 
 
-def _open(path: Path) -> TextTable | ArrowTable:
+def open_table(path: Path) -> TextTable | ArrowTable:
+    """Open what reads a file; raises RunFileError where nothing does."""
     kind = kind_of(path)
     if kind == "parquet":
         return open_parquet(path)

@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 
 from bench_service.exchange.errors import RunFileError
+from bench_service.exchange.foreign.arrow_table import ArrowTable
 from bench_service.exchange.foreign.guess import QuestionError
 from bench_service.exchange.foreign.importing import Imported, import_file
-from bench_service.exchange.foreign.looking import Choices, Look, look
-from bench_service.exchange.foreign.mapping import Column, Mapping
+from bench_service.exchange.foreign.looking import Choices, look, open_table
+from bench_service.exchange.foreign.mapping import ROLES, Column, Mapping
 from bench_service.exchange.foreign.output import write_imported
 from bench_service.exchange.foreign.spool import Columns
+from bench_service.exchange.foreign.text_table import TextTable
+from bench_service.exchange.foreign.units import unit_names
 
 _SHOWN_ROWS, _PLOTTED = 20, 600
 Json = dict[str, Any]
@@ -44,14 +47,16 @@ def choices_from_json(given: Json, mapping: Json | None) -> Choices:
 
 def look_at(report: Report, path: Path, title: str, given: Json, mapping: Json | None) -> Json:
     """Look at a file and read it: what its columns are taken for, its first rows, a plot, and what is unclear."""
-    choices = choices_from_json(given, mapping)
-    told: Json = {"file": title, "state": "ok", "question": None, "asks": None}
+    told: Json = {"file": title, "state": "ok", "question": None, "asks": None, "roles": _roles()}
     try:
-        seen = look(path, choices)
-        told |= _looked(seen)
+        choices = choices_from_json(given, mapping)
+        told |= _table(open_table(path))
+        told["mapping"] = look(path, choices).mapping.to_json()
         with closing(import_file(path, choices, lambda share: report(share, "reading"))) as run:
             return told | _read(run)
     except QuestionError as error:
+        if error.mapping is not None:
+            told["mapping"] = error.mapping.to_json()
         return told | {"state": "question", "question": _named(error, path, title), "asks": error.asks}
     except RunFileError as error:
         raise RunFileError(_named(error, path, title)) from error
@@ -90,13 +95,18 @@ def _named(error: Exception, path: Path, title: str) -> str:
     return str(error).replace(str(path), title)
 
 
-def _looked(seen: Look) -> Json:
+def _table(table: TextTable | ArrowTable) -> Json:
     return {
-        "kind": seen.table.kind,
-        "mapping": seen.mapping.to_json(),
-        "columns": list(seen.table.names),
-        "first_rows": [list(row) for row in seen.table.sample[:_SHOWN_ROWS]],
+        "kind": table.kind,
+        "mapping": None,
+        "columns": list(table.names),
+        "first_rows": [list(row) for row in table.sample[:_SHOWN_ROWS]],
     }
+
+
+def _roles() -> Json:
+    """What a column can hold, with the units that it can have."""
+    return {role: [] if quantity is None else list(unit_names(quantity)) for role, quantity in ROLES.items()}
 
 
 def _read(run: Imported) -> Json:

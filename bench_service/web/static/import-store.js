@@ -1,0 +1,37 @@
+// The end of an import: name, capacity, state of charge; and the mapping to be remembered.
+import { api } from "./api.js";
+import { el, setText } from "./dom.js";
+import { follow } from "./jobs.js";
+
+/** `stored(runId)` at the end; `choices()` and `upload()` give what is stored; `work(title, task)` shows that it goes on. */
+export function importStore(node, { stored, choices, upload, work }) {
+  let mapping = null;
+  const field = (id, title, props) => { const input = el("input", { id, autocomplete: "off", ...props }); return [input, el("div", { class: "field" }, el("label", { for: id, text: title }), input)]; };
+  const [name, nameField] = field("import-name", "Name of the run", { maxlength: 200 });
+  const [capacity, capacityField] = field("import-capacity", "Capacity of the cell / Ah", { inputmode: "decimal", required: true });
+  const [soc, socField] = field("import-soc", "State of charge at its start / %", { inputmode: "decimal", required: true });
+  const [title, titleField] = field("import-mapping", "Remember the columns as", { maxlength: 64, placeholder: "our-cycler" });
+  const told = el("p", { class: "hint", role: "status" });
+  const number = (input) => Number(input.value.trim().replace(",", "."));
+  const check = () => {
+    const [Q, S] = [number(capacity), number(soc)];
+    if (!capacity.value || !(Q > 0)) return "Give the cell's capacity in Ah, above 0.";
+    if (!soc.value || !(S >= 0 && S <= 100)) return "Give the state of charge at the start, 0 to 100 %.";
+    return "";
+  };
+  const submit = async (event) => {
+    event.preventDefault();
+    const wrong = check();
+    setText(told, wrong);
+    if (wrong) return;
+    const body = { capacity_Ah: number(capacity), initial_soc: number(soc) / 100, name: name.value.trim() || null, choices: choices() };
+    const result = await work("Storing the run", async (update) => {
+      if (title.value.trim()) await api.saveMapping({ ...mapping, name: title.value.trim() });
+      return follow(await api.storeImport(upload().id, body), update);
+    });
+    if (result) stored(result.run);
+  };
+  node.replaceChildren(el("form", { class: "campaign-form", novalidate: true, on: { submit } }, el("div", { class: "fields" }, nameField, capacityField, socField, titleField),
+    el("div", { class: "form-end" }, el("button", { id: "import-store-button", class: "primary", text: "Store as a run" }), told)));
+  return { show: (seen) => { mapping = seen.mapping; if (!name.value) name.value = seen.file; } };
+}

@@ -1,0 +1,68 @@
+"""A cycler's file in Chromium: dropped, asked about, corrected, stored, seen as a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser_rig import PHONE, OpenPage, looked_at, served
+from playwright.sync_api import expect
+
+from benchmarks.import_variants import commas, joined, record, renamed, swapped, table_of
+from tests.patience import PATIENCE_S
+
+pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(3 * PATIENCE_S)]
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with served(tmp_path_factory.mktemp("imports"), "[bench.fast.simulate]\nlock_step = true\n") as found:
+        yield found
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Of an unknown cycler: its own word for the voltage, discharge positive."""
+    target = tmp_path / "cell 7.txt"
+    target.write_text(joined(commas(swapped(renamed(table_of(record()), {2: "Klemme"}))), ";"))
+    return target
+
+
+def test_a_file_is_dropped_corrected_and_stored(open_page: OpenPage, address: str, file: Path) -> None:
+    page = open_page("fast")
+    page.get_by_role("link", name="Import").click()
+    page.locator("#import-file").set_input_files(file)
+    question = page.locator(".question")
+    expect(question).to_contain_text("which column holds voltage_V?")
+    expect(question).not_to_contain_text("--")
+    expect(page.locator("tr[data-asked=true] th")).to_have_text("Voltage")
+    expect(page.locator("#import-store")).to_be_hidden()
+    looked_at(page, "import-question")
+    page.locator("#column-voltage_V").select_option("Klemme")
+    expect(question).to_contain_text("the current has the wrong sign")
+    page.locator("#import-current_sign").select_option("discharge-positive")
+    expect(page.locator("#import-body")).to_contain_text("400 samples")
+    expect(question).to_have_count(0)
+    expect(page.locator("#import-body table").last.locator("tbody tr").first).to_contain_text("25")
+    page.locator("#import-capacity").fill("3,0")
+    page.locator("#import-mapping").fill("ours")
+    page.locator("#import-store-button").click()
+    expect(page.locator("#import-store .hint")).to_contain_text("state of charge")
+    page.locator("#import-soc").fill("40")
+    looked_at(page, "import-ready")
+    page.locator("#import-store-button").click()
+    page.wait_for_url("**/runs/*")
+    expect(page.locator("#run-facts")).to_contain_text("cell 7.txt")
+    expect(page.locator("#run-notes")).to_contain_text("Imported from cell 7.txt")
+    looked_at(page, "import-run")
+    assert page.request.get(f"{address}/api/v1/mappings").json()["mappings"][0]["name"] == "ours"
+
+
+def test_what_is_no_table_is_told_on_a_phone(open_page: OpenPage, address: str, tmp_path: Path) -> None:
+    (tmp_path / "a.mpr").write_bytes(b"BIO-LOGIC MODULAR FILE\x1a  ")
+    page = open_page("fast", PHONE)
+    page.goto(f"{address}/import")
+    page.locator("#import-file").set_input_files(tmp_path / "a.mpr")
+    expect(page.locator("#import-message")).to_contain_text("a.mpr: is a BioLogic .mpr file")
+    looked_at(page, "import-refused")
