@@ -90,9 +90,10 @@ class Spool:
 
     def negate(self, name: str) -> None:
         """Turn the sign of a column."""
+        low, high = self.lowest[name], self.highest[name]
         for start in range(0, self.n, SLICE):
             self.overwrite(name, start, -self.column(name, start, start + SLICE))
-        self.lowest[name], self.highest[name] = -self.highest[name], -self.lowest[name]
+        self.lowest[name], self.highest[name] = -high, -low
 
     def derive(self, name: str, source: str, offset: float) -> None:
         """Add a column that is another one plus `offset`."""
