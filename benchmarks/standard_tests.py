@@ -57,8 +57,8 @@ OWN: dict[str, list[dict[str, Any]]] = {
         {"step": "rest", "until": {"time_s": 5}},
     ],
     "short_hold": [
-        {"step": "cc_cv", "rate_C": 1.0, "voltage_V": 3.68, "until": {"time_s": 30}},
-        {"step": "constant_current", "rate_C": -1.0, "until": {"voltage_V": 3.6, "time_s": 20}},
+        {"step": "cc_cv", "rate_C": 1.0, "voltage_V": 3.78, "until": {"time_s": 30}},
+        {"step": "constant_current", "rate_C": -1.0, "until": {"voltage_V": 3.68, "time_s": 20}},
     ],
 }
 MAPS = {"modbus-tcp": "generic", "modbus-rtu": "generic", "can": "generic_can"}
@@ -170,11 +170,11 @@ def _document(folder: Path, test: str, dt_s: float) -> dict[str, Any]:
 
 
 def _each_tick(node: Any, dt_s: float) -> Any:
-    """Store every sample: what is judged must be there."""
+    """Store every sample, also one that comes somewhat early: what is judged must be there."""
     if isinstance(node, list):
         return [_each_tick(each, dt_s) for each in node]
     if isinstance(node, dict):
-        return {key: {"time_s": dt_s} if key == "record" else _each_tick(each, dt_s) for key, each in node.items()}
+        return {key: {"time_s": 0.5 * dt_s} if key == "record" else _each_tick(each, dt_s) for key, each in node.items()}
     return node
 
 
@@ -247,7 +247,7 @@ def _show(found: list[Judged]) -> None:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--cells", nargs="+", choices=CELLS, default=list(CELLS))
+    parser.add_argument("--cells", nargs="*", choices=CELLS, default=list(CELLS))
     parser.add_argument("--tests", nargs="+", choices=SHORT, default=list(SHORT))
     parser.add_argument("--dt", type=float, default=10.0, help="sample period in lock-step, in s")
     parser.add_argument("--wall", action="store_true", help="also the short ones over RTU and CAN by the wall clock")
