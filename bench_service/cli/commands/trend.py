@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from bench_service.cli.command import Command
 from bench_service.cli.judged_runs import add_judged_runs, read_judged_runs
 from bench_service.cli.output import Output
+from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,7 +46,7 @@ def _run(options: Namespace, output: Output) -> int:
             soc_std=judged.soc_std,
             progress=report,
         )
-    result = found.to_json()
+    result = found.to_json() | {"usability": judged.network.record.usability}
     if options.report is not None:
         write_atomically(options.report, trend_page(options.model.name, result))
     output.result(result, lambda console: _show(console, result))
@@ -66,6 +67,8 @@ def _show(console: Console, result: dict[str, Any]) -> None:
             ohm = f"{1e3 * sharpest['value_Ohm']:.1f} +- {1e3 * sharpest['std_Ohm']:.1f} at SoC {sharpest['soc']:.1f}"
         table.add_row(each["run"], f"{capacity['value']:.3f} +- {capacity['std']:.3f}", ohm, in_words(each))
     console.print(table)
+    for line in usability_lines(result["usability"]):
+        console.print(line)
 
 
 COMMAND = Command("trend", "what has become of a cell over a series of runs or cycles", _arguments, _run)
