@@ -64,7 +64,10 @@ def in_words(entry: Mapping[str, Any]) -> str:
         return "nothing"
     if entry["verdict"] == "unknown_effect":
         return "something that no known effect explains"
-    names = [finding["effect"] for finding in entry["findings"]]
+    names = [
+        f"resistance {finding['evidence']['where']}" if "where" in finding.get("evidence", {}) else finding["effect"]
+        for finding in entry["findings"]
+    ]
     return (" or " if entry["verdict"] == "ambiguous" else ", then ").join(names)
 
 
