@@ -34,8 +34,8 @@ class Latent:
 
     Attributes
     ----------
-    volts : (m, COUNT - 1) V of all but the capacity: of resistances relative to `usual_Ohm` and to their own, of V, SoC,
-        V and SoC
+    volts : (m, COUNT - 1) V of all but the capacity: resistances relative to `usual_Ohm` and to their own, then V,
+        SoC, V and SoC
     usual_Ohm : of the first moment
     """
 
