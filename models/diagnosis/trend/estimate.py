@@ -20,7 +20,7 @@ from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.trend.choice import chosen, looked_at
 from models.diagnosis.trend.ends import Ends, ends_of
 from models.diagnosis.trend.latent import NODES
-from models.diagnosis.trend.prior import About, Given, about
+from models.diagnosis.trend.prior import About, Given, Summed, about
 from models.diagnosis.trend.quick import steps_of
 from models.diagnosis.trend.settings import SETTINGS, USUAL
 from models.diagnosis.trend.weighing import CAPACITY, CHANGES, RESISTANCE, Chances, Held, chances, held, mixed
@@ -63,13 +63,13 @@ class Weighed:
     given : the run
     state : of the cell
     chances : of what has changed
-    now : the run about the capacity that it asks for
+    now : what is kept of the run about the capacity that it asks for
     """
 
     given: Given
     state: State
     chances: Chances
-    now: About
+    now: Summed
 
     def told(self, changes: tuple[str, ...]) -> Held:
         """Weights where just these things have changed."""
@@ -107,15 +107,15 @@ def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Weig
         now = _settled(about(given, now.change), given)
     near = _NEAR * USUAL.capacity
     fresh = now if abs(now.change) <= near else now.at(given, float(np.clip(now.change, -near, near)))
-    chance = chances(fresh, now)
-    return Weighed(given, _state(known.cell, _averaged(chance, now)), chance, now)
+    chance = chances(fresh.summed, now.summed)
+    return Weighed(given, _state(known.cell, _averaged(chance, now.summed)), chance, now.summed)
 
 
 def _settled(now: About, given: Given) -> About:
     """A run about the capacity that it asks for."""
     at = SETTINGS
     for _ in range(at.closer):
-        change = float(np.clip(held(now, _SOUGHT).mean[0], at.capacities[0] - 1.0, at.capacities[1] - 1.0))
+        change = float(np.clip(held(now.summed, _SOUGHT).mean[0], at.capacities[0] - 1.0, at.capacities[1] - 1.0))
         if abs(change - now.change) < at.settled:
             break
         now = now.at(given, change)
@@ -141,7 +141,7 @@ def _first_guess(cell: KnownCell, run: GridRun, soc: float, ends: Ends) -> float
     return float(shares[int(np.argmin(costs))]) - 1.0
 
 
-def _averaged(chance: Chances, now: About) -> Held:
+def _averaged(chance: Chances, now: Summed) -> Held:
     """Weights over the sets of changes with that of the capacity, which is open always, each as likely as it is."""
     own = {each: p for each, p in chance.of.items() if CAPACITY in each}
     taken = [each for each, p in own.items() if p >= _LEAST * max(own.values())]

@@ -19,7 +19,7 @@ from models.diagnosis.trend.ends import Ends
 from models.diagnosis.trend.latent import NODES, latent, usual_Ohm
 from models.diagnosis.trend.quick import Steps, quick_rows, step_points
 from models.diagnosis.trend.settings import SETTINGS
-from models.effects.view import View
+from models.effects.view import ModelInputs, View
 
 _STEP = 2e-3
 _JITTER = 1e-10
@@ -73,6 +73,7 @@ class About:
     Attributes
     ----------
     change : of the capacity, relative
+    inputs : what the model makes of current and temperature
     error : (N,) what differs from the cell as it was, by this linear form: V and then SoC
     columns : (N, COUNT) derivatives of it to the weights of what may have changed; the first is the capacity
     mean : (N,) error that the model has elsewhere
@@ -84,6 +85,7 @@ class About:
     """
 
     change: float
+    inputs: ModelInputs
     error: FloatArray
     columns: FloatArray
     mean: FloatArray
@@ -109,10 +111,15 @@ class About:
             out.append(White(scale, lower, each[:, 0], each[:, 1 : 1 + k], across))
         return tuple(out)
 
+    @cached_property
+    def summed(self) -> Summed:
+        """What is kept of it."""
+        fresh, sums = self.fresh, tuple(each.sums for each in self.white)
+        return Summed(self.change, fresh.mean_Ohm, fresh.known, fresh.open, self.fresh_Ohm, self.usual_Ohm, sums)
+
     def at(self, given: Given, change: float) -> About:
-        """The same run about another capacity; covariances stay as they are."""
-        view = View(aged(given.known.cell, change), given.run, given.soc, given.index)
-        error, slope = _moved(given, view, change)
+        """The same run about another capacity; covariances, and what the current makes, stay as they are."""
+        error, slope = _moved(given, self.inputs, change)
         error = error - self.mean + slope * change
         out = replace(self, change=change, error=error, columns=np.column_stack([slope, self.columns[:, 1:]]))
         out.__dict__["white"] = tuple(each.with_other(error, slope) for each in self.white)
@@ -149,9 +156,59 @@ class White:
         return replace(self, error=two[:, 0], columns=np.column_stack([two[:, 1], self.columns[:, 1:]]))
 
     @cached_property
-    def products(self) -> tuple[FloatArray, FloatArray]:
-        """(COUNT, COUNT) of the columns with each other, and (COUNT,) with the error."""
-        return self.columns.T @ self.columns, self.columns.T @ self.error
+    def sums(self) -> Sums:
+        """All that weights are found from."""
+        columns, across = self.columns, self.across
+        return Sums(
+            self.scale,
+            self.log,
+            columns.T @ columns,
+            columns.T @ self.error,
+            across.T @ columns,
+            across.T @ self.error,
+            np.sum(across**2, axis=0),
+        )
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums of products of a run by the root of its covariance.
+
+    Attributes
+    ----------
+    scale, log : of the error elsewhere, and logarithm of the likelihood where nothing at all has changed
+    inner, right : (COUNT, COUNT) of the columns with each other, (COUNT,) with the error
+    across_columns, across_error, across : (n, COUNT), (n,), (n,) of the resistances with both, and with themselves
+    """
+
+    scale: float
+    log: float
+    inner: FloatArray
+    right: FloatArray
+    across_columns: FloatArray
+    across_error: FloatArray
+    across: FloatArray
+
+
+@dataclass(frozen=True)
+class Summed:
+    """What is kept of a run about a capacity: no samples, so that hundreds of runs have room.
+
+    Attributes
+    ----------
+    change : of the capacity
+    mean_Ohm, known, open : (n,) of the resistances before, as in `Fresh`
+    fresh_Ohm, usual_Ohm : as in `About`
+    sums : one for each scale
+    """
+
+    change: float
+    mean_Ohm: FloatArray
+    known: FloatArray
+    open: FloatArray
+    fresh_Ohm: FloatArray
+    usual_Ohm: float
+    sums: tuple[Sums, ...]
 
 
 def aged(cell: KnownCell, change: float) -> KnownCell:
@@ -188,11 +245,12 @@ def about(given: Given, change: float) -> About:
     )
     usual = usual_Ohm(fresh_Ohm, cell)
     made = latent(view, points.slope_V, usual)
-    error, slope = _moved(given, view, change)
+    error, slope = _moved(given, view.inputs, change)
     rest = np.vstack([made.volts, np.zeros((e, made.volts.shape[1]))])
     expected = np.append(mean, np.zeros(e))
     return About(
         change,
+        view.inputs,
         error - expected + slope * change,
         np.column_stack([slope, rest]),
         expected,
@@ -220,16 +278,16 @@ def _elsewhere(
     return mean[:m], own, turn @ mean[m:], variance, turn @ whole[m:, :m]
 
 
-def _moved(given: Given, view: View, change: float) -> tuple[FloatArray, FloatArray]:
+def _moved(given: Given, inputs: ModelInputs, change: float) -> tuple[FloatArray, FloatArray]:
     """(N,) what differs from the model of a capacity, and what it differs by for each unit of the capacity more."""
     run, cell, ends = given.run, given.known.cell, given.ends
     charged = run.charge_Ah / cell.capacity_Ah
-    simulated_V = view.voltage_V
-    moved = given.soc + charged[view.index] / (1.0 + change + _STEP)
-    slope_V = (cell.voltage_V(view.inputs, moved) - simulated_V) / _STEP
+    simulated_V, moved_V = (
+        cell.voltage_V(inputs, given.soc + charged[given.index] / (1.0 + each)) for each in (change, change + _STEP)
+    )
     counted = given.soc + charged[ends.index] / (1.0 + change)
-    slope = np.append(slope_V, -charged[ends.index] / (1.0 + change) ** 2)
-    return np.append(run.voltage_V[view.index] - simulated_V, ends.soc - counted), slope
+    slope = np.append((moved_V - simulated_V) / _STEP, -charged[ends.index] / (1.0 + change) ** 2)
+    return np.append(run.voltage_V[given.index] - simulated_V, ends.soc - counted), slope
 
 
 def _append(across: FloatArray, e: int) -> FloatArray:

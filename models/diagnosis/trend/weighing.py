@@ -15,12 +15,15 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.trend.latent import resistances, root
-from models.diagnosis.trend.prior import About, White
+from models.diagnosis.trend.prior import Summed, Sums
 from models.diagnosis.trend.settings import CHANGED, SETTINGS, USUAL, Sizes
 
 CAPACITY, RESISTANCE, CURVE = "capacity", "resistance", "curve"
 CHANGES = (CAPACITY, RESISTANCE, CURVE)
 EVERY: tuple[tuple[str, ...], ...] = tuple(each for n in range(len(CHANGES) + 1) for each in combinations(CHANGES, n))
+
+# Scales of the error whose likelihood's logarithm is that much lower than the best say nothing.
+_UNLIKELY = 9.0
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,7 @@ def sizes_of(changes: tuple[str, ...], size: float, capacity: float) -> Sizes:
     return own
 
 
-def chances(fresh: About, now: About) -> Chances:
+def chances(fresh: Summed, now: Summed) -> Chances:
     """Weigh everything against everything.
 
     Parameters
@@ -96,14 +99,14 @@ def chances(fresh: About, now: About) -> Chances:
     for each in EVERY:
         about = now if CAPACITY in each else fresh
         several = [
-            np.log(w) - np.log(len(at.sizes)) + log_of(white, root(sizes_of(each, size, now.change)))
+            np.log(w) - np.log(len(at.sizes)) + log_of(sums, root(sizes_of(each, size, now.change)))
             for size in at.sizes
-            for white, w in zip(about.white, at.weights, strict=True)
+            for sums, w in zip(about.sums, at.weights, strict=True)
             if w > 0.0
         ]
         logs[each] = _log_sum(several) if each else _log_sum(several[: len(several) // len(at.sizes)]) + np.log(2.0)
     own = root(USUAL)
-    beyond = [log_of(white, own) for white in fresh.white if white.scale in at.unknown_scales]
+    beyond = [log_of(sums, own) for sums in fresh.sums if sums.scale in at.unknown_scales]
     unknown = _log_sum(beyond) - float(np.log(len(beyond)))
     weights = {each: at.more ** len(each) for each in EVERY if each}
     share = (1.0 - at.nothing - at.unknown) / sum(weights.values())
@@ -114,17 +117,16 @@ def chances(fresh: About, now: About) -> Chances:
     return Chances(float(p[0]), float(p[-1]), dict(zip(EVERY[1:], p[1:-1].tolist(), strict=True)))
 
 
-def log_of(white: White, spread: FloatArray) -> float:
+def log_of(sums: Sums, spread: FloatArray) -> float:
     """Logarithm of the likelihood for a root of the covariance of the weights."""
-    inner, right = white.products
-    whole = spread.T @ inner @ spread
+    whole = spread.T @ sums.inner @ spread
     whole[np.diag_indices_from(whole)] += 1.0
     lower = np.linalg.cholesky(whole)
-    turned = np.linalg.solve(lower, spread.T @ right)
-    return white.log + 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(lower))))
+    turned = np.linalg.solve(lower, spread.T @ sums.right)
+    return sums.log + 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(lower))))
 
 
-def held(about: About, changes: tuple[str, ...]) -> Held:
+def held(about: Summed, changes: tuple[str, ...]) -> Held:
     """Weights and resistances where some things have changed, over all scales of the model's error.
 
     Parameters
@@ -133,11 +135,10 @@ def held(about: About, changes: tuple[str, ...]) -> Held:
     changes : what may be large
     """
     spread = root(sizes_of(changes, max(SETTINGS.sizes), about.change))
-    every = [
-        _one(about, changes, (white, w), spread)
-        for white, w in zip(about.white, SETTINGS.weights, strict=True)
-        if w > 0.0
-    ]
+    known = [(sums, w) for sums, w in zip(about.sums, SETTINGS.weights, strict=True) if w > 0.0]
+    told = [float(np.log(w)) + log_of(sums, spread) for sums, w in known]
+    likely = [each for each, log in zip(known, told, strict=True) if log > max(told) - _UNLIKELY]
+    every = [_one(about, changes, each, spread) for each in likely]
     logs = np.array([each.log for each in every])
     return mixed(every, np.exp(logs - logs.max()), changes)
 
@@ -163,21 +164,19 @@ def mixed(every: list[Held], weights: FloatArray, changes: tuple[str, ...]) -> H
     return Held(changes, _log_sum(np.array([each.log for each in every])), mean, covariance, ohm, std)
 
 
-def _one(about: About, changes: tuple[str, ...], scale: tuple[White, float], spread: FloatArray) -> Held:
-    white, weight = scale
-    inner, right = white.products
-    whole = spread.T @ inner @ spread
+def _one(about: Summed, changes: tuple[str, ...], scale: tuple[Sums, float], spread: FloatArray) -> Held:
+    sums, weight = scale
+    whole = spread.T @ sums.inner @ spread
     whole[np.diag_indices_from(whole)] += 1.0
     factor = cho_factor(whole, lower=True, check_finite=False)
     covariance = spread @ cho_solve(factor, spread.T, check_finite=False)
-    mean = covariance @ right
-    own = spread.T @ right
-    log = white.log + 0.5 * float(own @ cho_solve(factor, own)) - float(np.sum(np.log(np.diag(factor[0]))))
-    fresh, across = about.fresh, white.across
+    mean = covariance @ sums.right
+    own = spread.T @ sums.right
+    log = sums.log + 0.5 * float(own @ cho_solve(factor, own)) - float(np.sum(np.log(np.diag(factor[0]))))
     turn = resistances(about.fresh_Ohm, about.usual_Ohm)
-    ohm = fresh.mean_Ohm + turn @ mean + across.T @ (white.error - white.columns @ mean)
-    through = turn - across.T @ white.columns
-    variance = fresh.known + white.scale**2 * fresh.open - np.sum(across**2, axis=0)
+    through = turn - sums.across_columns
+    ohm = about.mean_Ohm + sums.across_error + through @ mean
+    variance = about.known + sums.scale**2 * about.open - sums.across
     variance = variance + np.einsum("nk,kl,nl->n", through, covariance, through)
     return Held(changes, log + float(np.log(weight)), mean, covariance, ohm, np.sqrt(np.maximum(variance, 1e-18)))
 
