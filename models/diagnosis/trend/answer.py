@@ -161,7 +161,8 @@ def moved_V(weighed: Weighed, found: Held) -> tuple[FloatArray, FloatArray]:
 def where(weighed: Weighed, found: Held) -> str:
     """Where a resistance has grown, as a person says it: "when full", "when empty", "in the middle" or "everywhere"."""
     grown, std = growth_Ohm(weighed, found)
-    surest = int(np.argmax(np.abs(grown) / std))
+    # Where one has grown that is told rather than where one has fallen: cells age.
+    surest = int(np.argmax(grown / std)) if float(np.max(grown / std)) >= 1.0 else int(np.argmax(np.abs(grown) / std))
     places = latent.NODES[grown * np.sign(grown[surest]) >= _PART * abs(grown[surest])]
     low, high = float(places.min()), float(places.max())
     if low >= 0.5:

@@ -19,10 +19,11 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.trend.choice import chosen, looked_at
 from models.diagnosis.trend.ends import Ends, ends_of
-from models.diagnosis.trend.latent import NODES
-from models.diagnosis.trend.prior import About, Given, Summed, about
+from models.diagnosis.trend.latent import COUNT, LOOP, NODES, SHIFT, SLIP
+from models.diagnosis.trend.prior import About, Given, about
 from models.diagnosis.trend.quick import steps_of
 from models.diagnosis.trend.settings import SETTINGS, USUAL
+from models.diagnosis.trend.summed import Summed
 from models.diagnosis.trend.weighing import CAPACITY, CHANGES, RESISTANCE, Chances, Held, chances, held, mixed
 from models.effects.view import View
 
@@ -45,6 +46,8 @@ class State:
     capacity_Ah, capacity_std_Ah : with its standard deviation
     soc : (n,) at which the resistance is told
     resistance_Ohm, resistance_std_Ohm : (n,) of the first moment after a step of the run's current
+    slip, slip_std : by how much the middle of the curve has moved along the SoC, all else being open
+    loop_V, loop_std_V : by how much the hysteresis has grown, the same way
     """
 
     capacity_Ah: float
@@ -52,6 +55,10 @@ class State:
     soc: FloatArray
     resistance_Ohm: FloatArray
     resistance_std_Ohm: FloatArray
+    slip: float
+    slip_std: float
+    loop_V: float
+    loop_std_V: float
 
 
 @dataclass(frozen=True)
@@ -108,7 +115,8 @@ def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Weig
     near = _NEAR * USUAL.capacity
     fresh = now if abs(now.change) <= near else now.at(given, float(np.clip(now.change, -near, near)))
     chance = chances(fresh.summed, now.summed)
-    return Weighed(given, _state(known.cell, _averaged(chance, now.summed)), chance, now.summed)
+    state = _state(known.cell, _averaged(chance, now.summed), held(now.summed, CHANGES))
+    return Weighed(given, state, chance, now.summed)
 
 
 def _settled(now: About, given: Given) -> About:
@@ -148,10 +156,12 @@ def _averaged(chance: Chances, now: Summed) -> Held:
     return mixed([held(now, each) for each in taken], np.array([own[each] for each in taken]), CHANGES)
 
 
-def _state(cell: KnownCell, found: Held) -> State:
+def _state(cell: KnownCell, found: Held, wide: Held) -> State:
     change, std = float(found.mean[0]), float(np.sqrt(found.covariance[0, 0]))
     # What is called full and empty is not sharp itself, however well a curve fits between them.
     std = float(np.hypot(std, SETTINGS.sharp * (1.0 + change)))
+    middle = np.zeros(COUNT)
+    middle[[SLIP.start + len(NODES) // 2, SHIFT.start]] = 1.0
     low, high = cell.soc_range
     told = (NODES >= low - KNOWN.away_soc) & (NODES <= high + KNOWN.away_soc)
     return State(
@@ -160,4 +170,8 @@ def _state(cell: KnownCell, found: Held) -> State:
         NODES[told],
         found.resistance_Ohm[told],
         found.resistance_std_Ohm[told],
+        float(middle @ wide.mean),
+        float(np.sqrt(middle @ wide.covariance @ middle)),
+        float(wide.mean[LOOP.start]),
+        float(np.sqrt(wide.covariance[LOOP.start, LOOP.start])),
     )

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
-from models.diagnosis.answer.findings import Diagnosis
 from models.diagnosis.diagnosis import check_training, known_of
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.record import known_in
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.trend.alarms import claimed
-from models.diagnosis.trend.answer import EFFECT_OF, answer
-from models.diagnosis.trend.estimate import State, Weighed, estimate
-from models.diagnosis.trend.series import ChangePoint, change_points, smoothed
+from models.diagnosis.trend.answer import answer
+from models.diagnosis.trend.estimate import Weighed, estimate
+from models.diagnosis.trend.forecast import forecast
+from models.diagnosis.trend.life import Places, RunTrend, Trend
+from models.diagnosis.trend.series import change_points, smoothed
 from models.diagnosis.trend.settings import SETTINGS
 from models.effects.input_correction import as_read
 from models.network.local_model_network import LocalModelNetwork
@@ -30,70 +29,6 @@ from models.network.local_model_network import LocalModelNetwork
 _STAND_IN = 3
 
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True)
-class RunTrend:
-    """One run.
-
-    Attributes
-    ----------
-    run : its name
-    state : capacity and resistance
-    diagnosis : against the cell as it was; empty of findings where the series as a whole does not bear them out
-    """
-
-    run: str
-    state: State
-    diagnosis: Diagnosis
-
-    def to_json(self) -> dict[str, Any]:
-        """Return an entry of `runs` of the public contract."""
-        state, diagnosis = self.state, self.diagnosis
-        told = zip(state.soc, state.resistance_Ohm, state.resistance_std_Ohm, strict=True)
-        return {
-            "run": self.run,
-            "capacity_Ah": {"value": state.capacity_Ah, "std": state.capacity_std_Ah},
-            "resistance": [{"soc": float(s), "value_Ohm": float(r), "std_Ohm": float(d)} for s, r, d in told],
-            "verdict": diagnosis.verdict,
-            "findings": [finding.to_json() for finding in diagnosis.findings],
-            "unexplained_mV": diagnosis.unexplained_mV,
-            "remarks": list(diagnosis.remarks),
-        }
-
-
-@dataclass(frozen=True)
-class Trend:
-    """The answer.
-
-    Attributes
-    ----------
-    runs : in the order given
-    changes : where what lasts to the end began
-    seconds : time it took
-    """
-
-    runs: tuple[RunTrend, ...]
-    changes: tuple[ChangePoint, ...]
-    seconds: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the `trend` object of the public contract."""
-        names = [each.run for each in self.runs]
-        changes = [
-            {
-                "effect": EFFECT_OF[each.change],
-                "run": names[each.first],
-                "between": [names[each.low], names[each.high]],
-                "probability": each.probability,
-            }
-            for each in self.changes
-        ]
-        return {
-            "runs": [each.to_json() for each in self.runs],
-            "change_points": changes,
-            "seconds": self.seconds,
-        }
 
 
 def trend(
@@ -105,6 +40,7 @@ def trend(
     train_soc: list[float] | None = None,
     soc_std: list[float] | None = None,
     memory: KnownRuns | None = None,
+    places: Places | None = None,
     progress: Progress = lambda share, text: None,
 ) -> Trend:
     """Follow a cell through a series of runs.
@@ -116,6 +52,7 @@ def trend(
     train, train_soc : the runs that the network was made from
     soc_std : standard deviation of each run's SoC at the start; None: that of a careful statement
     memory : of the training runs, where it is at hand already
+    places : of the runs along the life of the cell, and its end; None: they are counted
     progress : called with the share done and what is being done
 
     Raises
@@ -128,6 +65,10 @@ def trend(
         raise ModelError("no trend: no run was given")
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
+    along = places or Places()
+    at = np.arange(1.0, len(runs) + 1.0) if along.at is None else np.array(along.at)
+    if len(at) != len(runs):
+        raise ModelError(f"{len(at)} place(s) for {len(runs)} run(s): give one for each")
     known = memory if memory is not None else _known(network, runs, initial_soc, train or [], train_soc or [])
     stds = soc_std or [THRESHOLDS.start_soc] * len(runs)
     held: list[tuple[Weighed, Record, float]] = []
@@ -138,10 +79,12 @@ def trend(
     by_set = smoothed(seen)
     borne_out = claimed(np.array([each.nothing for each in seen]), SETTINGS.nothing, SETTINGS.alarms)
     entries = tuple(
-        RunTrend(run.name, weighed.state, answer(weighed, record, chance, bool(said), begun))
-        for run, (weighed, record, begun), chance, said in zip(runs, held, by_set, borne_out, strict=True)
+        RunTrend(run.name, float(x), weighed.state, record.rms_mV, answer(weighed, record, chance, bool(said), begun))
+        for run, x, (weighed, record, begun), chance, said in zip(runs, at, held, by_set, borne_out, strict=True)
     )
-    return Trend(entries, tuple(change_points(seen)), time.perf_counter() - started)
+    capacity_Ah = np.array([weighed.state.capacity_Ah for weighed, _, _ in held])
+    ahead = forecast(at, capacity_Ah, known.cell.capacity_Ah, along.end, along.unit)
+    return Trend(entries, tuple(change_points(seen)), ahead, time.perf_counter() - started)
 
 
 def _known(

@@ -15,8 +15,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.trend.latent import resistances, root
-from models.diagnosis.trend.prior import Summed, Sums
 from models.diagnosis.trend.settings import CHANGED, SETTINGS, USUAL, Sizes
+from models.diagnosis.trend.summed import Summed, Sums
 
 CAPACITY, RESISTANCE, CURVE = "capacity", "resistance", "curve"
 CHANGES = (CAPACITY, RESISTANCE, CURVE)
