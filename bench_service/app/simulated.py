@@ -35,6 +35,8 @@ def simulator_arguments(simulate: SimulateConfig, device_map: str) -> list[str]:
         arguments += ["--faults", simulate.faults]
     if simulate.effects:
         arguments += ["--effects", ",".join(f"{name}={size!r}" for name, size in simulate.effects.items())]
+    if simulate.module is not None:
+        arguments += ["--module", simulate.module]
     if simulate.capacity_Ah is not None:
         arguments += ["--capacity-Ah", repr(simulate.capacity_Ah)]
     return arguments + (["--lock-step"] if simulate.lock_step else ["--speed", repr(simulate.speed)])
