@@ -39,7 +39,7 @@ def chamber_alone(
     """
     if settings.lock_step or settings.protocol != "modbus-tcp" or settings.devices > 1:
         raise ValueError(
-            "a chamber on its own has the wall clock, Modbus TCP, and is one; start it with a bench instead"
+            "a chamber on its own has the wall clock and Modbus TCP; in lock-step it stands beside a bench"
         )
     own = replace(settings.chamber or ChamberSettings(), map_name=settings.map_name, faults=settings.faults)
     chamber, begun_s = Chamber(own, settings.ambient_degC), now()
