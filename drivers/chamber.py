@@ -61,6 +61,10 @@ class Chamber(Protocol):
         """Switch the chamber off, and see that it is."""
         ...
 
+    async def clear_fault(self) -> None:
+        """Acknowledge its alarms, where its map can; those whose cause is there stay."""
+        ...
+
     async def close(self) -> None:
         """Close the link; writes nothing and never raises."""
         ...

@@ -88,6 +88,10 @@ class ModbusChamber:
         await self._run("safe")
         await self._is_switched(on=False)
 
+    async def clear_fault(self) -> None:
+        """See `Chamber.clear_fault`."""
+        await self._run("clear_fault")
+
     async def close(self) -> None:
         """See `Chamber.close`."""
         self._acquired = False

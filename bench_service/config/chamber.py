@@ -10,6 +10,8 @@ from bench_service.config.table import Number, Positive, Table, Window
 from drivers.address import CanAddress, parse_address
 from drivers.errors import CyclerConnectionError
 
+_LOOKS = 3  # that may be missed before a chamber counts as lost
+
 
 def _end(value: Any) -> Any:
     if isinstance(value, bool) or (isinstance(value, str) and value not in ("off", "keep")):
@@ -45,6 +47,11 @@ class ChamberConfig(Table):
 
     @model_validator(mode="after")
     def _reachable(self) -> Self:
+        if self.lost_s < (least_s := _LOOKS * (1.0 + self.timeout_s)):
+            raise ValueError(
+                f"lost_s is {self.lost_s:g} s; with a look each second and timeout_s {self.timeout_s:g} s it must be "
+                f"at least {least_s:g} s"
+            )
         if self.url is None:
             return self
         if self.simulate is not None:
