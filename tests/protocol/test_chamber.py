@@ -103,7 +103,7 @@ async def test_missing_air_alarms_and_other_devices_are_told_from_values() -> No
 
 async def test_silence_is_told_and_the_link_given_up() -> None:
     async with rig(timeout_s=0.1) as made:
-        made.driver = driver = open_chamber(made.url, "generic_chamber", 0.1)  # type: ignore[assignment]
+        driver = made.driver
         await driver.connect()
         made.server.on_request = lambda frame: SILENCE
         with pytest.raises(CyclerTimeoutError, match=r"no answer within 0\.1 s"):
