@@ -39,6 +39,8 @@ def simulator_arguments(simulate: SimulateConfig, device_map: str, chamber: Cham
         simulated = chamber.simulate or SimulatedChamberConfig()
         arguments += ["--chamber", chamber.map, "--chamber-ramp", repr(simulated.ramp_K_per_min)]
         arguments += ["--chamber-faults", simulated.faults] if simulated.faults else []
+    if simulate.module is not None:
+        arguments += ["--module", simulate.module]
     if simulate.capacity_Ah is not None:
         arguments += ["--capacity-Ah", repr(simulate.capacity_Ah)]
     return arguments + (["--lock-step"] if simulate.lock_step else ["--speed", repr(simulate.speed)])

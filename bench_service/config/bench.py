@@ -9,7 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from bench_service.config.cell_type import CellTypeConfig, read_cell_type
 from bench_service.config.chamber import ChamberConfig
-from bench_service.config.simulate import SIMULATED_CELLS, SimulateConfig
+from bench_service.config.simulate import SIMULATED_CELLS, SimulateConfig, cells_of_module
 from bench_service.config.table import NotNegative, Positive, Table, Window
 from drivers.address import parse_address
 from drivers.errors import CyclerConnectionError
@@ -147,4 +147,7 @@ def _as_simulated(table: Any) -> Any:
     capacity_Ah = known.pop("capacity_Ah")
     if simulate.get("capacity_Ah") is not None:
         capacity_Ah = simulate["capacity_Ah"]
-    return {"capacity_Ah": capacity_Ah} | table | {"limits": known | limits}
+    series, parallel = cells_of_module(simulate.get("module"))
+    known["voltage_V"] = tuple(series * limit_V for limit_V in known["voltage_V"])
+    known["current_A"] = tuple(parallel * limit_A for limit_A in known["current_A"])
+    return {"capacity_Ah": parallel * capacity_Ah} | table | {"limits": known | limits}

@@ -48,6 +48,8 @@ protocol = "modbus-tcp"
 baud = 115200
 # nmc, lfp or nimh
 cell = "nmc"
+# A module of such cells: "4x2" has 4 in series and 2 in parallel. Absent: one cell.
+# module = "4x2"
 # Physical effects of the simulated cell on top of its own, for example { hysteresis = 0.02 }.
 effects = {}
 # One more effect that nobody is told: "random" or a name; the page looks for it and opens the seal.
