@@ -71,7 +71,8 @@ def preview(
     for _ in range(most_ticks):
         voltage_V = _voltage_V(program, soc, current_A)
         wanted_A = engine.advance(Seen(voltage_V, current_A, cell_degC, soc, interval_s, air_degC))
-        _note(series, (time_s, wanted_A or 0.0, voltage_V, engine.standing.step_count), program.capacity_Ah)
+        row = (time_s, wanted_A or 0.0, voltage_V, engine.standing.step_count)
+        _note(series, row, program.capacity_Ah, always=wanted_A is None)
         if wanted_A is None:
             break
         current_A, interval_s = wanted_A, period_s
@@ -92,9 +93,15 @@ def _warmed(air_degC: float, cell_degC: float, goal_degC: float | None, period_s
     return air_degC, air_degC + (cell_degC - air_degC) * math.exp(-period_s / _CELL_FOLLOWS_S)
 
 
-def _note(series: list[tuple[float, float, float, int]], row: tuple[float, float, float, int], capacity_Ah: float):
-    """Keep a row where the current or the step has changed, or a while has passed."""
-    if len(series) > 1:
+def _note(
+    series: list[tuple[float, float, float, int]],
+    row: tuple[float, float, float, int],
+    capacity_Ah: float,
+    *,
+    always: bool,
+) -> None:
+    """Keep a row where current, voltage or step have changed, and the last one."""
+    if len(series) > 1 and not always:
         last = series[-1]
         same = last[3] == row[3] and abs(last[1] - row[1]) < _CHANGE_C * capacity_Ah
         if same and abs(last[2] - row[2]) < 0.01:

@@ -232,8 +232,6 @@ class ChamberKeeper:
         self._chamber, self.identity, self._reason = chamber, identity, None
         if self._goal is not None:
             self._reached.clear()  # whatever it was told before, it may have forgotten
-        words = [identity.name, identity.said.get("maker"), identity.said.get("model"), "connected"]
-        self._on_change("info", "chamber_connected", f"{self._bench}: {' '.join(filter(None, words))}")
         return chamber
 
     async def _tell(self, chamber: Chamber) -> None:
@@ -249,15 +247,14 @@ class ChamberKeeper:
         self._reached.set()
 
     def _took(self, reading: ChamberReading) -> None:
-        back = self.reading is None
-        self.reading = reading
-        if back or reading.alarms != self._told:
+        back, self.reading = self.reading is None, reading
+        if back and self.identity is not None:
+            words = [self.identity.name, self.identity.said.get("maker"), self.identity.said.get("model"), "connected"]
+            self._on_change("info", "chamber_connected", f"{self._bench}: {' '.join(filter(None, words))}")
+        if reading.alarms != self._told:
             self._told = reading.alarms
-            alarms = ", ".join(sorted(reading.alarms))
-            if alarms:
+            if alarms := ", ".join(sorted(reading.alarms)):
                 self._on_change("error", "chamber_alarm", f"{self._bench}: the chamber reports {alarms}")
-            elif back:
-                self._on_change("info", "chamber_online", f"{self._bench}: the chamber answers")
         assert self.settings is not None  # noqa: S101  # as above
         if not self.in_run and reading.on and reading.temperature_degC > self.settings.air_degC[1]:
             text = f"the chamber's air is {reading.temperature_degC:.4g} degC without a run; it is switched off"
