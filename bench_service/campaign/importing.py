@@ -10,6 +10,7 @@ import socket
 import time
 import uuid
 from collections.abc import AsyncIterator, Callable
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from bench_service.campaign.storage import Storage
@@ -19,7 +20,7 @@ from bench_service.exchange.foreign.work import convert, look_at, stored_blocks
 from bench_service.jobs.runner import Job, JobRunner
 from bench_service.recorder.feeding import feed
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import Json, RunIntent
+from bench_service.store.records import Json, RunIntent, utc_text
 
 BENCH = "import"  # where an imported run stands in place of a bench
 MOST_BYTES = 20 * 2**30
@@ -154,11 +155,19 @@ class Importing:
         self._store.runs.end(
             run.id, "completed", None, n_samples=sealed.n_samples, missed_ticks=0, sha256=sealed.sha256
         )
+        self._date(run.id, result)
         self._store.runs.describe(run.id, {"notes": _notes(result, digest)})
         self.drop(upload_id)
         return {"run": run.id, "state": "completed", "samples": sealed.n_samples} | {
             key: result[key] for key in ("mapping", "remarks", "ignored_columns")
         }
+
+    def _date(self, run_id: str, result: Json) -> None:
+        """Give a run the time at which it was measured in place of that at which it came in."""
+        began_s = result["started_unix_s"]
+        began = None if began_s is None else datetime.fromtimestamp(began_s, UTC)
+        ended = datetime.now(UTC) if began is None else began + timedelta(seconds=result["duration_s"])
+        self._store.runs.date(run_id, began and utc_text(began), utc_text(ended), result["duration_s"])
 
     def _of(self, upload_id: str) -> Path:
         folder = self._folder / upload_id

@@ -90,6 +90,13 @@ class RunTable:
         self._started_s.pop(run_id, None)
         return ended
 
+    def date(self, run_id: str, started_utc: str | None, ended_utc: str, elapsed_s: float) -> None:
+        """Note when a run was measured that was brought in from a file; None where the file does not tell its start."""
+        table = schema.run
+        values = {"started_utc": started_utc, "ended_utc": ended_utc, "elapsed_s": elapsed_s}
+        with self._file.write() as link:
+            link.execute(update(table).where(table.c.id == run_id).values(values))
+
     def ended(self) -> list[RunRecord]:
         """Return the runs that have ended and whose samples are kept, the newest first."""
         table = schema.run

@@ -51,6 +51,8 @@ def test_a_file_becomes_a_run(client: BenchClient, path: Path, tmp_path: Path) -
     run = client.run(stored["run"])
     assert (run["bench"], run["state"], run["n_samples"], run["name"]) == ("import", "completed", 400, "cell 7.txt")
     assert "SHA-256" in run["notes"]
+    assert (run["started_utc"], run["elapsed_s"]) == (None, 3990.0)
+    assert b"Unix Time" not in client.export(run["id"], "bdf")
     (tmp_path / "out.csv").write_bytes(client.export(run["id"], "csv"))
     back = read_run(tmp_path / "out.csv")
     for name in ("time_s", "current_A", "voltage_V", "temperature_degC"):
@@ -90,3 +92,13 @@ def test_a_mapping_is_remembered(client: BenchClient, path: Path) -> None:
         client.look_at_import(upload["id"], mapping="theirs")
     with pytest.raises(ClientError, match="mapping name '../x'"):
         client.save_mapping(mapping | {"name": "../x"})
+
+
+def test_a_run_bears_the_time_at_which_it_was_measured(client: BenchClient, tmp_path: Path) -> None:
+    path = tmp_path / "dated.csv"
+    path.write_text(joined(table_of(RECORD, columns={"time_s": [f"{1.7e9 + s:.1f}" for s in RECORD["time_s"]]})))
+    choices = {"columns": {"time_s": {"column": ""}, "clock": {"column": "Test Time (s)", "unit": "s"}}}
+    stored = client.store_import(client.upload_file(path)["id"], 3.0, 0.4, choices=choices, timeout_s=LONG_S)
+    run = client.run(stored["run"])
+    assert (run["started_utc"], run["elapsed_s"]) == ("2023-11-14T22:13:20.000000Z", 3990.0)
+    assert b"1700000000" in client.export(run["id"], "bdf")

@@ -125,9 +125,21 @@ def _read(run: Imported) -> Json:
         "samples": run.n,
         "remarks": list(run.remarks),
         "ignored_columns": list(run.ignored_columns),
-        "started_unix_s": run.started_unix_s,
+        # Of the first row: a stored run counts from there.
+        "started_unix_s": None if run.started_unix_s is None else run.started_unix_s + _first_s(run),
+        "duration_s": _duration_s(run),
         "dt_s": float(np.median(forward)) if len(forward) else None,
         "current_A": [current.lowest["current_A"], current.highest["current_A"]],
         "voltage_V": [current.lowest["voltage_V"], current.highest["voltage_V"]],
         "plot": plot,
     }
+
+
+def _first_s(run: Imported) -> float:
+    first = int(np.argmax(run.keep))
+    return float(run.spool.column("time_s", first, first + 1)[0])
+
+
+def _duration_s(run: Imported) -> float:
+    last = int(np.flatnonzero(run.keep)[-1])
+    return float(run.spool.column("time_s", last, last + 1)[0]) - _first_s(run)
