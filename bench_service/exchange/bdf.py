@@ -13,14 +13,19 @@ from bench_service.exchange.delimited import encode_csv
 from bench_service.exchange.format import Array, Format, RunTable
 
 
-def _encode(run: RunTable) -> bytes:
+def labelled(run: RunTable) -> dict[str, Array]:
+    """Columns of a run under the format's labels."""
     columns: dict[str, Array] = {label: run.columns[own] for own, (label, _) in BDF_NAMES.items() if own in run.columns}
     for own, label in COUNT_NAMES.items():
         if own in run.columns and np.any(run.columns[own]):  # 0 throughout: no protocol was played
             columns[label] = run.columns[own]
     if run.started_unix_s is not None:
         columns[UNIX_TIME_LABEL] = run.started_unix_s + np.asarray(run.columns["time_s"], dtype=np.float64)
-    return encode_csv(columns)
+    return columns
+
+
+def _encode(run: RunTable) -> bytes:
+    return encode_csv(labelled(run))
 
 
 FORMAT = Format(

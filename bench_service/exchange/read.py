@@ -91,7 +91,7 @@ def read_run_file(path: Path | str, current_sign: CurrentSign | None = None) -> 
 def run_name(path: Path) -> str:
     """Name of a run after its file, without the ends that tell the format."""
     name = path.name
-    for suffix in (".gz", ".csv", ".parquet", ".bdf"):
+    for suffix in (".gz", ".csv", ".parquet", ".mat", ".bdf"):
         name = name.removesuffix(suffix)
     return name
 
@@ -111,7 +111,7 @@ def _read_table(path: Path) -> RawTable:
             if len(table.columns["time_s"]) == 0:
                 raise RunFileError(f"{path}: has a header but no rows")
             return table
-    raise RunFileError(f"{path}: is neither CSV, gzipped CSV nor Parquet")
+    raise RunFileError(f"{path}: is neither CSV, gzipped CSV, Parquet nor MAT")
 
 
 def _row(k: int) -> int:

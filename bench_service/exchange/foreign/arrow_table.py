@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.byte_source import Progress, check_growth
+from bench_service.exchange.mat import read_vectors
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -113,6 +114,13 @@ def open_neware(path: Path) -> ArrowTable:
     if table.num_rows == 0:
         raise RunFileError(f"{path}: holds no rows")
     return of_table(path, "neware", table)
+
+
+def open_mat(path: Path) -> ArrowTable:
+    """Read the vectors of a MAT file; raises RunFileError where it is damaged or holds none."""
+    import pyarrow as pa
+
+    return of_table(path, "mat", pa.table(read_vectors(path)))
 
 
 def of_table(path: Path, kind: str, table: pa.Table) -> ArrowTable:

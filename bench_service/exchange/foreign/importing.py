@@ -136,7 +136,7 @@ def _finish(
 def run_name(path: Path) -> str:
     """Name of a run after its file, without the ends that tell the format."""
     name = path.name
-    for suffix in (".gz", ".csv", ".txt", ".mpt", ".parquet", ".ndax", ".nda", ".tsv", ".bdf"):
+    for suffix in (".gz", ".csv", ".txt", ".mpt", ".parquet", ".mat", ".ndax", ".nda", ".tsv", ".bdf"):
         name = name.removesuffix(suffix)
     return name or "run"
 

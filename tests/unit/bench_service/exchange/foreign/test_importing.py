@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench_service.exchange import read_run_file
+from bench_service.exchange import encode_run, read_run_file
 from bench_service.exchange.errors import ExchangeError
 from bench_service.exchange.foreign import byte_source, clean, importing, settle, spool, text_table
 from bench_service.exchange.foreign import votes as votes_module
@@ -64,6 +64,25 @@ def test_what_is_written_is_read_by_every_command(path: Path, name: str) -> None
     np.testing.assert_array_equal(again.columns()["step_count"], RECORD["step_count"])
     assert again.mapping.name == "bdf"
     again.close()
+
+
+def test_a_mat_file_is_read_by_its_names(tmp_path: Path) -> None:
+    from scipy.io import loadmat, savemat
+
+    (tmp_path / "own.mat").write_bytes(encode_run(RECORD, "mat"))
+    assert loadmat(tmp_path / "own.mat")["current_A"].shape == (400, 1)
+    names = {"time_s": "Time", "current_A": "Strom", "voltage_V": "Spannung"}
+    savemat(tmp_path / "lab.mat", {name: RECORD[own] for own, name in names.items()} | {"note": "text", "Q": 3.0})
+    for name in ("own", "lab"):
+        run = import_file(tmp_path / f"{name}.mat")
+        np.testing.assert_array_equal(run.columns()["current_A"], RECORD["current_A"])
+        run.close()
+    savemat(tmp_path / "empty.mat", {"note": "text"})
+    with pytest.raises(ExchangeError, match="holds no vectors"):
+        import_file(tmp_path / "empty.mat")
+    (tmp_path / "cut.mat").write_bytes((tmp_path / "lab.mat").read_bytes()[:900])
+    with pytest.raises(ExchangeError, match="not a readable MAT file"):
+        import_file(tmp_path / "cut.mat")
 
 
 def test_an_end_that_tells_no_format_is_refused(path: Path) -> None:
