@@ -323,6 +323,10 @@ def _time_variants(arrays: Arrays) -> dict[str, tuple[Table, Variant]]:
         ),
         "only the time in the step": (table_of(in_step, _PLAIN.replace("Test Time", "Step Time")), asks_time),
         "the time in the step, called time": (table_of(in_step), asks_time),
+        "the time in the step, with a date": (
+            table_of(in_step, _PLAIN + "|Date", {"date": _clock(arrays, "%Y-%m-%d %H:%M:%S")}),
+            Variant(_text(), remark="begins anew with each step"),
+        ),
         "a rest that nobody logged": (table_of(unlogged), Variant(_text(), "rest", remark="not logged")),
     }
 

@@ -164,6 +164,11 @@ def _twins(columns: Columns, one: NDArray[np.intp], other: NDArray[np.intp]) -> 
     return equal
 
 
+def is_time_in_step(faults: Faults) -> bool:
+    """Whether the time begins anew with each step."""
+    return faults.backwards > 1 and faults.resets_with_step >= 0.8 * faults.backwards
+
+
 def judge_faults(where: str, faults: Faults, leave_out: bool) -> list[str]:
     """Return remarks on what was mended; refuse what only a person can settle.
 
@@ -226,7 +231,7 @@ def _ask_backwards(where: str, faults: Faults) -> None:
         f"{where}: time goes backwards {faults.backwards} time(s), first at line {row} ({before_s:.10g} s, then "
         f"{time_s:.10g} s)"
     )
-    if faults.backwards > 1 and faults.resets_with_step >= 0.8 * faults.backwards:
+    if is_time_in_step(faults):
         raise QuestionError(
             f"{what}, and does so where a step begins: that is the time in the step; name the test time with "
             "--column time_s=NAME",

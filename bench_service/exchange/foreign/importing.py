@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.assemble import Cells, Wanted, assemble
 from bench_service.exchange.foreign.byte_source import Progress
-from bench_service.exchange.foreign.clean import judge_faults, keep_rows
+from bench_service.exchange.foreign.clean import is_time_in_step, judge_faults, keep_rows
 from bench_service.exchange.foreign.guess import QuestionError, cells_of
 from bench_service.exchange.foreign.looking import Choices, Look, look
 from bench_service.exchange.foreign.mapping import Mapping
@@ -118,6 +118,13 @@ def _finish(
     started = _start(seen, spool, mapping, remarks)
     try:
         keep, faults = keep_rows(spool, seen.table.first_row, choices.leave_out)
+        if is_time_in_step(faults) and "clock" in spool.names and "time_s" not in choices.columns:
+            remarks.append(
+                f"column {mapping.columns['time_s'].name!r} begins anew with each step: the date is taken for the time"
+            )
+            spool.drop("time_s")
+            started = _start(seen, spool, mapping, [])
+            keep, faults = keep_rows(spool, seen.table.first_row, choices.leave_out)
     except RunFileError as error:
         raise RunFileError(f"{where}: {error}") from error
     progress(0.9)

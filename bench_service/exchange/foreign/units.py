@@ -28,7 +28,10 @@ _SPELLINGS: tuple[tuple[Unit, str], ...] = (
     (Unit("min", "time", 60.0), "min mins minute minutes minuten"),
     (Unit("h", "time", 3600.0), "h hr hrs hour hours std stunden"),
     (Unit("d", "time", 86400.0), "d day days tage"),
-    (Unit(DURATION, "time"), "hh:mm:ss h:mm:ss hh:mm:ss.sss h:mm:ss.sss hh:mm:ss.s hh:mm:ss,sss d.hh:mm:ss"),
+    (
+        Unit(DURATION, "time"),
+        "hh:mm:ss h:mm:ss hh:mm:ss.sss h:mm:ss.sss hh:mm:ss.s hh:mm:ss,sss d.hh:mm:ss h:min:s h:min:s.ms",
+    ),
     (Unit("A", "current"), "a amp amps ampere amperes"),
     (Unit("mA", "current", 1e-3), "ma milliamp milliamps milliampere"),
     (Unit("uA", "current", 1e-6), "ua microamp microampere"),
@@ -48,7 +51,7 @@ _OTHER = frozenset("wh mwh w.h kwh w mw ohm mohm psi % uf mah/g v/s a/h v/h".spl
 _NO_UNIT = ("1", "#", "-")
 # "(V)" or "[V]" at the end; "/ V" or "/V"; ", V"; "in V"; "_V"
 _ENDS = (
-    re.compile(r"^(?P<base>.*?)\s*[\(\[]\s*(?P<unit>[^()\[\]]+?)\s*[\)\]]\s*$"),
+    re.compile(r"^(?P<base>.*?)\s*[\(\[]\s*(?P<unit>[^()\[\]]+?)\s*[\)\]](?:_\d+)?\s*$"),
     re.compile(r"^(?P<base>.+?)\s*/\s*(?P<unit>[^/]+?)\s*$"),
     re.compile(r"^(?P<base>.+?)\s*,\s*(?P<unit>[^,]+?)\s*$"),
     re.compile(r"^(?P<base>.+?)\s+in\s+(?P<unit>\S+)\s*$"),

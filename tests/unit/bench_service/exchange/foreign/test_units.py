@@ -9,6 +9,8 @@ from bench_service.exchange.foreign.units import split_name
     ("name", "base", "unit"),
     [
         ("Voltage(V)", "voltage", "V"),
+        ("Temperature (C)_1", "temperature", "degC"),
+        ("Total Time(h:min:s.ms)", "total time", "duration"),
         ("Ecell/V", "ecell", "V"),
         ("<I>/mA", "i", "mA"),
         ("U[V]", "u", "V"),
