@@ -11,11 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.data.lost_samples import tick_s, with_lost_samples
 from models.data.timeseries import FloatArray, TimeSeries
 
 # A pause in the log longer than this many typical intervals, with current on either side, is a gap.
 _GAP_FACTOR = 30.0
 _REST_FRACTION = 0.01
+# More rows without a voltage than this are no accident.
+_HELD_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -57,9 +60,22 @@ class GridRun:
 
 def typical_interval_s(runs: list[TimeSeries]) -> float:
     """Return the median sampling interval of several runs, in s, rounded to 1, 2 or 5 times a power of ten."""
-    median = float(np.median(np.concatenate([np.diff(run.time_s) for run in runs])))
+    median = float(np.median(np.concatenate([_intervals_s(run) for run in runs])))
     scale = 10.0 ** np.floor(np.log10(median))
     return float(min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(np.log(m * scale / median))) * scale)
+
+
+def _intervals_s(run: TimeSeries) -> FloatArray:
+    """Intervals of a log; where samples were lost here and there, that of its clock as often as it should be there."""
+    tick = tick_s(run.time_s)
+    if tick is not None:
+        return np.full(round(run.duration_s / tick), tick)
+    step = np.diff(run.time_s)
+    held = np.isnan(run.voltage_V[:-1]) & ~np.isnan(run.current_A[:-1])
+    if held.sum() <= _HELD_SHARE * len(step):
+        return step
+    # A log that is written on change has such rows just before its changes (`stamps.on_change`): that near it looks.
+    return np.full(len(step), np.quantile(step[held], 0.25))
 
 
 def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
@@ -74,6 +90,7 @@ def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
     -------
     GridRun
     """
+    run = with_lost_samples(run)
     t = run.time_s - run.time_s[0]
     current = _fill_hold(run.current_A)
     n = int(np.floor(t[-1] / dt_s + 1e-6)) + 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.data.lost_samples import tick_s
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.pipeline.training import Training
@@ -73,7 +74,10 @@ def _rests(run: GridRun, most_A: float) -> list[FloatArray]:
 def _against_reference_A(data: Training) -> float | None:
     """Trend in A of the counted charge against a reference that runs along, if it is certain."""
     found = []
-    for run, soc in zip(data.grid, data.counted_soc(), strict=True):
+    for run, series, soc in zip(data.grid, data.runs, data.counted_soc(), strict=True):
+        # Where samples are lost the count drifts by itself.
+        if tick_s(series.time_s) is not None:
+            continue
         if run.soc_ref is None or np.isnan(run.soc_ref).any() or np.ptp(run.soc_ref) == 0.0:
             continue
         # A wrong capacity drifts with the charge that was moved, an offset with time.
