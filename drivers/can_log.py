@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import logging
 import queue
+import struct
 import threading
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import can
+from can.util import channel2int
 
 _log = logging.getLogger(__name__)
 _WRITERS = {"blf": can.BLFWriter, "asc": can.ASCWriter, "log": can.CanutilsLogWriter}
+_MOST_CHANNELS = 0xFFFF  # a BLF's field for it has 16 bits, counted from 1
 WAITING_FRAMES = 200_000  # beyond that frames are dropped, and counted, before memory fills
 
 
@@ -76,12 +80,21 @@ class TrafficLog:
 
 
 def _write(writer: Any, waiting: queue.Queue[can.Message | None]) -> None:
-    """Write what comes until None; a full disk ends the file, not the run."""
+    """Write what comes until None; a full disk, or a frame that no file can hold, ends the file, not the run."""
     try:
         while (message := waiting.get()) is not None:
-            writer.on_message_received(message)
-    except OSError as error:
+            writer.on_message_received(_numbered(message))
+    except (OSError, ValueError, struct.error) as error:
         _log.warning("CAN traffic log ended: %s", error)
     finally:
         with contextlib.suppress(OSError):
             writer.stop()
+
+
+def _numbered(message: can.Message) -> can.Message:
+    """A frame whose channel has no number that a file can hold, such as one named by random digits, gets none."""
+    if (channel2int(message.channel) or 0) < _MOST_CHANNELS:
+        return message
+    nameless = copy.copy(message)
+    nameless.channel = None
+    return nameless

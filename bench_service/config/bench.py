@@ -8,7 +8,8 @@ from typing import Any, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from bench_service.config.cell_type import CellTypeConfig, read_cell_type
-from bench_service.config.simulate import SIMULATED_CELLS, SimulateConfig
+from bench_service.config.chamber import ChamberConfig
+from bench_service.config.simulate import SIMULATED_CELLS, SimulateConfig, cells_of_module
 from bench_service.config.table import NotNegative, Positive, Table, Window
 from drivers.address import parse_address
 from drivers.errors import CyclerConnectionError
@@ -56,6 +57,7 @@ class BenchConfig(Table):
     external_interlock: bool = Field(default=False, strict=True)
     timeout_s: Positive = 0.5
     settle_s: NotNegative = 1.0
+    chamber: ChamberConfig | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -96,6 +98,21 @@ class BenchConfig(Table):
             )
         return self
 
+    @model_validator(mode="after")
+    def _chamber_fits(self) -> Self:
+        simulate = self.simulate
+        kind = {"simulated": simulate is not None, "lock_step": simulate is not None and simulate.lock_step}
+        if self.chamber is not None:
+            refused = self.chamber.refuses(self.limits.temperature_degC, **kind)
+            if refused is not None:
+                raise ValueError(refused)
+        return self
+
+    @property
+    def chamber_degC(self) -> tuple[float, float] | None:
+        """Window of the chamber's set points; None where there is no chamber."""
+        return None if self.chamber is None else self.chamber.temperature_degC or self.limits.temperature_degC
+
     @field_validator("url")
     @classmethod
     def _known_transport(cls, url: str | None) -> str | None:
@@ -130,4 +147,7 @@ def _as_simulated(table: Any) -> Any:
     capacity_Ah = known.pop("capacity_Ah")
     if simulate.get("capacity_Ah") is not None:
         capacity_Ah = simulate["capacity_Ah"]
-    return {"capacity_Ah": capacity_Ah} | table | {"limits": known | limits}
+    series, parallel = cells_of_module(simulate.get("module"))
+    known["voltage_V"] = tuple(series * limit_V for limit_V in known["voltage_V"])
+    known["current_A"] = tuple(parallel * limit_A for limit_A in known["current_A"])
+    return {"capacity_Ah": parallel * capacity_Ah} | table | {"limits": known | limits}

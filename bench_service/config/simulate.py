@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, Literal
 
 from pydantic import Field
 
 from bench_service.config.table import Fraction, Number, Positive, Table
+
+_MODULE = r"^([1-9][0-9]?)x([1-9][0-9]?)$"
 
 
 class SimulateConfig(Table):
@@ -15,8 +18,9 @@ class SimulateConfig(Table):
     ``speed`` counts simulated seconds per second and has a meaning only on the wall clock
     (``lock_step = false``). ``capacity_Ah`` replaces the true capacity of the simulated cell; ``baud`` is
     the pace of a simulated serial line, ``faults`` a script of what goes wrong when (docs/cyclers.md).
-    ``hidden_effect`` names one more effect, or "random", whose size the seed draws; both stay sealed until the
-    bench's seal is opened.
+    ``module`` puts S cells in series and P in parallel, written SxP, in place of one; effects and ``capacity_Ah`` stay
+    those of a cell. ``hidden_effect`` names one more effect, or "random", whose size the seed draws; both stay sealed
+    until the bench's seal is opened.
     """
 
     protocol: Literal["modbus-tcp", "modbus-rtu", "can"] = "modbus-tcp"
@@ -24,6 +28,7 @@ class SimulateConfig(Table):
     cell: Literal["nmc", "lfp", "nimh"] = "nmc"
     effects: dict[str, Number] = {}
     hidden_effect: str | None = None
+    module: str | None = Field(default=None, pattern=_MODULE)
     faults: str = ""
     seed: int = Field(default=1, ge=0, strict=True)
     lock_step: bool = Field(default=True, strict=True)
@@ -40,3 +45,9 @@ SIMULATED_CELLS: dict[str, dict[str, Any]] = {
     "lfp": {"capacity_Ah": 2.5, "voltage_V": (2.0, 3.65), "current_A": (-25.0, 10.0), "temperature_degC": _ROOM_degC},
     "nimh": {"capacity_Ah": 2.0, "voltage_V": (0.9, 1.6), "current_A": (-6.0, 2.0), "temperature_degC": (-10.0, 50.0)},
 }
+
+
+def cells_of_module(module: object) -> tuple[int, int]:
+    """Cells in series and in parallel of what stands under ``module``; one cell where that says nothing."""
+    found = re.match(_MODULE, module) if isinstance(module, str) else None
+    return (int(found[1]), int(found[2])) if found else (1, 1)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page
 
 from tests.patience import PATIENCE_S
@@ -18,10 +19,17 @@ PHONE = {"width": 390, "height": 844}
 OpenPage = Callable[..., Page]
 
 
-def picture(page: Page, name: str) -> None:
-    """Keep what a person would see, in the folder that ``BENCH_SCREENSHOTS`` names; nowhere where it names none."""
+def looked_at(page: Page, name: str) -> None:
+    """Nothing in the page as it stands may keep anybody out, by day or by night.
+
+    What a person would see is kept in the folder that ``BENCH_SCREENSHOTS`` names; nowhere where it names none.
+    """
     if folder := os.environ.get("BENCH_SCREENSHOTS"):
         page.screenshot(path=Path(folder) / f"{name}.png", full_page=True)
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+        found = Axe().run(page)
+        assert found.violations_count == 0, f"{name}, {scheme}: {found.generate_report()}"
 
 
 @contextmanager

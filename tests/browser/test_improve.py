@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from browser_rig import PHONE, OpenPage, served
+from browser_rig import PHONE, OpenPage, looked_at, served
 from playwright.sync_api import Page, Route, expect
 
 from bench_service.client import BenchClient
@@ -102,6 +102,7 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
         assert record["parent_id"] == campaign["model_id"] and record["metrics"]["effect"] == "hysteresis"
         judged = client.compare(str(child), [campaign["runs"][1]["run_id"]])["result"]["overall"]["rmse_mV"]
     assert judged == pytest.approx(after, abs=0.006)
+    looked_at(page, "improved")
     # Undo is choosing the parent.
     added.get_by_role("button", name="Go on with the new version").click()
     expect(step(page, "compare").locator(".figure strong").first).to_contain_text(f"{after:.2f}")
@@ -135,6 +136,7 @@ def test_a_model_from_a_file_and_a_choice_that_cannot_be(
     page.get_by_role("button", name="Compare model and runs").click()
     expect(step(page, "compare").locator(".figure strong").first).to_contain_text("mV")
     assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
+    looked_at(page, "improve-phone")
 
 
 def test_news_wipe_neither_a_message_nor_what_was_set(

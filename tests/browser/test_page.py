@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browser_rig import PHONE, OpenPage, served
+from browser_rig import PHONE, OpenPage, looked_at, served
 from playwright.sync_api import Page, WebSocketRoute, expect
 from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
@@ -68,6 +68,7 @@ def test_idle_bench_is_shown_with_state_in_words_and_live_values(open_page: Open
     assert 2.5 < _reading(page, "voltage") < 4.2
     first = page.locator("[data-reading=voltage] .number").inner_text()
     expect(page.locator("[data-reading=voltage] .number")).not_to_have_text(first)  # the sensor's noise moves it
+    looked_at(page, "bench-idle")
 
 
 def test_stop_ends_a_run_at_once_and_shows_the_answer_on_a_phone(open_page: OpenPage) -> None:
@@ -90,6 +91,7 @@ def test_stop_ends_a_run_at_once_and_shows_the_answer_on_a_phone(open_page: Open
     expect(page.locator("#runs-body tbody tr").first).to_contain_text("stopped")
     expect(page.locator("#campaign-body .campaign-head .chip")).to_have_text("stopped")
     assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
+    looked_at(page, "bench-stopped-phone")
 
 
 def test_stop_works_while_the_service_is_stopped(open_page: OpenPage, folder: Path) -> None:
@@ -127,6 +129,7 @@ def test_campaign_runs_through_to_figures_and_pictures(open_page: OpenPage) -> N
     expect(result.locator(".figure").first).to_contain_text("mV")
     expect(result.locator(".result-chart canvas")).to_have_count(2)
     expect(page.get_by_role("table", name="Runs of the campaign").locator("tbody tr")).to_have_count(2)
+    looked_at(page, "campaign-done")
     with page.expect_download() as download:
         page.get_by_role("link", name="BDF of in lock-step: validate").click()
     assert download.value.path().read_text(encoding="utf-8").startswith("Test Time / s")
@@ -154,6 +157,7 @@ def test_values_are_marked_old_while_the_service_cannot_be_heard(open_page: Open
     expect(banner).to_contain_text("Disconnected, values are old")
     expect(page.locator(".age")).to_contain_text("Last reading")
     expect(page.locator(".bench-head .chip")).to_contain_text("was")
+    looked_at(page, "bench-offline")
     let_through = True
     # The page also tries by itself: it may have come back, and the button have gone, before the click.
     with contextlib.suppress(PlaywrightTimeoutError):

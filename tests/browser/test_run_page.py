@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser_rig import DESKTOP, PHONE, OpenPage, picture, served
+from browser_rig import DESKTOP, PHONE, OpenPage, looked_at, served
 from playwright.sync_api import Page, expect
 from stored_run import GAP_S, PAUSE_S, store_run
 
@@ -103,7 +103,7 @@ def test_a_pulse_is_drawn_as_it_was_at_every_zoom_and_a_reload_keeps_the_place(
     zoomed(page, ten_minutes)
     assert edges_s(drawn(page, "Current")) == [3200.0, 3300.0]
     page.locator("#row-1-right").select_option("temperature")
-    picture(page, "run-ten-minutes")
+    looked_at(page, "run-ten-minutes")
     page.reload()
     loaded(page)
     expect(page.locator("#view-from")).to_have_value("3000")
@@ -134,7 +134,7 @@ def test_cursors_notes_and_incremental_capacity(open_page: OpenPage, address: st
     expect(page.get_by_role("heading", name="Cell 7")).to_be_visible()
     expect(page.locator("#run-events")).to_contain_text("label 'Cell 7'")
     assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
-    picture(page, "run-phone")
+    looked_at(page, "run-phone")
     # The list finds it by what was written, and leads back.
     page.goto(f"{address}/?bench=fast")
     expect(page.locator("#runs-body")).to_contain_text("Cell 7")
@@ -163,7 +163,7 @@ def test_a_run_is_started_held_and_stopped_from_the_page_and_looked_at_meanwhile
     page.locator("#start-dt_s").fill("0.1")
     page.locator("#start-initial_soc").fill("50")
     page.locator("#start-name").fill("from the page")
-    picture(page, "start-a-run")
+    looked_at(page, "start-a-run")
     page.locator("#start-submit").click()
     panel = page.get_by_role("region", name="Bench slow")
     expect(panel.locator(".bench-head .chip")).to_have_text("running")
@@ -184,7 +184,7 @@ def test_a_run_is_started_held_and_stopped_from_the_page_and_looked_at_meanwhile
     page.wait_for_function(f"(n) => {_PLOT}.series[0].data.length > n", arg=n)
     page.get_by_role("button", name="STOP slow").click()
     expect(page.locator("#run-facts .chip").first).to_have_text("stopped")
-    picture(page, "two-runs")
+    looked_at(page, "two-runs")
 
 
 def test_a_first_cycle_from_the_library_to_its_capacity(open_page: OpenPage) -> None:
@@ -203,7 +203,7 @@ def test_a_first_cycle_from_the_library_to_its_capacity(open_page: OpenPage) -> 
     expect(page.locator("#start-wrong")).to_be_empty()
     expect(page.locator("#start-told")).to_contain_text("of test time")
     expect(page.get_by_role("region", name="Steps").locator("tbody tr")).to_have_count(4)
-    picture(page, "start-a-test")
+    looked_at(page, "start-a-test")
     page.locator("#start-submit").click()
     expect(page.locator("#runs-body tbody tr").first).to_contain_text("CC-CV cycling")
     page.get_by_role("link", name="CC-CV cycling", exact=True).first.click()
@@ -216,7 +216,7 @@ def test_a_first_cycle_from_the_library_to_its_capacity(open_page: OpenPage) -> 
     assert 2.2 < discharged_Ah < 2.8
     page.locator("#row-4-left").select_option("cycle")
     assert {point[1] for point in drawn(page, "Cycle")} == {1, 2}
-    picture(page, "cycles")
+    looked_at(page, "cycles")
 
 
 def test_a_charge_is_written_step_by_step_and_runs(open_page: OpenPage) -> None:
@@ -254,10 +254,10 @@ def test_a_charge_is_written_step_by_step_and_runs(open_page: OpenPage) -> None:
     expect(rows).to_have_count(3)
     expect(page.get_by_label("Step 1.1, Current in C")).to_have_value("C/3")
     expect(page.locator("#start-told")).to_contain_text("of real time: started now")
-    picture(page, "editor")
+    looked_at(page, "editor")
     page.set_viewport_size(PHONE)  # pyright: ignore[reportArgumentType]
     page.wait_for_function("(width) => document.documentElement.scrollWidth === width", arg=PHONE["width"])
-    picture(page, "editor-phone")
+    looked_at(page, "editor-phone")
     page.set_viewport_size(DESKTOP)  # pyright: ignore[reportArgumentType]
     page.locator("#start-dt_s").fill("0.1")
     page.locator("#start-initial_soc").fill("50")
@@ -276,7 +276,7 @@ def test_a_charge_is_written_step_by_step_and_runs(open_page: OpenPage) -> None:
     page.locator("#manual-minutes").fill("2")
     expect(page.locator("#start-wrong")).to_be_empty()
     expect(page.locator("#start-told")).to_contain_text("of real time: started now")
-    picture(page, "manual")
+    looked_at(page, "manual")
     page.locator("#start-submit").click()
     expect(panel.locator(".time-left")).to_contain_text("step 1, manual")
     expect(panel.locator(".time-left")).to_contain_text("1\u202fmin 5")

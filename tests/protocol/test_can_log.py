@@ -7,6 +7,7 @@ import can
 import cantools
 import pytest
 
+from drivers.can_log import TrafficLog
 from drivers.register_map import load_can_map
 from tests.patience import PATIENCE_S
 from tests.protocol.rigs import LIMITS
@@ -68,3 +69,16 @@ async def test_a_log_that_cannot_be_written_does_not_stop_a_run(made, tmp_path, 
     await driver.acquire(LIMITS, 1.0, 0.1)
     assert "CAN traffic is not logged" in caplog.text
     await driver.close()
+
+
+@pytest.mark.parametrize("channel", ["can1", "a22722979", "no number", None])
+@pytest.mark.parametrize("suffix", ["", ".asc"])
+def test_a_channel_of_any_name_is_logged(tmp_path, channel, suffix):
+    log = TrafficLog(str(tmp_path / f"traffic{suffix}"), "bench")
+    path = log.start()
+    log.put(can.Message(arbitration_id=0x123, data=[1, 2], is_extended_id=False, channel=channel, timestamp=1.0))
+    log.stop()
+    with can.LogReader(path) as frames:
+        (found,) = frames
+    assert (found.arbitration_id, bytes(found.data)) == (0x123, b"\x01\x02")
+    assert found.channel == (1 if channel == "can1" else 0)
