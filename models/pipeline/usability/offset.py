@@ -12,6 +12,8 @@ from models.pipeline.usability.reason import Reason, limited
 
 # What the counted charge may be off by, at the end of the longest run, before it matters: 1 % of the capacity.
 _MATTERS = 0.01
+# A reference has an error of its own, and charge that does not come out again drifts as an offset does.
+_MATTERS_OF_REFERENCE = 0.03
 # Standard errors beyond which a reading is no chance.
 _CERTAIN = 4.0
 _SIGMA_OF_MAD = 1.48
@@ -32,6 +34,7 @@ def suspected_offset(data: Training) -> list[Reason]:
     off_A, how = _at_rest_A(data.grid), "it reads {} with the output off"
     if off_A is None or abs(off_A) < least_A:
         off_A, how = _against_reference_A(data), "the counted charge drifts from the runs' reference by {}"
+        least_A *= _MATTERS_OF_REFERENCE / _MATTERS
     if off_A is None or abs(off_A) < least_A:
         return []
     drift = abs(off_A) * longest_h / data.cell.capacity_Ah

@@ -97,8 +97,8 @@ def test_coarse_values() -> None:
     assert coarse_values(taken(GOOD)) == []
     volts = replace(GOOD, voltage_V=0.02 * np.round(GOOD.voltage_V / 0.02))
     assert "steps of 20 mV" in texts(coarse_values(taken(volts)))
-    amperes = replace(GOOD, current_A=0.5 * np.round(GOOD.current_A / 0.5))
-    assert "steps of 0.5 A" in texts(coarse_values(taken(amperes)))
+    amperes = replace(GOOD, current_A=0.15 * np.round(GOOD.current_A / 0.15))
+    assert "steps of 0.15 A" in texts(coarse_values(taken(amperes)))
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.02])
