@@ -48,6 +48,6 @@ def _where(bad: np.ndarray, table: ResistanceTable) -> Reason:
     parts = np.zeros(round(1.0 / WIDTH), bool)
     parts[bin_of(table.soc[bad.mean(axis=(0, 1)) > _CORNERS])] = True
     return limited(
-        f"the resistance of the model is negative or unknown at {100.0 * float(bad.mean()):.0f} % of its points (state of charge "
-        f"{in_words(ranges(parts))}): do not trust voltages under load there; add pulses there"
+        f"the resistance of the model is negative or unknown at {100.0 * float(bad.mean()):.0f} % of its points (state "
+        f"of charge {in_words(ranges(parts))}): do not trust voltages under load there; add pulses there"
     )
