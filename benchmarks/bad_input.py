@@ -338,6 +338,9 @@ CASES: dict[str, Case] = {
         ("rest(s) are missing from the log",),
         ratio=True,
     ),
+    "rests cut out, time anew": Case(
+        lambda cell, seed: [without_rests(good(cell, seed), anew=True)], LIMITED, ("no rest between loads",)
+    ),
     "clock put back": Case(
         lambda cell, seed: [good(cell, seed)],
         ("usable",),

@@ -114,7 +114,7 @@ def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
         temperature_degC=_interpolate(grid, t, run.temperature_degC),
         ambient_degC=None if run.ambient_degC is None else _interpolate(grid, t, run.ambient_degC),
         charge_Ah=charge_grid / 3600.0,
-        soc_ref=None if run.soc_ref is None else _interpolate(grid, t, run.soc_ref),
+        soc_ref=None if run.soc_ref is None else _reference(grid, t, run.soc_ref),
         segment_starts=_segments(grid, t, current),
         measured=~np.isnan(voltage),
     )
@@ -127,6 +127,14 @@ def _fill_hold(values: FloatArray) -> FloatArray:
         return values
     index = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
     return np.where(index >= 0, values[np.maximum(index, 0)], 0.0)
+
+
+def _reference(grid: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:
+    """Linear interpolation between known values, and missing beyond them: a start that is known is no reference."""
+    known = ~np.isnan(values)
+    if not known.any():
+        return np.full(len(grid), np.nan)
+    return np.interp(grid, t[known], values[known], left=np.nan, right=np.nan)
 
 
 def _interpolate(grid: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,18 +18,30 @@ def same_record(one: TimeSeries, other: TimeSeries) -> bool:
     )
 
 
-def without_repeats(request: FitRequest) -> tuple[FitRequest, list[str]]:
-    """Take each training run once.
+@dataclass(frozen=True)
+class Once:
+    """A request in which each training run stands once.
 
-    Returns
-    -------
-    request, remarks
-        A run that also judges is kept there, and said.
+    Attributes
+    ----------
+    request : without repeats
+    place : of each run that was given, in the request
+    remarks : what is to be said
     """
+
+    request: FitRequest
+    place: list[int]
+    remarks: list[str]
+
+
+def without_repeats(request: FitRequest) -> Once:
+    """Take each training run once; one that also judges is kept there, and said."""
     kept: list[int] = []
+    place: list[int] = []
     remarks = []
     for k, run in enumerate(request.train):
         first = next((j for j in kept if same_record(request.train[j], run)), None)
+        place.append(len(kept) if first is None else kept.index(first))
         if first is None:
             kept.append(k)
         else:
@@ -38,6 +50,7 @@ def without_repeats(request: FitRequest) -> tuple[FitRequest, list[str]]:
         if any(same_record(judge, run) for run in request.train):
             remarks.append(f"{judge.name} judges the model and was also learned from: its error says nothing of others")
     if len(kept) == len(request.train):
-        return request, remarks
+        return Once(request, place, remarks)
     soc = None if not request.initial_soc else [request.initial_soc[k] for k in kept]
-    return replace(request, train=[request.train[k] for k in kept], initial_soc=soc), remarks
+    once = replace(request, train=[request.train[k] for k in kept], initial_soc=soc)
+    return Once(once, place, remarks)

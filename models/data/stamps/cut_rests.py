@@ -62,10 +62,11 @@ def with_cut_rests(run: TimeSeries) -> CutRests:
     gap_s = _GAP * usual_s if tick_s(run.time_s) is None else _LOST * usual_s
     at_gap = np.flatnonzero(loaded & (step > gap_s) & np.isfinite(came_back_V))
     rests = [int(k) for k in at_gap if came_back_V[k] > max(_CERTAIN * sigma_V, _LEAST_V)]
-    if len(at_gap) >= _FEWEST and (2 * len(rests) >= len(at_gap) or _never_rests(run, largest)):
+    if len(at_gap) >= _FEWEST:
         # Where a resistance changes with charge, single gaps are not certain; all of them together are.
         back_V = came_back_V[at_gap]
-        if back_V.mean() > _TOGETHER * back_V.std() / np.sqrt(len(back_V)):
+        together = back_V.mean() > _TOGETHER * back_V.std() / np.sqrt(len(back_V))
+        if 2 * len(rests) >= len(at_gap) or (together and _never_rests(run, largest)):
             rests = [int(k) for k in at_gap]
     if rests:
         # What began as a rest that is known to have been cut goes on as one.

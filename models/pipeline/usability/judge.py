@@ -16,6 +16,7 @@ from models.pipeline.usability.offset import suspected_offset
 from models.pipeline.usability.reason import Reason, Verdict, usability
 from models.pipeline.usability.resistance import bad_resistance
 from models.pipeline.usability.resolution import coarse_values
+from models.pipeline.usability.rests import no_rest
 from models.pipeline.usability.sampling import logged_too_slowly
 from models.pipeline.usability.start import soc_on_trust
 from models.pipeline.usability.steps import no_steps
@@ -47,6 +48,7 @@ def judged_data(data: Training) -> list[Reason]:
     kinds = (
         one_direction,
         no_steps,
+        no_rest,
         not_covered,
         logged_too_slowly,
         coarse_values,

@@ -13,6 +13,7 @@ from models.pipeline.usability.judge import judged_data
 from models.pipeline.usability.offset import suspected_offset
 from models.pipeline.usability.reason import Reason, Verdict, limited, unusable, usability
 from models.pipeline.usability.resolution import coarse_values, rounding
+from models.pipeline.usability.rests import no_rest
 from models.pipeline.usability.sampling import logged_too_slowly, samples_a_level
 from models.pipeline.usability.start import soc_on_trust
 from models.pipeline.usability.steps import no_steps
@@ -134,6 +135,12 @@ def test_an_offset_is_suspected_where_the_count_drifts_from_a_reference() -> Non
     assert suspected_offset(taken(with_reference)) == []
     off = replace(with_reference, current_A=with_reference.current_A + 0.02)
     assert "drifts from the runs' reference by +20 mA" in texts(suspected_offset(taken(off)))
+
+
+def test_loads_without_a_rest() -> None:
+    never = np.where(np.abs(pulses()) < 0.1, -0.3, pulses())
+    assert texts(no_rest(taken(run(never, 0.9)))).startswith("no rest between loads")
+    assert no_rest(taken(run(never, 0.9), GOOD)) == []
 
 
 def test_a_missing_temperature() -> None:
