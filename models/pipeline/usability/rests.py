@@ -22,8 +22,8 @@ def no_rest(data: Training) -> list[Reason]:
     return [
         limited(
             "no rest between loads: how the voltage relaxes is not seen, so slow resistances and the open-circuit "
-            "voltage are told apart badly. If the rests were cut out of the log, put them back: what looks like one load "
-            "after the other bends the model; else add rests of ten minutes"
+            "voltage are told apart badly. If the rests were cut out of the log, put them back: what looks like one "
+            "load after the other bends the model; else add rests of ten minutes"
         )
     ]
 
