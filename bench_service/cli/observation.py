@@ -11,6 +11,7 @@ import numpy as np
 from models.data.resampling import to_grid
 from models.data.timeseries import FloatArray
 from models.effects.input_correction import as_read
+from models.observer.constancy import with_honest_bands
 from models.observer.health import alarms_of, watch
 from models.observer.tuning.accuracy import soc_figures
 
@@ -67,6 +68,7 @@ def observe(
     started = time.perf_counter()
     _, rows = observer.replay(state, *arrays)
     seconds = time.perf_counter() - started
+    told, remarks = with_honest_bands(observer.told_sensors(rows[-1]), rows)
     figures = soc_figures(grid.time_s, rows[:, 0], rows[:, 1], grid.soc_ref)
     return Observation(
         run.name,
@@ -78,6 +80,6 @@ def observe(
         grid.soc_ref,
         figures,
         seconds,
-        alarms_of(watch(rows, grid.voltage_V)),
-        observer.told_sensors(rows[-1]),
+        [*alarms_of(watch(rows, grid.voltage_V)), *remarks],
+        told,
     )

@@ -71,6 +71,7 @@ def choose_columns(file: str, names: Iterable[str]) -> dict[str, str]:
         wanted = ", ".join(f"{own} (or {BDF_NAMES[own][0]!r})" for own in missing)
         there = ", ".join(repr(name) for name in names[:12]) + (", ..." if len(names) > 12 else "")
         hint = "; an empty temperature column will do" if missing == ["temperature_degC"] else ""
+        hint += " (a fit then uses --structure auto or minimal, which do without)" if hint else ""
         raise RunFileError(
             f"{file}: wrong columns: needs {wanted}{hint}; the file has {there}; "
             "what a cycler's program wrote becomes a run by 'bench-service import'"

@@ -15,6 +15,8 @@ from bench_service.exchange.format import RawTable
 from bench_service.exchange.registry import formats
 from bench_service.exchange.sign import judge_sign
 from models.data.errors import TimeSeriesError
+from models.data.stamps.clock import without_hour_jumps
+from models.data.stamps.repair import with_stamps_put_right
 from models.data.timeseries import TimeSeries
 
 CurrentSign = Literal["charge-positive", "discharge-positive"]
@@ -74,6 +76,7 @@ def read_run_file(path: Path | str, current_sign: CurrentSign | None = None) -> 
     table = _read_table(path)
     columns = dict(table.columns)
     warnings: list[str] = []
+    _settle_clock(path, columns, warnings)
     _check_time(path, columns["time_s"])
     columns = _without_duplicates(path, columns, warnings)
     columns = {own: _without_sentinels(path, own, values, warnings) for own, values in columns.items()}
@@ -85,7 +88,8 @@ def read_run_file(path: Path | str, current_sign: CurrentSign | None = None) -> 
         series = TimeSeries(name=run_name(path), **columns)
     except TimeSeriesError as error:
         raise RunFileError(f"{path}: {str(error).removeprefix(run_name(path) + ': ')}") from error
-    return RunFile(series, tuple(warnings), tuple(name for name in table.names if name not in used))
+    series, remarks = with_stamps_put_right(series)
+    return RunFile(series, (*warnings, *remarks), tuple(name for name in table.names if name not in used))
 
 
 def run_name(path: Path) -> str:
@@ -117,6 +121,21 @@ def _read_table(path: Path) -> RawTable:
 def _row(k: int) -> int:
     """Row in a text editor of sample `k`: the header is row 1."""
     return k + 2
+
+
+def _settle_clock(path: Path, columns: dict[str, NDArray[np.float64]], warnings: list[str]) -> None:
+    """Take out an hour by which a clock was put forward or back."""
+    names = ("time_s", "current_A", "voltage_V")
+    if not np.isfinite(columns["time_s"]).all() or any(name not in columns for name in names):
+        return
+    time_s, jumps = without_hour_jumps(*(columns[name] for name in names))
+    if jumps:
+        columns["time_s"] = np.asarray(time_s, np.float64)
+        rows = ", ".join(str(_row(k)) for k in jumps)
+        warnings.append(
+            f"{path}: the clock jumps by an hour at row {rows}, as at a change to or from daylight saving time, while "
+            "load and voltage go on; taken out"
+        )
 
 
 def _check_time(path: Path, time_s: NDArray[np.float64]) -> None:

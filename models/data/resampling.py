@@ -12,11 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.data.lost_samples import tick_s, with_lost_samples
 from models.data.timeseries import FloatArray, TimeSeries
 
 # A pause in the log longer than this many typical intervals, with current on either side, is a gap.
 _GAP_FACTOR = 30.0
 _REST_FRACTION = 0.01
+# More rows without a voltage than this are no accident.
+_HELD_SHARE = 0.05
 # Most that the voltage of a slow log may be off at the grid point next to a sample: as a converter resolves it.
 _MOVED_V = 5e-4
 
@@ -60,9 +63,22 @@ class GridRun:
 
 def typical_interval_s(runs: list[TimeSeries]) -> float:
     """Return the median sampling interval of several runs, in s, rounded to 1, 2 or 5 times a power of ten."""
-    median = float(np.median(np.concatenate([np.diff(run.time_s) for run in runs])))
+    median = float(np.median(np.concatenate([_intervals_s(run) for run in runs])))
     scale = 10.0 ** np.floor(np.log10(median))
     return float(min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(np.log(m * scale / median))) * scale)
+
+
+def _intervals_s(run: TimeSeries) -> FloatArray:
+    """Intervals of a log; where samples were lost here and there, that of its clock as often as it should be there."""
+    tick = tick_s(run.time_s)
+    if tick is not None:
+        return np.full(round(run.duration_s / tick), tick)
+    step = np.diff(run.time_s)
+    held = np.isnan(run.voltage_V[:-1]) & ~np.isnan(run.current_A[:-1])
+    if held.sum() <= _HELD_SHARE * len(step):
+        return step
+    # A log that is written on change has such rows just before its changes (`stamps.on_change`): that near it looks.
+    return np.full(len(step), np.quantile(step[held], 0.25))
 
 
 def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
@@ -77,6 +93,7 @@ def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
     -------
     GridRun
     """
+    run = with_lost_samples(run)
     t = run.time_s - run.time_s[0]
     current = _fill_hold(run.current_A)
     n = int(np.floor(t[-1] / dt_s + 1e-6)) + 1
@@ -97,7 +114,7 @@ def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
         temperature_degC=_interpolate(grid, t, run.temperature_degC),
         ambient_degC=None if run.ambient_degC is None else _interpolate(grid, t, run.ambient_degC),
         charge_Ah=charge_grid / 3600.0,
-        soc_ref=None if run.soc_ref is None else _interpolate(grid, t, run.soc_ref),
+        soc_ref=None if run.soc_ref is None else _reference(grid, t, run.soc_ref),
         segment_starts=_segments(grid, t, current),
         measured=~np.isnan(voltage),
     )
@@ -110,6 +127,14 @@ def _fill_hold(values: FloatArray) -> FloatArray:
         return values
     index = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
     return np.where(index >= 0, values[np.maximum(index, 0)], 0.0)
+
+
+def _reference(grid: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:
+    """Linear interpolation between known values, and missing beyond them: a start that is known is no reference."""
+    known = ~np.isnan(values)
+    if not known.any():
+        return np.full(len(grid), np.nan)
+    return np.interp(grid, t[known], values[known], left=np.nan, right=np.nan)
 
 
 def _interpolate(grid: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:

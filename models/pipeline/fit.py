@@ -24,6 +24,7 @@ from models.network.model_record import Json
 from models.pipeline.choosing import Chosen, choose
 from models.pipeline.fit_request import FitOptions, FitRequest
 from models.pipeline.plans import BoundedNetwork, Built
+from models.pipeline.repeats import without_repeats
 from models.pipeline.run_starts import with_starts
 from models.pipeline.training import Training, training
 from models.pipeline.usability.judge import judged_model
@@ -119,11 +120,13 @@ def fit(request: FitRequest) -> FitResult:
     """Identify the network that a request asks for; see `fit_network`."""
     started = time.perf_counter()
     report = request.progress or silent
+    given = without_repeats(request)
+    request = given.request
     data, chosen, built = _placed(request, report)
     network = _noting(_read_out(built, data, report), choices=_choices(built, chosen))
     judged = _judged(network, data, request)
     network = _with_figures(network, data, built, judged)
-    network = _noting(network, usability=judged_model(network, data, judged.train, judged.validation))
+    network = _noting(network, usability=judged_model(network, data, judged.train, judged.validation, given.remarks))
     report(0.97, "noting what a diagnosis will need")
     network = _versioned(_with_memory(network, data), data, judged, request.code_version)
     report(1.0, "done")
@@ -137,7 +140,7 @@ def fit(request: FitRequest) -> FitResult:
         expected_rmse_mV=1e3 * chosen.held_out.rmse_V,
         n_samples=data.n_samples,
         seconds=time.perf_counter() - started,
-        initial_soc=data.soc,
+        initial_soc=[data.soc[k] for k in given.place],
     )
 
 

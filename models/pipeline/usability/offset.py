@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.data.lost_samples import tick_s
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.pipeline.training import Training
@@ -11,6 +12,8 @@ from models.pipeline.usability.reason import Reason, limited
 
 # What the counted charge may be off by, at the end of the longest run, before it matters: 1 % of the capacity.
 _MATTERS = 0.01
+# A reference has an error of its own, and charge that does not come out again drifts as an offset does.
+_MATTERS_OF_REFERENCE = 0.03
 # Standard errors beyond which a reading is no chance.
 _CERTAIN = 4.0
 _SIGMA_OF_MAD = 1.48
@@ -31,6 +34,7 @@ def suspected_offset(data: Training) -> list[Reason]:
     off_A, how = _at_rest_A(data.grid), "it reads {} with the output off"
     if off_A is None or abs(off_A) < least_A:
         off_A, how = _against_reference_A(data), "the counted charge drifts from the runs' reference by {}"
+        least_A *= _MATTERS_OF_REFERENCE / _MATTERS
     if off_A is None or abs(off_A) < least_A:
         return []
     drift = abs(off_A) * longest_h / data.cell.capacity_Ah
@@ -73,7 +77,10 @@ def _rests(run: GridRun, most_A: float) -> list[FloatArray]:
 def _against_reference_A(data: Training) -> float | None:
     """Trend in A of the counted charge against a reference that runs along, if it is certain."""
     found = []
-    for run, soc in zip(data.grid, data.counted_soc(), strict=True):
+    for run, series, soc in zip(data.grid, data.runs, data.counted_soc(), strict=True):
+        # Where samples are lost the count drifts by itself.
+        if tick_s(series.time_s) is not None:
+            continue
         if run.soc_ref is None or np.isnan(run.soc_ref).any() or np.ptp(run.soc_ref) == 0.0:
             continue
         # A wrong capacity drifts with the charge that was moved, an offset with time.

@@ -18,6 +18,8 @@ _CHANGE = 0.1
 # (mean resultant length of their phases, 1 where all do): so many of them that a few odd ones, such as means over a
 # change, do not hide it.
 _ROUND_OFF, _GATHERED = 1e-6, 0.9
+# Fewer different values than this may be the levels that a test was made of.
+_LEVELS = 12
 _TRIED = 5
 
 
@@ -49,11 +51,13 @@ def coarse_values(data: Training) -> list[Reason]:
 def rounding(values: FloatArray) -> float:
     """Step that values are rounded to; 0 where they are not."""
     known = np.round(values[~np.isnan(values)] / _ROUND_OFF)
-    apart, often = np.unique(np.diff(np.unique(known)), return_counts=True)
+    at, count = np.unique(known, return_counts=True)
+    if len(at) < _LEVELS:
+        return 0.0
+    apart, often = np.unique(np.diff(at), return_counts=True)
     tried = apart[np.argsort(-often, kind="stable")[:_TRIED]]
     # Relative to the most frequent value: steps need not be multiples counted from 0.
-    at, count = np.unique(known, return_counts=True)
-    away = known - at[np.argmax(count)] if len(at) else known
+    away = known - at[np.argmax(count)]
     steps = [step for step in tried if abs(np.mean(np.exp(2j * np.pi * away / step))) > _GATHERED]
     return float(max(steps, default=0.0)) * _ROUND_OFF
 

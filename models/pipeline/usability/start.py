@@ -14,12 +14,16 @@ from models.pipeline.usability.reason import Reason, limited
 _REST_S, _STILL_TO_COME, _SETTLED_V = 60.0, 3.0, 5e-3
 # Full and empty are where a charger and a cut-off voltage say so.
 _FULL, _EMPTY = 0.99, 0.01
+# What a sensor with an offset may read at rest, of the largest current.
+_REST_SHARE = 0.02
 
 
 def soc_on_trust(data: Training) -> list[Reason]:
     """Whether no run says by itself, or through whoever stated it, where on the scale of charge it begins."""
     both = zip(data.runs, data.starts, strict=True)
-    if any(_is_anchored(run, start, data.cell.rest_A) for run, start in both):
+    largest = max(float(np.abs(run.current_A).max()) for run in data.grid)
+    rest_A = max(data.cell.rest_A, _REST_SHARE * largest)
+    if any(_is_anchored(run, start, rest_A) for run, start in both):
         return []
     return [
         limited(
@@ -43,10 +47,13 @@ def begins_settled(run: TimeSeries, rest_A: float) -> bool:
     """Whether a run begins at rest and its voltage has come to stand there."""
     loaded = np.abs(np.nan_to_num(run.current_A, nan=np.inf)) > rest_A
     n = int(np.argmax(loaded)) if loaded.any() else len(run)
-    if n < 3 or run.time_s[n - 1] - run.time_s[0] < _REST_S:
+    if n < 2 or run.time_s[n - 1] - run.time_s[0] < _REST_S:
         return False
     time_s = run.time_s[:n] - run.time_s[n - 1]
     last = (time_s >= -_REST_S) & ~np.isnan(run.voltage_V[:n])
+    if last.sum() < 2:
+        # A log that is written on change has a row only when the voltage has moved.
+        last = ~np.isnan(run.voltage_V[:n])
     if last.sum() < 2:
         return False
     slope_V_per_s = float(np.polyfit(time_s[last], run.voltage_V[:n][last], 1)[0])

@@ -24,6 +24,9 @@ _OTHER_RATE = 0.25
 # Below this share of the visited charge, the changes are the ends of charges and discharges: a CC-CV record has them
 # within reach of both ends of the range, which is up to four tenths of it.
 _ENDS = 0.5
+# Pulse tests have two changes or more for every tenth of the charge that they move; charges and discharges at constant
+# current have two in all.
+_PULSE_EVERY = 0.1
 # Stretches shorter than the reach are bridged by the model's smoothness.
 _SHORTEST = 0.1
 
@@ -32,18 +35,22 @@ def no_steps(data: Training) -> list[Reason]:
     """Whether, over part of the state of charge, nothing tells resistance from open-circuit voltage."""
     soc = data.counted_soc()
     n = round(1.0 / WIDTH)
-    visited, told = np.zeros(n, bool), np.zeros(n, bool)
+    visited, told, changes = np.zeros(n, bool), np.zeros(n, bool), 0
     largest = max(float(np.abs(run.current_A).max()) for run in data.grid)
     for run, counted in zip(data.grid, soc, strict=True):
         visited[bin_of(counted[run.measured])] = True
         edge = np.zeros(len(run), bool)
         edge[2:] = np.abs(run.current_A[2:] - run.current_A[:-2]) > _CHANGE * largest
         told[bin_of(counted[edge])] = True
+        changes += int((edge[1:] & ~edge[:-1]).sum())
     reach = round(_REACH / WIDTH)
     told = np.convolve(told, np.ones(2 * reach + 1), mode="same") > 0.5
-    told |= _several_rates(data, soc, n)
+    moved = sum(float(np.abs(np.diff(counted)).sum()) for counted in soc)
+    rates = _several_rates(data, soc, n)
+    told |= rates
     blind = visited & ~told
-    if blind.sum() > (1.0 - _ENDS) * visited.sum():
+    rare = changes < moved / _PULSE_EVERY and (visited & ~rates).sum() > (1.0 - _ENDS) * visited.sum()
+    if rare or blind.sum() > (1.0 - _ENDS) * visited.sum():
         return [
             limited(
                 "constant current only (CC-CV): the current hardly changes between the ends of charge and discharge, "

@@ -12,6 +12,16 @@ def uneven(seed: int, n: int = 200) -> TimeSeries:
     return TimeSeries(t, rng.normal(size=n), 3.5 + 0.1 * rng.normal(size=n), np.full(n, 25.0))
 
 
+def test_a_reference_is_known_between_its_values_only() -> None:
+    time_s = np.arange(6.0)
+    told = np.array([np.nan, 0.5, np.nan, 0.52, np.nan, np.nan])
+    run = TimeSeries(time_s, np.ones(6), np.full(6, 3.7), np.full(6, 25.0), None, told)
+    reference = to_grid(run, 1.0).soc_ref
+    assert reference is not None
+    assert np.array_equal(np.isnan(reference), [True, False, False, False, True, True])
+    assert reference[2] == 0.51
+
+
 @given(st.integers(0, 10_000))
 def test_charge_is_kept_to_the_last_grid_point(seed: int) -> None:
     run = uneven(seed)

@@ -13,6 +13,7 @@ from models.pipeline.usability.judge import judged_data
 from models.pipeline.usability.offset import suspected_offset
 from models.pipeline.usability.reason import Reason, Verdict, limited, unusable, usability
 from models.pipeline.usability.resolution import coarse_values, rounding
+from models.pipeline.usability.rests import no_rest
 from models.pipeline.usability.sampling import logged_too_slowly, samples_a_level
 from models.pipeline.usability.start import soc_on_trust
 from models.pipeline.usability.steps import no_steps
@@ -59,7 +60,7 @@ def test_other_rates_in_the_same_direction_tell_the_resistance() -> None:
     slow = run(np.concatenate([np.zeros(60), np.full(1300, -0.5)]), 0.95, name="slow")
     fast = run(np.concatenate([np.zeros(60), np.full(330, -2.0)]), 0.95, name="fast")
     pulsed = run(np.concatenate([pulses(240), np.full(200, 0.4)]), 0.4, name="pulsed")
-    assert "0.00 to 0.20, 0.55 to 0.80" in texts(no_steps(taken(slow, replace(slow, name="again"), pulsed)))
+    assert "constant current" in texts(no_steps(taken(slow, replace(slow, name="again"), pulsed)))
     assert no_steps(taken(slow, fast, pulsed)) == []
 
 
@@ -97,8 +98,8 @@ def test_coarse_values() -> None:
     assert coarse_values(taken(GOOD)) == []
     volts = replace(GOOD, voltage_V=0.02 * np.round(GOOD.voltage_V / 0.02))
     assert "steps of 20 mV" in texts(coarse_values(taken(volts)))
-    amperes = replace(GOOD, current_A=0.5 * np.round(GOOD.current_A / 0.5))
-    assert "steps of 0.5 A" in texts(coarse_values(taken(amperes)))
+    amperes = replace(GOOD, current_A=0.15 * np.round(GOOD.current_A / 0.15))
+    assert "steps of 0.15 A" in texts(coarse_values(taken(amperes)))
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.02])
@@ -134,6 +135,12 @@ def test_an_offset_is_suspected_where_the_count_drifts_from_a_reference() -> Non
     assert suspected_offset(taken(with_reference)) == []
     off = replace(with_reference, current_A=with_reference.current_A + 0.02)
     assert "drifts from the runs' reference by +20 mA" in texts(suspected_offset(taken(off)))
+
+
+def test_loads_without_a_rest() -> None:
+    never = np.where(np.abs(pulses()) < 0.1, -0.3, pulses())
+    assert texts(no_rest(taken(run(never, 0.9)))).startswith("no rest between loads")
+    assert no_rest(taken(run(never, 0.9), GOOD)) == []
 
 
 def test_a_missing_temperature() -> None:

@@ -11,10 +11,9 @@ from models.readouts.resistance import ResistanceTable
 SOC = np.linspace(0.0, 1.0, 21)
 
 
-def table(resistance_Ohm: np.ndarray, std_Ohm: float | None = 1e-3) -> ResistanceTable:
+def table(resistance_Ohm: np.ndarray) -> ResistanceTable:
     values = np.broadcast_to(resistance_Ohm, (2, 1, len(SOC))).copy()
-    std = None if std_Ohm is None else np.full_like(values, std_Ohm)
-    return ResistanceTable(np.array([-1.0, 1.0]), np.array([25.0]), SOC, values, std)
+    return ResistanceTable(np.array([-1.0, 1.0]), np.array([25.0]), SOC, values)
 
 
 def test_a_resistance_that_is_negative_nearly_everywhere_cannot_be_used() -> None:
@@ -32,11 +31,9 @@ def test_a_resistance_that_is_negative_in_part_is_limited_there() -> None:
     assert "negative" in missing.text
 
 
-def test_a_resistance_within_its_own_band_is_not_known() -> None:
-    (found,) = judged_table(table(np.where(SOC < 0.2, 1e-3, 0.02)))
-    assert "not known" in found.text
+def test_a_positive_resistance_is_nothing_to_speak_of() -> None:
     assert judged_table(table(np.full(21, 0.02))) == []
-    assert judged_table(table(np.full(21, 0.02), None)) == []
+    assert judged_table(table(np.where(SOC < 0.02, -0.02, 0.02))) == []
 
 
 def test_a_model_that_misses_its_runs() -> None:
