@@ -9,24 +9,21 @@ from collections.abc import Iterable
 
 from bench_service.exchange.errors import RunFileError
 
-# own name -> (BDF label, other names that are read: machine names, labels of other versions)
+# own name -> (BDF label, BDF machine names)
 BDF_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "time_s": ("Test Time / s", ("test_time_second",)),
     "current_A": ("Current / A", ("current_ampere",)),
     "voltage_V": ("Voltage / V", ("voltage_volt",)),
-    "temperature_degC": (
-        "Surface Temperature / degC",
-        # 1.3.0, then what batterydf 0.1.0 writes and its examples use: the first of several sensors.
-        (
-            "surface_temperature_celsius",
-            "Surface Temperature T1 / degC",
-            "surface_temperature_t1_celsius",
-            "Temperature T1 / degC",
-            "temperature_t1_celsius",
-        ),
-    ),
+    "temperature_degC": ("Surface Temperature / degC", ("surface_temperature_celsius",)),
     "ambient_degC": ("Ambient Temperature / degC", ("ambient_temperature_celsius",)),
 }
+# The first of several sensors, as batterydf 0.1.0 and its examples name it: read where no cell temperature is.
+_FIRST_SENSOR = (
+    "Surface Temperature T1 / degC",
+    "surface_temperature_t1_celsius",
+    "Temperature T1 / degC",
+    "temperature_t1_celsius",
+)
 COUNT_NAMES = {"cycle_count": "Cycle Count / 1", "step_count": "Step Count / 1"}
 UNIX_TIME_LABEL = "Unix Time / s"
 OWN_NAMES = (*BDF_NAMES, "soc_ref")
@@ -64,6 +61,9 @@ def choose_columns(file: str, names: Iterable[str]) -> dict[str, str]:
         if own in chosen:
             raise RunFileError(f"{file}: columns {chosen[own]!r} and {name!r} both hold {own}; remove one")
         chosen[own] = name
+    first_sensor = next((name for name in _FIRST_SENSOR if name in names), None)
+    if first_sensor is not None:
+        chosen.setdefault("temperature_degC", first_sensor)
     missing = [own for own in REQUIRED if own not in chosen]
     if "temperature_degC" not in chosen and "ambient_degC" not in chosen:
         missing.append("temperature_degC")

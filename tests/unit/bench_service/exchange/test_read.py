@@ -61,6 +61,14 @@ def test_battery_data_format_names(tmp_path: Path, header: str) -> None:
     assert run.current_A[15] == 2.0
 
 
+def test_the_first_of_several_sensors_stands_for_a_cell_temperature_that_is_not_there(tmp_path: Path) -> None:
+    names = "Test Time / s,Current / A,Voltage / V,Surface Temperature T1 / degC"
+    assert read_run(write(tmp_path / "a.csv", cell_rows(), names)).temperature_degC[0] == 25.0
+    rows = [f"{row},31.0" for row in cell_rows()]
+    both = "Test Time / s,Current / A,Voltage / V,Temperature T1 / degC,Surface Temperature / degC"
+    assert read_run(write(tmp_path / "b.csv", rows, both)).temperature_degC[0] == 31.0
+
+
 def test_byte_order_mark_and_windows_line_ends(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join([HEADER, *cell_rows()]).encode() + b"\r\n")
