@@ -3,14 +3,14 @@ import { Chart, band, line } from "./charts.js";
 import { el } from "./dom.js";
 import { BAND, fixed } from "./format.js";
 
-const EFFECT_COLOURS = { capacity: "voltage", resistance_growth: "current", ocv_shape: "residual" };
-const WORDS = { capacity: "capacity", resistance_growth: "resistance", ocv_shape: "curve" };
+const EXPLAINED = ["voltage", "current", "residual", "soc"]; // colours of what explains the error, by name in order
+const plain = (effect) => effect.replaceAll("_", " ");
 
 /** What is new in a run, in words. */
 export function inWords(run) {
   if (run.verdict === "nothing_missing") return "nothing";
   if (run.verdict === "unknown_effect") return "something that no known effect explains";
-  const names = run.findings.map(({ effect, evidence }) => `${WORDS[effect] ?? effect}${evidence?.where ? ` ${evidence.where}` : ""}`);
+  const names = run.findings.map(({ effect, evidence }) => (evidence?.where ? `resistance ${evidence.where}` : plain(effect)));
   return names.join(run.verdict === "ambiguous" ? " or " : ", then ");
 }
 
@@ -26,7 +26,7 @@ export function drawLife(node, life, nameOf) {
   const plots = shown.map(([, label]) => el("div", { class: "plot life-plot", role: "img", "aria-label": label }));
   node.replaceChildren(
     el("p", { class: "life-words", text: life.forecast ? `${life.forecast.explanation}.` : "When the end is reached is not told: too few runs." }),
-    el("ul", { class: "life-words" }, life.change_points.map((point) => el("li", { text: `${WORDS[point.effect] ?? point.effect} since ${nameOf(point.run)}, between ${point.between.map(nameOf).join(" and ")}` }))),
+    el("ul", { class: "life-words" }, life.change_points.map((point) => el("li", { text: `${plain(point.effect)} since ${nameOf(point.run)}, between ${point.between.map(nameOf).join(" and ")}` }))),
     ...shown.flatMap(([title], k) => [el("h3", { text: title }), plots[k]]), table(life, nameOf));
   shown.forEach(([, , option], k) => new Chart(plots[k], option));
 }
@@ -74,7 +74,7 @@ function resistanceOption(colours, life, unit) {
 
 /** The error, cut into what each change takes off it and what is left. */
 function explainedOption(colours, life, unit) {
-  const names = [...new Set(life.runs.flatMap((run) => run.findings.map(({ effect }) => effect)))];
+  const names = [...new Set(life.runs.flatMap((run) => run.findings.map(({ effect }) => effect)))].sort();
   const part = (run, name) => {
     let top = run.error_mV;
     for (const { effect, error_after_mV } of run.findings) {
@@ -85,7 +85,7 @@ function explainedOption(colours, life, unit) {
   };
   const bars = (name, colour, values) => ({ name, type: "bar", stack: "error", data: life.runs.map((run, k) => [k, values(run)]), itemStyle: { color: colour }, barMaxWidth: 28 });
   const series = [bars("left", colours.neutral, (run) => Math.min(run.unexplained_mV, run.error_mV)),
-    ...names.map((name) => bars(WORDS[name] ?? name, colours[EFFECT_COLOURS[name]] ?? colours.good, (run) => part(run, name)))];
+    ...names.map((name, k) => bars(plain(name), colours[EXPLAINED[k % EXPLAINED.length]], (run) => part(run, name)))];
   const option = axes(colours, unit, "Error / mV", series);
   const labels = life.runs.map((run) => String(Math.round(10 * run.at) / 10));
   return { ...option, xAxis: { ...option.xAxis, type: "category", data: labels }, yAxis: { ...option.yAxis, scale: false } };
