@@ -103,6 +103,7 @@ def test_a_cell_is_followed_from_its_runs_to_its_end(open_page: OpenPage, addres
 def test_nothing_chosen_is_said_on_a_phone(open_page: OpenPage, address: str) -> None:
     page = opened(open_page, address, PHONE)
     form = page.get_by_role("form", name="Choose model and runs")
+    expect(form.get_by_role("checkbox")).to_have_count(len(_CYCLES))
     for box in form.get_by_role("checkbox").all():
         box.uncheck()
     form.get_by_role("button", name="Follow the cell").click()
