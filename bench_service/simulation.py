@@ -32,9 +32,16 @@ class SimulationError(RuntimeError):
 class SimulatorProcess:
     """A running simulator; made by `start`."""
 
-    def __init__(self, process: asyncio.subprocess.Process, address: str, late: str | None = None) -> None:
+    def __init__(
+        self,
+        process: asyncio.subprocess.Process,
+        address: str,
+        late: str | None = None,
+        chamber: str | None = None,
+    ) -> None:
         self._process = process
         self.address = address
+        self.chamber = chamber  # address of the bench's temperature chamber, where it has one
         self.late = late  # why it has no real-time priority, where it should
         # Unread complaints would fill the pipe and stop the simulator in the middle of a run.
         self._listening = asyncio.create_task(self._pass_on_complaints())
@@ -64,7 +71,7 @@ class SimulatorProcess:
         try:
             line = await asyncio.wait_for(process.stdout.readline(), _START_TIMEOUT_S)
             told = json.loads(line)
-            return cls(process, told["address"], told.get("reason"))
+            return cls(process, told["address"], told.get("reason"), told.get("chamber"))
         except (TimeoutError, ValueError, KeyError) as error:
             words = await _last_words(process)
             raise SimulationError(f"the simulator did not start: {words or 'it gave no address'}") from error

@@ -11,6 +11,7 @@ from drivers.expression import Expression
 
 Space = Literal["holding", "input"]
 Transport = Literal["modbus"]
+Kind = Literal["cycler", "chamber"]
 WordOrder = Literal["big", "little"]
 
 # Registers that one value of a type takes; a string says its own length.
@@ -30,7 +31,7 @@ SAMPLE_ROLES = (
 IDENTITY_ROLES = ("maker", "model", "serial", "firmware")
 REGISTER_ROLES = frozenset(
     (*SETPOINT_ROLES, *COMMAND_ROLES, *SAMPLE_ROLES, *LIMIT_ROLES, *SWITCH_ROLES, "ramp", "watchdog", "hold_voltage",
-     "lock_step_available", "lock_step_period", *IDENTITY_ROLES)
+     "set_temperature", "lock_step_available", "lock_step_period", *IDENTITY_ROLES)
 )  # fmt: skip
 COIL_ROLES = frozenset(SWITCH_ROLES)
 # Registers whose sign `positive_current` turns. Roles speak the house's language: limit_current_high is the limit
@@ -149,7 +150,8 @@ class Frame:
 class DeviceMap:
     """A whole map; validated by `drivers.register_map.load_map`.
 
-    `single_writes`: one register per message. `alarm_bits` are bits of the status that count as alarms.
+    `kind`: what it is the map of; of a chamber `temperature` is that of its air. `single_writes`: one register per
+    message. `alarm_bits` are bits of the status that count as alarms.
     `worst_reply_s` is the longest that the device may take for an answer on a serial line.
     """
 
@@ -157,6 +159,7 @@ class DeviceMap:
     name: str
     title: str
     source: str
+    kind: Kind
     verified_on_hardware: bool
     transport: Transport
     unit_id: int

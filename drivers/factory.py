@@ -9,9 +9,11 @@ from drivers.can_codec import CanCodec
 from drivers.can_cycler import CanCycler
 from drivers.can_identifiers import identifiers_of
 from drivers.can_link import CanLink
+from drivers.chamber import Chamber
 from drivers.cycler import Cycler
 from drivers.errors import BadMapError, CyclerConnectionError
 from drivers.modbus import ModbusCycler
+from drivers.modbus_chamber import ModbusChamber
 from drivers.modbus_clients import serial_client_factory, tcp_client_factory
 from drivers.modbus_link import ModbusLink
 from drivers.register_map import CanMap, DeviceMap, load_can_map, load_map, map_transport
@@ -49,6 +51,17 @@ def open_cycler(url: str, map_name: str | Path, timeout_s: float) -> Cycler:
         return _can_cycler(address, load_can_map(map_name), timeout_s)
     device_map = load_map(map_name)
     return ModbusCycler(_modbus_link(address, device_map, timeout_s), device_map)
+
+
+def open_chamber(url: str, map_name: str | Path, timeout_s: float) -> Chamber:
+    """Build the driver for a temperature chamber, over Modbus; otherwise as `open_cycler`."""
+    if not timeout_s > 0:
+        raise CyclerConnectionError(f"{url}: the time-out must be positive, not {timeout_s} s")
+    address = parse_address(url)
+    if isinstance(address, CanAddress):
+        raise CyclerConnectionError(f"{url}: a chamber is reached over modbus-tcp or modbus-rtu")
+    device_map = load_map(map_name, "chamber")
+    return ModbusChamber(_modbus_link(address, device_map, timeout_s), device_map)
 
 
 def _can_cycler(address: CanAddress, can_map: CanMap, timeout_s: float) -> CanCycler:

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from itertools import pairwise
+from types import MappingProxyType
 from typing import NoReturn
 
 from drivers.device_map import LIMIT_ROLES, SETPOINT_ROLES, Coil, DeviceMap, Register
 from drivers.errors import BadMapError
 from drivers.read_plan import block_of
 
-NEEDED_REGISTER_ROLES = ("actual_voltage", "actual_current", "status")
-READ_BACK_ROLES = (*LIMIT_ROLES, "ramp", "watchdog", "hold_voltage", "lock_step", "lock_step_period")
+NEEDED_REGISTER_ROLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "cycler": ("actual_voltage", "actual_current", "status"),
+        "chamber": ("temperature", "set_temperature", "status"),
+    }
+)
+READ_BACK_ROLES = (*LIMIT_ROLES, "set_temperature", "ramp", "watchdog", "hold_voltage", "lock_step", "lock_step_period")
 _READ_FUNCTION = {"holding": 3, "input": 4}
 
 
@@ -41,19 +48,21 @@ def _check_roles(device_map: DeviceMap) -> None:
     for role, count in Counter(entry.role for entry in entries if entry.role).items():
         if count > 1:
             _fail(device_map, "reg", f"role '{role}' is given to {count} entries; it may be given to one")
-    for role in NEEDED_REGISTER_ROLES:
+    for role in NEEDED_REGISTER_ROLES[device_map.kind]:
         register = device_map.by_role(role)
         if register is None:
-            _fail(device_map, "reg", f"no register has the role '{role}', which every cycler needs")
+            _fail(device_map, "reg", f"no register has the role '{role}', which every {device_map.kind} needs")
         if not register.readable:
             _fail(device_map, f"reg.{register.name}.access", f"role '{role}' needs access 'r'")
-    _check_setpoints(device_map)
+    if device_map.kind == "cycler":
+        _check_setpoints(device_map)
     for role in READ_BACK_ROLES:
         if (register := device_map.by_role(role)) and register.access != "rw":
             _fail(device_map, f"reg.{register.name}.access", f"role '{role}' is read back, so it needs access 'rw'")
     output = device_map.switch("output")
     if output is None or "w" not in output.access:
-        _fail(device_map, "coil", "no writable coil or register has the role 'output', which every cycler needs")
+        reason = f"no writable coil or register has the role 'output', which every {device_map.kind} needs"
+        _fail(device_map, "coil", reason)
     status = device_map.by_role("status")
     if status is None or "output_on" not in device_map.bits.get(status.name, {}):
         _fail(device_map, "bits", "the status register needs a bit 'output_on': the output is verified by it")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import cast
+from typing import Literal, cast
 
 from drivers.device_map import (
     COIL_ROLES,
@@ -16,6 +16,7 @@ from drivers.device_map import (
     DeviceMap,
     Frame,
     Identity,
+    Kind,
     Register,
     Step,
     Transport,
@@ -27,6 +28,10 @@ from drivers.map_table import Table
 SCHEMA = 1
 DEFAULT_WORST_REPLY_S = 0.5
 SEQUENCES = ("acquire", "safe", "release", "clear_fault")
+_CAPABILITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"cycler": ("current", "voltage"), "chamber": ("temperature",)}
+)
+KINDS: tuple[Kind, ...] = ("cycler", "chamber")
 KNOWN_FUNCTIONS = frozenset((1, 3, 4, 5, 6, 15, 16, 23))
 
 
@@ -46,11 +51,13 @@ def read_device_map(file: Path, content: Mapping[str, object]) -> DeviceMap:
     constants = cast(Mapping[str, str], top.table("const").values())  # `map_checks` looks at each
     capabilities = top.table("capabilities")
     word_order: WordOrder = top.choose("word_order", ("big", "little"))
+    kind: Kind = top.choose("kind", KINDS, "cycler")
     result = DeviceMap(
         file=file,
         name=top.take("name", str),
         title=top.take("title", str),
         source=top.take("source", str),
+        kind=kind,
         verified_on_hardware=top.take("verified_on_hardware", bool),
         transport=transport,
         unit_id=top.integer("unit_id", 0, 255),
@@ -60,10 +67,10 @@ def read_device_map(file: Path, content: Mapping[str, object]) -> DeviceMap:
         worst_reply_s=top.not_negative("worst_reply_s", DEFAULT_WORST_REPLY_S),
         max_read_registers=top.integer("max_read_registers", 1, 125, 125),
         single_writes=top.take("single_writes", bool, False),
-        positive_current=top.choose("positive_current", ("charge", "discharge")),
+        positive_current=_positive_current(top, kind),
         identity=Identity(identity.take("register", str), _scalars(identity, "equals")),
         constants=MappingProxyType(constants),
-        capabilities=capabilities.intervals(("current", "voltage"), constants),
+        capabilities=capabilities.intervals(_CAPABILITIES[kind], constants),
         blocks=tuple(_block(table) for table in top.tables("block")),
         registers=top.table("reg").named(lambda name, table: _register(name, table, word_order, constants)),
         coils=top.table("coil").named(_coil),
@@ -75,6 +82,11 @@ def read_device_map(file: Path, content: Mapping[str, object]) -> DeviceMap:
     for table in (identity, capabilities, top):
         table.finish()
     return result
+
+
+def _positive_current(top: Table, kind: Kind) -> Literal["charge", "discharge"]:
+    """Take the sign of the current; a chamber has none."""
+    return "charge" if kind == "chamber" else top.choose("positive_current", ("charge", "discharge"))
 
 
 def _functions(top: Table) -> frozenset[int]:

@@ -31,11 +31,11 @@ _SPACE = {"enum": ["holding", "input"]}
 
 
 def map_schema() -> Schema:
-    """Return the schema of both kinds of maps, as JSON Schema 2020-12."""
+    """Return the schema of all kinds of maps, as JSON Schema 2020-12."""
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "Device map of a battery cycler",
-        "oneOf": [_modbus(), _can()],
+        "title": "Device map of a battery cycler, or of a temperature chamber",
+        "oneOf": [_modbus(), _can(), _chamber()],
     }
 
 
@@ -74,12 +74,27 @@ _ADDRESS = _whole(0, 0xFFFF)
 _NEEDED = ("schema", "name", "title", "source", "verified_on_hardware", "transport", "positive_current", "identity")
 
 
+_NEEDED_MODBUS = ("unit_id", "word_order", "functions", "reg", "sequence")
+
+
 def _modbus() -> Schema:
+    own = {"kind": {"const": "cycler"}, "capabilities": _object(current=_INTERVAL, voltage=_INTERVAL)}
+    return _object((*_NEEDED, *_NEEDED_MODBUS), **_HEAD, **_registers(), **own)
+
+
+def _chamber() -> Schema:
+    """A chamber has no current, and says what it is."""
+    needed = tuple(key for key in _NEEDED if key != "positive_current")
+    head = {key: value for key, value in _HEAD.items() if key != "positive_current"}
+    own = {"kind": {"const": "chamber"}, "capabilities": _object(temperature=_INTERVAL)}
+    return _object(("kind", *needed, *_NEEDED_MODBUS), **head, **_registers(), **own)
+
+
+def _registers() -> Mapping[str, Schema]:
+    """What a map has that is reached over Modbus."""
     step = _object(("write", "value"), write=_TEXT, value={"type": ["number", "boolean", "string"]})
     scalar = {"type": ["number", "string"]}
-    return _object(
-        (*_NEEDED, "unit_id", "word_order", "functions", "reg", "sequence"),
-        **_HEAD,
+    return dict(
         transport={"const": "modbus"},
         unit_id=_whole(0, 255),
         word_order={"enum": ["big", "little"]},
@@ -89,7 +104,6 @@ def _modbus() -> Schema:
         alarm_bits=_list(_TEXT),
         identity=_object(("register", "equals"), register=_TEXT, equals={"anyOf": [scalar, _list(scalar)]}),
         const=_table_of(_TEXT),
-        capabilities=_object(current=_INTERVAL, voltage=_INTERVAL),
         block=_list(_object(("first", "last"), space=_SPACE, first=_ADDRESS, last=_ADDRESS, one_type=_FLAG)),
         reg=_table_of(_register()),
         coil=_table_of(

@@ -7,11 +7,12 @@ import time
 from collections.abc import Mapping
 from functools import partial
 
-from drivers.codec import Value, bind
+from drivers.codec import Value
 from drivers.cycler import Capabilities, DeviceLimits, Reading
-from drivers.device_map import IDENTITY_ROLES, Coil, DeviceMap, Register
+from drivers.device_map import Coil, DeviceMap
 from drivers.errors import CyclerConnectionError, CyclerError, CyclerProtocolError, SetPointRefusedError
 from drivers.modbus_commands import Write, differs
+from drivers.modbus_identity import open_identified, read_constants, read_identity, read_role
 from drivers.modbus_link import ModbusLink
 from drivers.modbus_plan import DevicePlan
 from drivers.read_plan import ReadPlan
@@ -48,11 +49,11 @@ class ModbusCycler:
     async def connect(self) -> Capabilities:
         """See `Cycler.connect`. A device that is not what the map describes is left alone."""
         self._watch = None
-        await self._open()
+        await open_identified(self._link, self._map)
         try:
-            constants = {name: await self._constant(name, reg) for name, reg in self._map.constants.items()}
+            constants = await read_constants(self._link, self._map)
             self._plan = DevicePlan(self._map, constants)
-            self._identity = await self._read_identity()
+            self._identity = await read_identity(self._link, self._map)
             available = await self._read_role("lock_step_available", constants)
             return self._plan.capabilities(self._identity, lock_step=available not in (None, 0))
         except CyclerError:
@@ -64,42 +65,8 @@ class ModbusCycler:
         self._watch = self._read_ahead = None
         self._link.close()
 
-    async def _open(self) -> None:
-        """Connect, and make sure that it is the device that the map is about."""
-        await self._link.open()
-        identity = self._map.identity
-        try:
-            found = await self._read_value(self._map.registers[identity.register], {})
-        except CyclerError:
-            self._link.close()
-            raise
-        if found not in identity.equals:
-            self._link.close()
-            wanted = " or ".join(repr(value) for value in identity.equals)
-            raise CyclerProtocolError(
-                f"{self._link.address}: register '{identity.register}' reads {found!r}, map '{self._map.name}' "
-                f"wants {wanted}: another device, or the wrong map; nothing was written"
-            )
-
-    async def _read_identity(self) -> dict[str, str]:
-        found = {role: await self._read_role(role, {}) for role in IDENTITY_ROLES}
-        return {role: "" if value is None else str(value) for role, value in found.items()}
-
-    async def _constant(self, name: str, register_name: str) -> float:
-        value = await self._read_value(self._map.registers[register_name], {})
-        if isinstance(value, str) or not math.isfinite(value):
-            raise CyclerProtocolError(
-                f"{self._link.address}: constant {name} (register '{register_name}') reads {value!r}, not a number"
-            )
-        return float(value)
-
     async def _read_role(self, role: str, constants: Mapping[str, float]) -> Value | None:
-        register = self._map.by_role(role)
-        return None if register is None else await self._read_value(register, constants)
-
-    async def _read_value(self, register: Register, constants: Mapping[str, float]) -> Value:
-        raw = await self._link.read_registers(register.space, register.address, register.words, f"'{register.name}'")
-        return bind(register, constants).decode(raw)
+        return await read_role(self._link, self._map, role, constants)
 
     async def acquire(self, limits: DeviceLimits, watchdog_s: float, lock_step_period_s: float | None) -> None:
         """See `Cycler.acquire`. Output off and set-point 0 come before anything else is configured."""
@@ -238,9 +205,9 @@ class ModbusCycler:
         if self._plan is None:
             await self.connect()
         else:
-            await self._open()
+            await open_identified(self._link, self._map)
             try:
-                check_same(self._link.address, self._identity, await self._read_identity())
+                check_same(self._link.address, self._identity, await read_identity(self._link, self._map))
             except CyclerError:
                 self._link.close()
                 raise

@@ -105,7 +105,7 @@ class ModbusConnection:
         if not await client.connect():
             client.close()
             raise CyclerConnectionError(
-                f"{self.address}: cannot connect within {CONNECT_TIMEOUT_S:g} s; is the cycler switched on, "
+                f"{self.address}: cannot connect within {CONNECT_TIMEOUT_S:g} s; is the device switched on, "
                 "reachable and not taken by another program?"
             )
         set_timeout(client, self._timeout_s)

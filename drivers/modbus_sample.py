@@ -25,8 +25,8 @@ class SamplePlan:
         # A missing role points at the NaN that is put behind the values.
         self._at = tuple(order.index(roles[role].name) if role in roles else -1 for role in SAMPLE_ROLES)
         self.has_sequence = "sequence" in roles
-        self._status_bits = _bits_of_role(device_map, "status")
-        self._alarm_bits = _bits_of_role(device_map, "alarms")
+        self._status_bits = bits_of_role(device_map, "status")
+        self._alarm_bits = bits_of_role(device_map, "alarms")
         current = device_map.by_role("actual_current")
         self._negative = current.negative if current else None
         self._alarming = frozenset(device_map.alarm_bits)
@@ -42,8 +42,8 @@ class SamplePlan:
         key = (_whole(status, 0), _whole(alarms, 0))
         names = self._names.get(key)
         if names is None:
-            named = _named(self._status_bits, key[0])
-            names = (named, _named(self._alarm_bits, key[1]) | (named & self._alarming))
+            named = named_bits(self._status_bits, key[0])
+            names = (named, named_bits(self._alarm_bits, key[1]) | (named & self._alarming))
             if len(self._names) < 1024:  # a device that flips random bits must not fill the memory
                 self._names[key] = names
         return Reading(
@@ -60,12 +60,13 @@ class SamplePlan:
         )
 
 
-def _bits_of_role(device_map: DeviceMap, role: str) -> Mapping[str, int]:
+def bits_of_role(device_map: DeviceMap, role: str) -> Mapping[str, int]:
+    """Names of the bits of the register with a role, and their positions; empty where there are none."""
     register = device_map.by_role(role)
     return device_map.bits.get(register.name, {}) if register else {}
 
 
-def _named(bits: Mapping[str, int], raw: int) -> frozenset[str]:
+def named_bits(bits: Mapping[str, int], raw: int) -> frozenset[str]:
     """Names of the bits that are set; set bits without a name are named by their number, never dropped."""
     known = dict(zip(bits.values(), bits, strict=True))
     return frozenset(known.get(i, f"bit_{i}") for i in range(raw.bit_length()) if raw >> i & 1)

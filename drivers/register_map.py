@@ -50,6 +50,7 @@ __all__ = [
     "load_can_map",
     "load_map",
     "map_content",
+    "map_kind",
     "map_transport",
     "plan_reads",
 ]
@@ -57,10 +58,18 @@ __all__ = [
 MAPS = Path(__file__).parent / "maps"
 
 
-def list_maps(transport: str | None = None) -> tuple[str, ...]:
-    """Names of the maps that come with the program, sorted; of one transport ("modbus" or "can"), or of all."""
-    names = sorted(path.stem for path in MAPS.glob("*.toml"))
+def list_maps(transport: str | None = None, kind: str = "cycler") -> tuple[str, ...]:
+    """Names of the maps of one kind ("cycler" or "chamber") that come with the program, sorted.
+
+    Of one transport ("modbus" or "can"), or of all.
+    """
+    names = sorted(path.stem for path in MAPS.glob("*.toml") if map_kind(path) == kind)
     return tuple(name for name in names if transport in (None, map_transport(name)))
+
+
+def map_kind(name_or_path: str | Path) -> str:
+    """Return what a map says that it is the map of, "cycler" or "chamber"; anything else is not checked here."""
+    return str(_content(name_or_path)[1].get("kind", "cycler"))
 
 
 def map_transport(name_or_path: str | Path) -> str:
@@ -68,13 +77,15 @@ def map_transport(name_or_path: str | Path) -> str:
     return str(_content(name_or_path)[1].get("transport"))
 
 
-def load_map(name_or_path: str | Path) -> DeviceMap:
+def load_map(name_or_path: str | Path, kind: str | None = "cycler") -> DeviceMap:
     """Read and validate a Modbus device map.
 
     Parameters
     ----------
     name_or_path : str or Path
         A name from `list_maps`, or the path of a TOML file (it ends in ``.toml`` or contains a slash).
+    kind : str or None
+        What it must be the map of; None: a cycler or a chamber.
 
     Returns
     -------
@@ -88,6 +99,8 @@ def load_map(name_or_path: str | Path) -> DeviceMap:
     path, content = _content(name_or_path)
     device_map = read_device_map(path, content)
     _check_name(name_or_path, path, device_map.name)
+    if kind not in (None, device_map.kind):
+        raise BadMapError(path, "kind", f"is '{device_map.kind}'; the map of a {kind} is needed here")
     check_device_map(device_map)
     return device_map
 

@@ -9,11 +9,15 @@ from dataclasses import replace
 
 import can
 
+from drivers.register_map import map_kind
 from simulators.bench_devices import build_can_device, build_device
 from simulators.bench_settings import PROTOCOLS, SimulatorSettings
 from simulators.can_device import CanDevice
 from simulators.can_node import CanNode
 from simulators.cell import TruthCell
+from simulators.chamber import Chamber
+from simulators.chamber_device import ChamberDevice
+from simulators.chamber_server import chamber_alone, chamber_beside
 from simulators.device import MapDevice
 from simulators.fault_hooks import CanFaults, ModbusFaults
 from simulators.faults import FaultEngine, parse_faults
@@ -37,8 +41,9 @@ async def serve(
     *,
     cell: TruthCell | None = None,
     on_request: OnRequest | None = None,
+    on_chamber: Callable[[str], None] | None = None,
 ) -> None:
-    """Serve a simulated bench until the task is cancelled or the process gets SIGTERM.
+    """Serve a simulated bench, or a chamber where the map is of one, until cancelled or told to end by SIGTERM.
 
     Parameters
     ----------
@@ -49,6 +54,8 @@ async def serve(
         In place of the one that the settings name.
     on_request : Callable, optional
         Fault seam of `simulators.modbus_server.ModbusServer`.
+    on_chamber : Callable, optional
+        Called before `on_ready` with the address of the bench's chamber, where it has one.
 
     Raises
     ------
@@ -57,8 +64,15 @@ async def serve(
     ValueError, drivers.register_map.BadMapError
         As `build_device`.
     """
-    devices, servers, address = await _start(settings, cell, on_request)
+    chamber = None if settings.chamber is None else Chamber(settings.chamber, settings.ambient_degC)
+    devices, servers, address = await _start(settings, cell, on_request, chamber)
     try:
+        if chamber is not None:
+            device, server = chamber_beside(chamber, devices[0].poll)
+            devices, servers = [*devices, device], [*servers, server]
+            at = await _listen(server, settings.host, chamber.settings.port)
+            if on_chamber is not None:
+                on_chamber(at)
         async with _terminated() as stop:
             on_ready(address)
             while not stop.is_set():
@@ -73,7 +87,7 @@ async def serve(
             await server.close()
 
 
-Started = tuple[Sequence[MapDevice | CanDevice], Sequence[ModbusServer | RtuServer | CanNode], str]
+Started = tuple[Sequence[MapDevice | CanDevice | ChamberDevice], Sequence[ModbusServer | RtuServer | CanNode], str]
 
 
 def _others(settings: SimulatorSettings) -> list[SimulatorSettings]:
@@ -81,8 +95,10 @@ def _others(settings: SimulatorSettings) -> list[SimulatorSettings]:
     return [replace(settings, seed=settings.seed + index, faults="") for index in range(1, settings.devices)]
 
 
-async def _start_nodes(settings: SimulatorSettings, cell: TruthCell | None, engine: FaultEngine | None) -> Started:
-    first = build_can_device(settings, cell=cell, engine=engine)
+async def _start_nodes(
+    settings: SimulatorSettings, cell: TruthCell | None, engine: FaultEngine | None, chamber: Chamber | None
+) -> Started:
+    first = build_can_device(settings, cell=cell, engine=engine, chamber=chamber)
     nodes = [CanNode(first, settings.can, CanFaults(first.map, engine) if engine else None)]
     for index, other in enumerate(_others(settings), 1):
         bus = replace(nodes[0].settings, node=nodes[0].settings.node + index)
@@ -94,12 +110,17 @@ async def _start_nodes(settings: SimulatorSettings, cell: TruthCell | None, engi
     return [node.device for node in nodes], nodes, addresses[0]
 
 
-async def _start(settings: SimulatorSettings, cell: TruthCell | None, on_request: OnRequest | None) -> Started:
+async def _start(
+    settings: SimulatorSettings, cell: TruthCell | None, on_request: OnRequest | None, chamber: Chamber | None
+) -> Started:
     """Build the devices, put the protocol in front of them; return both with the address that clients use."""
     engine = FaultEngine(parse_faults(settings.faults)) if settings.faults else None
     if settings.protocol == "can":
-        return await _start_nodes(settings, cell, engine)
-    device = build_device(settings, cell=cell, engine=engine)
+        return await _start_nodes(settings, cell, engine, chamber)
+    if map_kind(settings.map_name) == "chamber":
+        alone, server = chamber_alone(settings)
+        return [alone], [server], await _listen(server, settings.host, settings.port)
+    device = build_device(settings, cell=cell, engine=engine, chamber=chamber)
     if engine is not None:
         on_request = ModbusFaults(device.map, engine)
     others = [build_device(other) for other in _others(settings)]
@@ -108,7 +129,7 @@ async def _start(settings: SimulatorSettings, cell: TruthCell | None, on_request
         server = RtuServer(device, settings.serial, on_request, neighbours)
         return [device, *others], [server], await _open_line(server, settings.serial)
     server = ModbusServer(device, on_request, neighbours)
-    return [device, *others], [server], await _listen(server, settings)
+    return [device, *others], [server], await _listen(server, settings.host, settings.port)
 
 
 async def _open_line(server: RtuServer, line: SerialSettings) -> str:
@@ -122,15 +143,14 @@ async def _open_line(server: RtuServer, line: SerialSettings) -> str:
     return f"modbus-rtu://{name}?baud={line.baud}{options}"
 
 
-async def _listen(server: ModbusServer, settings: SimulatorSettings) -> str:
+async def _listen(server: ModbusServer, host: str, at: int) -> str:
     try:
-        port = await server.start(settings.host, settings.port)
+        port = await server.start(host, at)
     except OSError as error:
         raise SimulatorError(
-            f"cannot listen on {settings.host}:{settings.port}: {error.strerror or error}; "
-            "choose another port, or 0 for a free one"
+            f"cannot listen on {host}:{at}: {error.strerror or error}; choose another port, or 0 for a free one"
         ) from error
-    return f"modbus-tcp://{settings.host}:{port}"
+    return f"modbus-tcp://{host}:{port}"
 
 
 @contextlib.asynccontextmanager

@@ -13,6 +13,7 @@ from simulators.can_commands import CanRefusals
 from simulators.can_device import CanDevice
 from simulators.catalogue import cell_type
 from simulators.cell import Cell, TruthCell
+from simulators.chamber import Chamber, InChamber
 from simulators.clocks import LockStepClock, SimulatedClock, WallClock
 from simulators.cycler import Cycler, CyclerSettings
 from simulators.device import MapDevice
@@ -36,6 +37,7 @@ def build_device(
     cell: TruthCell | None = None,
     now: Callable[[], float] = time.monotonic,
     engine: FaultEngine | None = None,
+    chamber: Chamber | None = None,
 ) -> MapDevice:
     """Put a bench for Modbus together without serving it.
 
@@ -48,6 +50,8 @@ def build_device(
         Monotonic seconds.
     engine : FaultEngine, optional
         Plays faults inside device and cell; those of the link need the server's hook.
+    chamber : Chamber, optional
+        Around the cell.
 
     Raises
     ------
@@ -58,7 +62,7 @@ def build_device(
     """
     device_map = load_map(settings.map_name)
     refusals = MODBUS_REFUSALS.get(device_map.name, ModbusRefusals())
-    return MapDevice(device_map, *_behind(_rated(settings, device_map), cell, now, engine), refusals)
+    return MapDevice(device_map, *_behind(_rated(settings, device_map), cell, now, (engine, chamber)), refusals)
 
 
 def build_can_device(
@@ -67,11 +71,12 @@ def build_can_device(
     cell: TruthCell | None = None,
     now: Callable[[], float] = time.monotonic,
     engine: FaultEngine | None = None,
+    chamber: Chamber | None = None,
 ) -> CanDevice:
     """Put a bench for CAN together without serving it; otherwise as `build_device`."""
     can_map = load_can_map(settings.map_name)
     refusals = CAN_REFUSALS.get(can_map.name, CanRefusals())
-    return CanDevice(can_map, *_behind(_rated(settings, can_map), cell, now, engine), refusals)
+    return CanDevice(can_map, *_behind(_rated(settings, can_map), cell, now, (engine, chamber)), refusals)
 
 
 def _rated(settings: SimulatorSettings, device_map: DeviceMap | CanMap) -> SimulatorSettings:
@@ -89,9 +94,13 @@ def _rated(settings: SimulatorSettings, device_map: DeviceMap | CanMap) -> Simul
 
 
 def _behind(
-    settings: SimulatorSettings, cell: TruthCell | None, now: Callable[[], float], engine: FaultEngine | None
+    settings: SimulatorSettings,
+    cell: TruthCell | None,
+    now: Callable[[], float],
+    around: tuple[FaultEngine | None, Chamber | None],
 ) -> tuple[Cycler, SimulatedClock]:
     """Build what stands behind the protocol: cell, cycler and clock."""
+    engine, chamber = around
     parameters = cell_type(settings.cell).parameters
     if settings.capacity_Ah is not None:
         parameters = replace(parameters, capacity_Ah=settings.capacity_Ah)
@@ -105,11 +114,20 @@ def _behind(
         )
         cell = cell or Module(parameters, settings.module, settings.initial_soc, settings.ambient_degC)
     cell = cell or Cell(parameters, settings.initial_soc, settings.ambient_degC)
+    if chamber is not None:
+        cell = _in_chamber(cell, chamber)
     sensors: MeasuringLayer = Sensors(sensor_parameters, np.random.default_rng(settings.seed))
     if engine is not None:
         cell, sensors = FaultyCell(cell, engine), FaultySensors(sensors, engine)
-    cycler = Cycler(rating, cell, sensors, watchdog_enabled=not settings.lock_step)
+    air_degC = None if chamber is None else lambda: chamber.air_degC
+    cycler = Cycler(rating, cell, sensors, watchdog_enabled=not settings.lock_step, air_degC=air_degC)
     if engine is not None:
         engine.bind(cycler)
     clock = LockStepClock(now) if settings.lock_step else WallClock(now, settings.speed)
     return cycler, clock
+
+
+def _in_chamber(cell: TruthCell, chamber: Chamber) -> InChamber:
+    if not hasattr(cell, "ambient_degC"):
+        raise ValueError(f"{type(cell).__name__} knows nothing around it and cannot stand in a chamber")
+    return InChamber(cell, chamber)  # pyright: ignore[reportArgumentType]  # looked at above

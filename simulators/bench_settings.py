@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from simulators.can_bus import CanBusSettings
+from simulators.chamber import ChamberSettings
 from simulators.cycler import CyclerSettings
 from simulators.module_layout import ModuleLayout
 from simulators.sensors import SensorParameters
@@ -48,6 +49,9 @@ class SimulatorSettings:
         A module of such cells in place of one; the cycler's rated voltage and current then count per cell.
     faults : str
         A script, see `simulators.faults`; for the first device.
+    chamber : ChamberSettings or None
+        A temperature chamber around the first device's cell, served over Modbus TCP beside it; its air begins at
+        `ambient_degC`, which is then the room's.
     devices : int
         So many equal ones at one address: Modbus units, or CAN nodes, from the first one's number on. Each has a cell
         and noise of its own.
@@ -73,6 +77,7 @@ class SimulatorSettings:
     ambient_degC: float = 25.0
     module: ModuleLayout | None = None
     faults: str = ""
+    chamber: ChamberSettings | None = None
     devices: int = 1
     sensors: SensorParameters = SensorParameters()
     cycler: CyclerSettings = CyclerSettings()

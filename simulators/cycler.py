@@ -4,6 +4,7 @@ It knows neither registers nor sockets, and time only as what `advance` is told.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from simulators.cell import TruthCell
@@ -59,6 +60,8 @@ class Cycler:
     sensors : MeasuringLayer
     watchdog_enabled : bool
         False where time moves only with the client (lock-step), as silence then takes no time.
+    air_degC : Callable or None
+        What is around the cell; None: the settings' constant temperature.
 
     Attributes
     ----------
@@ -80,7 +83,13 @@ class Cycler:
     """
 
     def __init__(
-        self, settings: CyclerSettings, cell: TruthCell, sensors: MeasuringLayer, *, watchdog_enabled: bool
+        self,
+        settings: CyclerSettings,
+        cell: TruthCell,
+        sensors: MeasuringLayer,
+        *,
+        watchdog_enabled: bool,
+        air_degC: Callable[[], float] | None = None,
     ) -> None:
         self.settings = settings
         self.alarms: set[str] = set()
@@ -90,6 +99,7 @@ class Cycler:
         self._cell = cell
         self._sensors = sensors
         self._watchdog_enabled = watchdog_enabled
+        self._air_degC = air_degC or (lambda: settings.ambient_degC)
         self._switch_on()
         self._truth = cell.step(0.0, 0.0)
         self.measurement = self._measure()
@@ -268,7 +278,7 @@ class Cycler:
 
     def _measure(self) -> Measurement:
         seen_A = self.current_A if self._flowed_A is None else self._flowed_A
-        return self._sensors.measure(self._truth, seen_A, self.settings.ambient_degC)
+        return self._sensors.measure(self._truth, seen_A, self._air_degC())
 
     def _check_limits(self, seen: Measurement) -> None:
         if not math.isfinite(seen.voltage_V) or not math.isfinite(seen.temperature_degC):

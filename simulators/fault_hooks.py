@@ -8,7 +8,7 @@ from simulators.can_bus import CanAction
 from simulators.faults import Fault, FaultEngine
 from simulators.modbus_actions import Action, Frame
 
-__all__ = ["CanFaults", "ModbusFaults"]
+__all__ = ["CanFaults", "ModbusFaults", "modbus_action"]
 
 CAN_REFUSED = 2  # state does not allow it
 CUT_BYTES = 3
@@ -32,7 +32,7 @@ class ModbusFaults:
     def __call__(self, frame: Frame) -> Action | None:
         """Return what is to be done with a request."""
         met = self._engine.message(self._events(frame))
-        return _modbus_action(met[0], frame) if met else None
+        return modbus_action(met[0], frame) if met else None
 
     def _events(self, frame: Frame) -> set[str]:
         pdu, events = frame.pdu, set[str]()
@@ -52,7 +52,8 @@ class ModbusFaults:
         return events
 
 
-def _modbus_action(fault: Fault, frame: Frame) -> Action:
+def modbus_action(fault: Fault, frame: Frame) -> Action:
+    """Return what a fault of the link makes of a request."""
     kind = fault.kind
     if kind in ("delay", "late", "slow"):
         return Action(delay_s=fault.value)

@@ -1,22 +1,12 @@
-"""Scripted failures of a simulated cycler: what fails, when it begins, and for how long.
-
-A fault is written ``KIND[.QUANTITY][=VALUE]@WHEN[xMESSAGES][+SECONDS]``, where WHEN is ``t:SECONDS`` of simulated time
-or ``EVENT:COUNT`` with an event of `EVENTS`; several are separated by semicolons::
-
-    late=0.4@sample:30                 the 30th question for a sample is answered 0.4 s late
-    nan.voltage@t:12.5+3               from 12.5 s on there is no voltage for 3 s
-    exception=6@set_point:10x2         two set-points, from the tenth on, are answered with exception 6
-"""
+"""Scripted failures played against a simulated device; how a script is written, says `simulators.fault_script`."""
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Literal
+from typing import Protocol
 
 from simulators.cell import CellOutput, TruthCell
-from simulators.cycler import Cycler
+from simulators.fault_script import DEVICE_KINDS, EVENTS, KINDS, LINK_KINDS, VALUE_KINDS, Fault, parse_faults
 from simulators.sensors import Measurement, MeasuringLayer
 
 __all__ = [
@@ -32,109 +22,7 @@ __all__ = [
     "parse_faults",
 ]
 
-# What goes wrong with one message, and the size that it has where the script gives none.
-LINK_KINDS = {
-    "silence": 0.0,  # neither executed nor answered
-    "lost_reply": 0.0,  # executed, not answered
-    "drop": 0.0,  # the connection is closed (a line or a bus: silence)
-    "delay": 0.02,  # answered later by so many seconds, but in time
-    "late": 0.4,  # answered after the client's time-out
-    "slow": 0.05,  # every message is answered late by so many seconds, for as long as the fault lasts
-    "wrong_id": 1.0,  # answered under another unit or identifier
-    "corrupt": 0.0,  # check sum or header broken (CAN: cut short)
-    "exception": 4.0,  # refused with this code
-    "bus_off": 0.0,  # the client's CAN controller leaves the bus (Modbus: the connection is closed)
-    "echo": 0.0,  # the client hears its own message instead of an answer
-}
-# What goes wrong with a measured quantity.
-VALUE_KINDS = {
-    "stuck": 0.0,
-    "nan": 0.0,
-    "sentinel": 9.91e37,  # what many instruments send for "not a number" (SCPI-99, 7.2.1.5)
-    "jump": 10.0,  # so much is added, in the quantity's unit
-    "reversed": 0.0,
-    "frozen": 0.0,  # the device stops measuring: values and their counter stay
-}
-# What goes wrong inside device or cell.
-DEVICE_KINDS = {
-    "restart": 0.0,  # switched off and on: set-point, limits and remote mode are lost
-    "watchdog": 0.0,  # its communication watchdog fires
-    "refused": 0.0,  # set-points are acknowledged, but the old one stays in force
-    "over_temperature": 5.0,  # the cell warms by so many kelvin a second
-    "short": 0.1,  # an internal short of so many ohm
-}
-KINDS = {**LINK_KINDS, **VALUE_KINDS, **DEVICE_KINDS}
-EVENTS = ("message", "sample", "set_point", "output_on")
-QUANTITIES = ("voltage", "current", "temperature")
 _FIELDS = {"voltage": "voltage_V", "current": "current_A", "temperature": "temperature_degC"}
-_SYNTAX = re.compile(
-    r"(?P<kind>\w+)(?:\.(?P<what>\w+))?(?:=(?P<value>[-+.\deE]+))?@(?P<when>\w+):(?P<at>[.\deE+-]+?)"
-    r"(?:x(?P<messages>\d+))?(?:\+(?P<seconds>[.\d]+))?"
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """One line of a script.
-
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    when : str
-        "t", or one of `EVENTS`.
-    at : float
-        Simulated time in s, or how often the event has happened, counting the one that the fault begins with.
-    value : float
-        Size of the fault.
-    what : str
-        Quantity of a value fault.
-    messages : int or None
-        How many messages it lasts; None: one for a message fault, else without end.
-    seconds : float or None
-        How long it lasts in simulated time.
-    """
-
-    kind: str
-    when: str
-    at: float
-    value: float
-    what: Literal["voltage", "current", "temperature"] = "voltage"
-    messages: int | None = None
-    seconds: float | None = None
-
-
-def parse_faults(text: str) -> tuple[Fault, ...]:
-    """Understand a script.
-
-    Raises
-    ------
-    ValueError
-        Naming the part that is wrong, and what would be right.
-    """
-    return tuple(_parsed(part.strip()) for part in re.split(r"[;\n]", text) if part.strip())
-
-
-def _parsed(part: str) -> Fault:
-    found = _SYNTAX.fullmatch(part)
-    if found is None:
-        raise ValueError(f"fault {part!r}: write KIND[.QUANTITY][=VALUE]@WHEN:NUMBER[xMESSAGES][+SECONDS]")
-    kind, what, when = found["kind"], found["what"] or "voltage", found["when"]
-    if kind not in KINDS:
-        raise ValueError(f"fault {part!r}: unknown kind {kind!r}; choose one of {', '.join(KINDS)}")
-    if what not in QUANTITIES:
-        raise ValueError(f"fault {part!r}: unknown quantity {what!r}; choose one of {', '.join(QUANTITIES)}")
-    if when != "t" and when not in EVENTS:
-        raise ValueError(f"fault {part!r}: unknown event {when!r}; choose t or one of {', '.join(EVENTS)}")
-    try:
-        value = KINDS[kind] if found["value"] is None else float(found["value"])
-        at, seconds = float(found["at"]), None if found["seconds"] is None else float(found["seconds"])
-    except ValueError:
-        raise ValueError(f"fault {part!r}: a number cannot be read") from None
-    messages = None if found["messages"] is None else int(found["messages"])
-    if messages is None and seconds is None and kind in LINK_KINDS and kind != "slow":
-        messages = 1
-    return Fault(kind, when, at, value, what, messages, seconds)  # pyright: ignore[reportArgumentType]
 
 
 class _Running:
@@ -155,6 +43,26 @@ class _Running:
         return not self.done
 
 
+class Breakable(Protocol):
+    """What a script strikes inside a device.
+
+    Attributes
+    ----------
+    deaf : bool
+        Set points are taken without a complaint, but the old one stays in force.
+    """
+
+    deaf: bool
+
+    def restart(self) -> None:
+        """Lose power and come back."""
+        ...
+
+    def trip(self, alarm: str) -> None:
+        """Latch an alarm and switch off."""
+        ...
+
+
 class FaultEngine:
     """Plays a script against one device; told of every message and of the passing of time.
 
@@ -166,12 +74,12 @@ class FaultEngine:
     def __init__(self, faults: Iterable[Fault]) -> None:
         self._running = [_Running(fault) for fault in faults]
         self._counts: Counter[str] = Counter()
-        self._cycler: Cycler | None = None
+        self._device: Breakable | None = None
         self.time_s = 0.0
 
-    def bind(self, cycler: Cycler) -> None:
+    def bind(self, device: Breakable) -> None:
         """Say which device it is."""
-        self._cycler = cycler
+        self._device = device
 
     @property
     def begun(self) -> tuple[Fault, ...]:
@@ -198,6 +106,13 @@ class FaultEngine:
         self._begin()
         return [r for r in self._running if r.fault.kind in kinds and r.active(self.time_s)]
 
+    def seen(self, what: str, value: float) -> float:
+        """Return what a quantity is measured as, with the faults of its sensor."""
+        for running in self.in_force(*VALUE_KINDS):
+            if running.fault.kind != "frozen" and running.fault.what == what:  # frozen keeps the whole last measurement
+                value = _wrong(running, value)
+        return value
+
     @staticmethod
     def _concerns(running: _Running, events: Iterable[str]) -> bool:
         """A fault of samples or set-points leaves other messages alone; one by time takes whatever comes."""
@@ -211,14 +126,14 @@ class FaultEngine:
             if self.time_s >= fault.at if fault.when == "t" else self._counts[fault.when] >= fault.at:
                 running.begun_s = self.time_s
                 self._strike(fault.kind)
-        if self._cycler is not None:
-            self._cycler.deaf = any(r.fault.kind == "refused" and r.active(self.time_s) for r in self._running)
+        if self._device is not None:
+            self._device.deaf = any(r.fault.kind == "refused" and r.active(self.time_s) for r in self._running)
 
     def _strike(self, kind: str) -> None:
-        if self._cycler is not None and kind == "restart":
-            self._cycler.restart()
-        elif self._cycler is not None and kind == "watchdog":
-            self._cycler.trip("watchdog")
+        if self._device is not None and kind == "restart":
+            self._device.restart()
+        elif self._device is not None and kind == "watchdog":
+            self._device.trip("watchdog")
 
 
 class FaultyCell:
@@ -267,11 +182,8 @@ class FaultySensors:
     def measure(self, truth: CellOutput, current_A: float, ambient_degC: float) -> Measurement:
         """See `simulators.sensors.Sensors`."""
         seen = self.honest = self._sensors.measure(truth, current_A, ambient_degC)
-        for running in self._engine.in_force(*VALUE_KINDS):
-            if running.fault.kind != "frozen":  # the device itself keeps its last measurement then
-                name = _FIELDS[running.fault.what]
-                seen = seen._replace(**{name: _wrong(running, getattr(seen, name))})
-        return seen
+        wrong = {name: self._engine.seen(what, getattr(seen, name)) for what, name in _FIELDS.items()}
+        return seen._replace(**wrong)
 
     @property
     def frozen(self) -> bool:

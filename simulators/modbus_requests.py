@@ -5,19 +5,49 @@ Layouts after "MODBUS Application Protocol Specification V1.1b3".
 
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from typing import Protocol
 
-from simulators.device import MapDevice
+from drivers.register_map import DeviceMap
 from simulators.modbus_refusals import ILLEGAL_FUNCTION, ILLEGAL_VALUE, NO_SUCH_UNIT, RefusedError
 
-__all__ = ["Units"]
+__all__ = ["Served", "Units"]
 
 MAX_READ, MAX_WRITE, MAX_READ_COILS, MAX_WRITE_COILS, MAX_WRITE_23 = 125, 123, 2000, 1968, 121
+
+
+class Served(Protocol):
+    """What stands behind the requests: registers and coils; each call may raise `RefusedError`."""
+
+    @property
+    def map(self) -> DeviceMap:
+        """Its device map."""
+        ...
+
+    def heard(self) -> None:
+        """Catch up before a message is answered."""
+        ...
+
+    def read(self, space: str, first: int, count: int) -> bytes:
+        """Return the bytes of registers."""
+        ...
+
+    def write(self, first: int, data: bytes) -> None:
+        """Write holding registers."""
+        ...
+
+    def read_coils(self, first: int, count: int) -> list[bool]:
+        """Return coils."""
+        ...
+
+    def write_coils(self, first: int, values: list[bool]) -> None:
+        """Write coils."""
+        ...
 
 
 class RequestHandler:
     """Turns a PDU into its answer."""
 
-    def __init__(self, device: MapDevice, unit_id: int | None = None) -> None:
+    def __init__(self, device: Served, unit_id: int | None = None) -> None:
         self._device = device
         self._unit_id = device.map.unit_id if unit_id is None else unit_id
         self._max_read = min(MAX_READ, device.map.max_read_registers)
@@ -103,13 +133,13 @@ class Units:
 
     Parameters
     ----------
-    device : MapDevice
+    device : Served
         Answers to its map's unit identifier.
     neighbours : Mapping
         More devices, such as the other channels of one cycler.
     """
 
-    def __init__(self, device: MapDevice, neighbours: Mapping[int, MapDevice]) -> None:
+    def __init__(self, device: Served, neighbours: Mapping[int, Served]) -> None:
         every = {**neighbours, device.map.unit_id: device}
         self._handlers = {unit: RequestHandler(each, unit) for unit, each in every.items()}
 

@@ -9,9 +9,8 @@ import struct
 from collections.abc import Mapping
 from typing import cast
 
-from simulators.device import MapDevice
 from simulators.modbus_actions import Frame, OnRequest
-from simulators.modbus_requests import Units
+from simulators.modbus_requests import Served, Units
 
 __all__ = ["ModbusConnection", "ModbusServer"]
 
@@ -100,7 +99,7 @@ class ModbusServer:
 
     Parameters
     ----------
-    device : MapDevice
+    device : Served
     on_request : Callable, optional
         Seam for faults: sees each request first, and returns an `Action`, or None to let it pass. May be set or
         replaced while the server runs.
@@ -109,7 +108,7 @@ class ModbusServer:
     """
 
     def __init__(
-        self, device: MapDevice, on_request: OnRequest | None = None, neighbours: Mapping[int, MapDevice] | None = None
+        self, device: Served, on_request: OnRequest | None = None, neighbours: Mapping[int, Served] | None = None
     ) -> None:
         self.device = device
         self.on_request = on_request

@@ -18,6 +18,7 @@ from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.campaigns import CampaignRunner
+from bench_service.campaign.chambers import chamber_settings
 from bench_service.campaign.clock_watch import watched_clock
 from bench_service.campaign.commissioning import Commissioning
 from bench_service.campaign.designing import Designing
@@ -190,7 +191,7 @@ async def _bench(
         if soc is not None:
             config = config.model_copy(update={"simulate": config.simulate.model_copy(update={"initial_soc": soc})})
             assert config.simulate is not None
-        arguments, sealed_in = simulator_arguments(config.simulate, config.map), None
+        arguments, sealed_in = simulator_arguments(config.simulate, config.map, config.chamber), None
         if config.simulate.hidden_effect is not None:
             seals.mkdir(mode=0o700, parents=True, exist_ok=True)
             sealed_in = seals / f"{name}.json"
@@ -215,6 +216,7 @@ async def _bench(
         capacity_Ah=config.capacity_Ah,
         resistance_Ohm=None if config.cell_type is None else config.cell_type.resistance_Ohm,
         latched=await asyncio.to_thread(unacknowledged, store, name),
+        chamber=chamber_settings(config, None if simulator is None else simulator.chamber),
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))
     hardware = await asyncio.to_thread(Hardware.read, store, name, config)

@@ -12,7 +12,7 @@ from bench_service.bench.listener import BenchListener
 from bench_service.bench.messages import EventMessage
 from bench_service.campaign.benches import Bench
 from bench_service.campaign.standing import last_standing
-from bench_service.config import SimulateConfig
+from bench_service.config import ChamberConfig, SimulateConfig, SimulatedChamberConfig
 from bench_service.simulation import SimulationError, SimulatorProcess
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import OPEN_RUN_STATES
@@ -24,7 +24,7 @@ _LOOK_S = 0.1
 _RUN_ENDS_S = 30.0
 
 
-def simulator_arguments(simulate: SimulateConfig, device_map: str) -> list[str]:
+def simulator_arguments(simulate: SimulateConfig, device_map: str, chamber: ChamberConfig | None = None) -> list[str]:
     """Write a simulated bench's configuration as arguments of `bench-service simulate`."""
     arguments = ["--protocol", simulate.protocol, "--map", device_map, "--cell", simulate.cell]
     arguments += ["--seed", str(simulate.seed), "--initial-soc", repr(simulate.initial_soc)]
@@ -35,6 +35,10 @@ def simulator_arguments(simulate: SimulateConfig, device_map: str) -> list[str]:
         arguments += ["--faults", simulate.faults]
     if simulate.effects:
         arguments += ["--effects", ",".join(f"{name}={size!r}" for name, size in simulate.effects.items())]
+    if chamber is not None and chamber.url is None:
+        simulated = chamber.simulate or SimulatedChamberConfig()
+        arguments += ["--chamber", chamber.map, "--chamber-ramp", repr(simulated.ramp_K_per_min)]
+        arguments += ["--chamber-faults", simulated.faults] if simulated.faults else []
     if simulate.module is not None:
         arguments += ["--module", simulate.module]
     if simulate.capacity_Ah is not None:
@@ -59,14 +63,17 @@ class SimulatedCycler:
     ----------
     address : where it listens, the same for as long as the service runs
     late : why it has no real-time priority, where it should
+    chamber : where its temperature chamber listens, where it has one
     """
 
     def __init__(self, folder: TemporaryDirectory[str] | None, arguments: list[str], process: SimulatorProcess) -> None:
         self._folder = folder
         self._arguments = [*arguments, *same_address(process.address)]
+        if process.chamber is not None:
+            self._arguments += ["--chamber-port", process.chamber.rpartition(":")[2]]
         self._process = process
         self._keeping: asyncio.Task[None] | None = None
-        self.address, self.late = process.address, process.late
+        self.address, self.late, self.chamber = process.address, process.late, process.chamber
 
     @classmethod
     async def start(cls, arguments: Sequence[str]) -> SimulatedCycler:

@@ -10,6 +10,8 @@ from collections import deque
 from typing import Any, Literal
 
 from bench_service.bench.admission import RefusedError
+from bench_service.bench.chamber.keeper import ChamberKeeper
+from bench_service.bench.commissioning.chamber import with_chamber
 from bench_service.bench.commissioning.check import ProofOrder, Report
 from bench_service.bench.commissioning.commissioner import commission
 from bench_service.bench.cycler_keeper import OTHER_DEVICE, CyclerKeeper
@@ -23,7 +25,7 @@ from bench_service.bench.pause import PauseSwitch
 from bench_service.bench.recording import RecorderError, Recording
 from bench_service.bench.reporting import Reporter
 from bench_service.bench.request import RunRequest
-from bench_service.bench.rest import bring_to_rest, uncancelled, woken
+from bench_service.bench.rest import uncancelled, woken
 from bench_service.bench.run import RunEnd, RunParts
 from bench_service.bench.run_loop import RunLoop
 from bench_service.bench.run_setup import PreparedRun, prepare
@@ -60,8 +62,9 @@ class BenchControl:
         self._lease = Lease(self._forsaken, settings.lease_s)
         self._direct = DirectOrders(stop_sock, self._obey_direct)
         self._recording = Recording(sample_sock, self._recorder_failed)
-        self._feed = LiveFeed(self._link)
-        self._keeper = CyclerKeeper(settings, self._cycler_changed)
+        self._keeper = CyclerKeeper(settings, self._device_changed)
+        self._chamber = ChamberKeeper(settings, self._device_changed)
+        self._feed = LiveFeed(self._link, more=self._chamber.live)
         self._latched = settings.latched
         self._idle = IdleWatch(settings)
         self._commands: deque[Frame] = deque()
@@ -77,6 +80,7 @@ class BenchControl:
         try:
             self._tell_state()
             self._lease.watch()
+            self._chamber.start()
             while self._quit is None:
                 await self._turn()
         finally:
@@ -99,7 +103,7 @@ class BenchControl:
         if self._commands:
             await self._obey(*self._commands.popleft())
         elif self._keeper.cycler is not None:
-            await self._idle_sample(self._keeper.cycler)
+            await self._idle_sample()
 
     # --- what comes in -------------------------------------------------------------------------------------
 
@@ -164,22 +168,14 @@ class BenchControl:
         else:
             self._event("warning", "unknown_command", f"unknown command {operation!r} ignored")
 
-    async def _idle_sample(self, cycler: Cycler) -> None:
-        try:
-            reading = await cycler.sample()
-        except CyclerError as error:
-            await self._keeper.disconnect(str(error))
-            return
-        if self._feed.due:
-            self._feed.send(reading)
-        for notice in self._idle.look(reading):
+    async def _idle_sample(self) -> None:
+        for notice in await self._idle.sample(self._keeper, self._feed, self._chamber.around):
             self._latched = self._latched or (notice.text if notice.latch else None)
             self._event("error" if notice.latch else "warning", notice.code, notice.text)
             self._tell_state()
-        if reading.output_on and (unrested := await bring_to_rest(cycler)) is not None:
-            await self._keeper.disconnect(unrested)
 
     async def _acknowledge(self) -> None:
+        self._chamber.clear()
         if self._keeper.cycler is not None:
             try:
                 await self._keeper.cycler.clear_fault()
@@ -201,6 +197,7 @@ class BenchControl:
         try:
             request = RunRequest.from_frame(header, body)
             cycler, capabilities = self._keeper.ready(self._latched)
+            self._chamber.ready()
             self._run_id, self._finish_alone = run_id, request.finish_alone
             self._tell_state()
             prepared = await prepare(self._settings, capabilities, request)
@@ -220,6 +217,7 @@ class BenchControl:
         self._run_id = _NO_RUN
         self._tell_state()
         report = await commission(self._settings, device, order, (self._feed, self._stop, self._event))
+        report = with_chamber(report, self._chamber)
         self._latched = report.latch
         if order.prove:
             await self._keeper.release()
@@ -236,7 +234,7 @@ class BenchControl:
             self._event(severity, code, text)
         self._feed.restart()
         shared = (prepared.clock, self._recording, self._feed, self._stop, prepared.observer, self._event)
-        parts = RunParts(cycler, *shared, self._pause)
+        parts = RunParts(cycler, *shared, self._pause, self._chamber)
         with prepared.environment(self._event):
             return await RunLoop(prepared.plan, parts).play()
 
@@ -268,6 +266,7 @@ class BenchControl:
 
     async def _leave(self) -> None:
         await self._keeper.leave()
+        await self._chamber.leave()
         self._lease.close()
         self._direct.close()
         self._recording.shut()
@@ -284,7 +283,7 @@ class BenchControl:
             return "fault"
         return "offline" if self._keeper.cycler is None else "idle"
 
-    def _cycler_changed(self, severity: str, code: str, text: str) -> None:
+    def _device_changed(self, severity: str, code: str, text: str) -> None:
         if code == OTHER_DEVICE:
             self._latched = text
         self._event(severity, code, text)
@@ -294,7 +293,8 @@ class BenchControl:
         reason = self._latched or self._keeper.offline_reason
         if self._run_id is not None:
             reason = None if self._stop.order is None else self._stop.order.reason
-        self._report.state(self.state, reason, self._run_id or None, self._keeper.capabilities)
+        chamber = self._chamber.to_json()
+        self._report.state(self.state, reason, self._run_id or None, self._keeper.capabilities, chamber)
 
     def _event(self, severity: str, code: str, text: str, run_id: str | None = None) -> None:
         self._report.event(severity, code, text, run_id or self._run_id or None)

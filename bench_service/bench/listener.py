@@ -19,12 +19,15 @@ class BenchStatus:
     run_id : str or None
     capabilities : dict or None
         Of the connected cycler; see `drivers.cycler.Capabilities`.
+    chamber : dict or None
+        What is known of the temperature chamber; None where there is none.
     """
 
     state: str
     reason: str | None = None
     run_id: str | None = None
     capabilities: dict[str, Any] | None = None
+    chamber: dict[str, Any] | None = None
 
     @property
     def identity(self) -> dict[str, str] | None:

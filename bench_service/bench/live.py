@@ -22,10 +22,18 @@ class LiveFeed:
         Command link to the API.
     monotonic : callable
         Seconds; the feed is paced by wall time in lock-step too.
+    more : callable
+        Gives what every frame tells beside the reading.
     """
 
-    def __init__(self, link: FrameLink, monotonic: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        link: FrameLink,
+        monotonic: Callable[[], float] = time.monotonic,
+        more: Callable[[], dict[str, Any]] = dict,
+    ) -> None:
         self._link = link
+        self._more = more
         self._monotonic = monotonic
         self._next_s = -math.inf
         self._lateness_s: deque[float] = deque(maxlen=_LATENESS_TICKS)
@@ -63,7 +71,8 @@ class LiveFeed:
             "progress": None,
             "missed_ticks": 0,
             "lateness_p99_s": self._lateness_p99_s(),
-        } | run
+        }
+        frame |= self._more() | run
         self._link.send({"op": "live"} | {name: _finite(value) for name, value in frame.items()})
 
     def _lateness_p99_s(self) -> float | None:

@@ -10,6 +10,7 @@ class StateMessage(TypedDict):
     reason: str | None
     run_id: str | None
     capabilities: dict[str, Any] | None
+    chamber: NotRequired[dict[str, Any] | None]
 
 
 class EventMessage(TypedDict):
@@ -48,6 +49,9 @@ class LiveMessage(TypedDict):
     progress: float | None
     missed_ticks: int
     lateness_p99_s: float | None
+    # Of a bench with a temperature chamber alone.
+    chamber_setpoint_degC: NotRequired[float | None]
+    chamber_on: NotRequired[bool | None]
     # Of a protocol alone; a run of a profile has none of these keys.
     step_count: NotRequired[int]
     cycle_count: NotRequired[int]

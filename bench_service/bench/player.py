@@ -24,6 +24,8 @@ class SetPoints(Protocol):
         Whether set-points follow from what is measured.
     due : bool or None
         Whether the last sample is to be stored; None: as the run's sampling time says.
+    chamber_degC : float or None
+        Set point of the temperature chamber; None: it is left as it is.
     hold_V : float or None
         Voltage that the device is to hold with the last set-point as the greatest current.
     step_count, cycle_count : int
@@ -44,6 +46,8 @@ class SetPoints(Protocol):
     def due(self) -> bool | None: ...  # noqa: D102
     @property
     def hold_V(self) -> float | None: ...  # noqa: D102
+    @property
+    def chamber_degC(self) -> float | None: ...  # noqa: D102
     @property
     def step_count(self) -> int: ...  # noqa: D102
     @property
@@ -98,6 +102,7 @@ class Player:
     closed_loop: bool = field(default=False, init=False)
     due: bool | None = field(default=None, init=False)
     hold_V: float | None = field(default=None, init=False)
+    chamber_degC: float | None = field(default=None, init=False)
     step_count: int = field(default=0, init=False)
     cycle_count: int = field(default=0, init=False)
     stopped: str | None = field(default=None, init=False)

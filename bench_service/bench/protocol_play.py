@@ -61,6 +61,11 @@ class ProtocolPlay:
         return self._engine.hold_V
 
     @property
+    def chamber_degC(self) -> float | None:
+        """Set point of the temperature chamber."""
+        return self._engine.chamber_degC
+
+    @property
     def step_count(self) -> int:
         """Step that the last sample belongs to, counted as they are played, from 1."""
         return self._engine.step_count
@@ -107,7 +112,9 @@ class ProtocolPlay:
         """Return the set-point until the next tick, in A; None where the protocol has come to its end."""
         interval_s = 0.0 if self._time_s is None else max(0.0, time_s - self._time_s)
         self._time_s = time_s
-        seen = Seen(reading.voltage_V, reading.current_A, reading.temperature_degC, soc, interval_s)
+        seen = Seen(
+            reading.voltage_V, reading.current_A, reading.temperature_degC, soc, interval_s, reading.ambient_degC
+        )
         setpoint_A = self._engine.advance(seen)
         self.due = True if setpoint_A is None else self._is_due(reading, time_s)
         return setpoint_A

@@ -1,16 +1,28 @@
 """The limits of a run as a protocol sees them."""
 
+from dataclasses import replace
+
 from bench_service.bench.limits import Limits, Window
 from bench_service.protocol import program
 
 
-def window_of(limits: Limits, device_A: Window | None = None, *, soc_known: bool = True) -> program.Window:
-    """Return what a protocol may not leave: the run's limits, and the device's range of current where that is known."""
+def window_of(
+    limits: Limits,
+    device_A: Window | None = None,
+    *,
+    soc_known: bool = True,
+    chamber: program.ChamberWindow | None = None,
+) -> program.Window:
+    """Return what a protocol may not leave: the run's limits, and the device's range of current where that is known.
+
+    Without `chamber` there is no temperature chamber that it could set.
+    """
     low, high = limits.current_A
     if device_A is not None:
         low, high = max(low, device_A[0]), min(high, device_A[1])
     soc = soc_window(limits) if soc_known else None
-    return program.Window(limits.voltage_V, (low, high), soc, limits.ramp_A_per_s, limits.duration_s)
+    window = program.Window(limits.voltage_V, (low, high), soc, limits.ramp_A_per_s, limits.duration_s)
+    return replace(window, chamber=chamber)
 
 
 def soc_window(limits: Limits) -> Window | None:

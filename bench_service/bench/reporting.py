@@ -1,6 +1,7 @@
 """What a control process tells the API, as frames on the command link."""
 
 from dataclasses import asdict
+from typing import Any
 
 from bench_service.bench.commissioning.check import Report
 from bench_service.bench.links import FrameLink
@@ -20,13 +21,21 @@ class Reporter:
     def __init__(self, link: FrameLink) -> None:
         self._link = link
 
-    def state(self, state: str, reason: str | None, run_id: str | None, capabilities: Capabilities | None) -> None:
+    def state(
+        self,
+        state: str,
+        reason: str | None,
+        run_id: str | None,
+        capabilities: Capabilities | None,
+        chamber: dict[str, Any] | None = None,
+    ) -> None:
         """Tell the bench's state."""
         message = StateMessage(
             state=state,
             reason=reason,
             run_id=run_id,
             capabilities=None if capabilities is None else asdict(capabilities),
+            chamber=chamber,
         )
         self._link.send({"op": "state", **message})
 

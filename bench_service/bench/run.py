@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
+from bench_service.bench.chamber.keeper import ChamberKeeper
 from bench_service.bench.clock import Clock
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.observer_link import ObserverLink
@@ -80,6 +81,7 @@ class RunParts:
     notify : callable
         Takes severity, code and text of an event.
     pause : PauseSwitch
+    chamber : ChamberKeeper or None
     """
 
     cycler: Cycler
@@ -90,6 +92,7 @@ class RunParts:
     observer: ObserverLink | None
     notify: Callable[[str, str, str], None]
     pause: PauseSwitch = field(default_factory=PauseSwitch)
+    chamber: ChamberKeeper | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ its output off.
 import logging
 import math
 
+from bench_service.bench.chamber.in_run import RunChamber
 from bench_service.bench.clock import Tick
 from bench_service.bench.holding import Holding
 from bench_service.bench.input_watch import InputWatch
@@ -52,6 +53,7 @@ class RunLoop:
         self._missed = 0
         self._holding = Holding(plan.rules.bench, parts)
         self._watch = InputWatch(plan.rules.bench, parts.cycler, parts.stop)
+        self._chamber = RunChamber(parts.chamber, parts.clock)
         self._gap = False
         self._next_record = 0
         # A sample that is counted and not stored, with what the loop then knew of the current.
@@ -69,11 +71,16 @@ class RunLoop:
         finally:
             self._parts.clock.close()
             unrested = await uncancelled(bring_to_rest(self._parts.cycler))
+            await uncancelled(self._end_chamber(completed=state == "completed"))
         self._store_last()
         self._tell_steps(closing=True)
         if unrested is not None and state != "fault":
             state, code, reason = "fault", "not_at_rest", f"the cycler did not confirm rest: {unrested}"
         return RunEnd(state, code, reason, unrested is None, self._missed)
+
+    async def _end_chamber(self, *, completed: bool) -> None:
+        if (told := await self._chamber.end(completed=completed)) is not None:
+            self._parts.notify("error", "chamber_not_told", f"{self._plan.rules.bench}: {told}")
 
     async def _guarded(self) -> tuple[EndState, str, str | None]:
         try:
@@ -165,6 +172,7 @@ class RunLoop:
         # A stale reading is no ground for a heartbeat: the device's watchdog must see that we are blind.
         if self._track.stale == 0:
             await self._apply(tick, setpoint_A)
+            await self._chamber.follow(self._plan.player.chamber_degC)
             if trip := await self._settings.judge(lambda: self._context(tick)):
                 raise TripError(trip)
         return False
@@ -195,11 +203,12 @@ class RunLoop:
 
     async def _sample(self) -> tuple[Reading, SetPointRefusedError | None]:
         try:
-            return await self._parts.cycler.sample(), None
+            reading, refused = await self._parts.cycler.sample(), None
         except SetPointRefusedError as error:
             if error.reading is None:
                 raise
-            return error.reading, error
+            reading, refused = error.reading, error
+        return await self._chamber.look(reading), refused
 
     def _judge(self, tick: Tick, reading: Reading) -> Trip | None:
         clock, plan = self._parts.clock, self._plan
@@ -210,7 +219,7 @@ class RunLoop:
             self._soc = count_charge(self._soc, reading.current_A, self._track.interval_s, plan.request.capacity_Ah)
         context = self._context(tick)
         rule = check_held if self._holding.active else check
-        return rule(reading, context) or self._plausibility.judge(reading, context)
+        return rule(reading, context) or self._chamber.judge(context) or self._plausibility.judge(reading, context)
 
     def _context(self, tick: Tick) -> Context:
         now_s = self._parts.clock.elapsed_s(tick)

@@ -110,7 +110,8 @@ def _set_points(settings: BenchSettings, capabilities: Capabilities, request: Ru
         return player if every == 1 else make_player(request.time_s, request.current_A, request.dt_s / every)
     check_start(settings, capabilities, request)
     order = request.protocol
-    window = window_of(request.limits, capabilities.current_A, soc_known=request.initial_soc is not None)
+    known = {"soc_known": request.initial_soc is not None, "chamber": settings.chamber and settings.chamber.window}
+    window = window_of(request.limits, capabilities.current_A, **known)
     program = compile_protocol(read_protocol(order["document"]), request.capacity_Ah, window)
     standing = None if order["standing"] is None else Standing.from_json(order["standing"])
     return ProtocolPlay(

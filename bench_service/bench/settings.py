@@ -1,9 +1,10 @@
 """What a control process knows about its bench; handed to it as one JSON argument."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
+from bench_service.bench.chamber.settings import ChamberSettings
 from bench_service.bench.limits import Limits
 
 LONGEST_WATCHDOG_S = 2.0
@@ -44,6 +45,7 @@ class BenchSettings:
         Band of the type of that cell, where one is named.
     identity : dict of str to str, or None
         What the device has said of itself to an earlier process.
+    chamber : ChamberSettings or None
     """
 
     name: str
@@ -60,11 +62,13 @@ class BenchSettings:
     latched: str | None = None
     resistance_Ohm: tuple[float, float] | None = None
     identity: dict[str, str] | None = None
+    chamber: ChamberSettings | None = None
 
     def to_json(self) -> str:
         """Return the text that `from_json` reads."""
         data = {name: getattr(self, name) for name in self.__slots__}
-        return json.dumps(data | {"limits": self.limits.to_json()}, allow_nan=False)
+        chamber = None if self.chamber is None else asdict(self.chamber)
+        return json.dumps(data | {"limits": self.limits.to_json(), "chamber": chamber}, allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str) -> Self:
@@ -79,6 +83,7 @@ class BenchSettings:
         try:
             if (band := data.get("resistance_Ohm")) is not None:
                 data["resistance_Ohm"] = (float(band[0]), float(band[1]))
-            return cls(**{**data, "limits": Limits.from_json(data["limits"])})
+            chamber = ChamberSettings.from_json(data.get("chamber"))
+            return cls(**{**data, "limits": Limits.from_json(data["limits"]), "chamber": chamber})
         except (KeyError, TypeError) as error:
             raise ValueError(f"bench settings: {error}") from error

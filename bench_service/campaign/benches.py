@@ -79,14 +79,28 @@ class Bench:
             "capacity_Ah": self.config.capacity_Ah,
             "live": self.live,
             "lock_step": bool(capabilities and capabilities["lock_step"]),
+            "chamber": self._chamber(),
             "seal": None if self.seal is None else self.seal.to_json(),
             "commissioning": None if (standing := self.standing()) is None else standing.to_json(),
         }
 
+    def _chamber(self) -> Json | None:
+        """Say what the temperature chamber may do, and what it says of itself; None where there is none."""
+        chamber = self.config.chamber
+        if chamber is None:
+            return None
+        low, high = self.config.chamber_degC or (None, None)
+        told = self.supervisor.status.chamber or {"online": False, "reason": self.supervisor.status.reason}
+        return {"map": chamber.map, "temperature_degC": [low, high], "tolerance_K": chamber.tolerance_K, **told}
+
     def standing(self) -> Standing | None:
         """Say whether the hardware is commissioned, by what was last read of record and map."""
         status = self.supervisor.status
-        return None if self.hardware is None else self.hardware.standing(status.capabilities, status.identity)
+        return (
+            None
+            if self.hardware is None
+            else self.hardware.standing(status.capabilities, status.identity, status.chamber)
+        )
 
     def to_json(self) -> Json:
         """Give the JSON object of the REST API."""

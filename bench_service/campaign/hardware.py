@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from bench_service.bench.messages import EventMessage
 from bench_service.config import BenchConfig
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import CommissioningRecord, Json
-from drivers.cycler import changed_identity
+from drivers.cycler import IDENTITY, changed_identity
 from drivers.errors import BadMapError
 from drivers.register_map import map_content
 from models.data.seal import SEAL, content_sha256, sealed
@@ -35,12 +35,15 @@ class Standing:
         Id of the newest record.
     identity : dict or None
         What the device says of itself.
+    chamber : dict or None
+        What the temperature chamber says of itself; None where there is none.
     """
 
     state: State
     reason: str | None
     record: str | None
     identity: dict[str, str] | None
+    chamber: dict[str, str] | None = None
 
     @property
     def warns(self) -> bool:
@@ -61,7 +64,8 @@ def wiring_of(config: BenchConfig) -> Json:
     """Return how a device is connected and guarded; other settings may change without a new commissioning."""
     simulate = config.simulate
     source = {"url": config.url} if simulate is None else {"simulated": [simulate.protocol, simulate.cell]}
-    return {**source, "watchdog_s": config.watchdog_s, "external_interlock": config.external_interlock}
+    chamber = {} if config.chamber is None else {"chamber": {"url": config.chamber.url, "map": config.chamber.map}}
+    return {**source, **chamber, "watchdog_s": config.watchdog_s, "external_interlock": config.external_interlock}
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +92,17 @@ class Hardware:
         """Read record and map as they are now."""
         return cls(bench, config, store.commissionings.last(bench), _map_sha256(config.map))
 
-    def standing(self, capabilities: Mapping[str, Any] | None, identity: dict[str, str] | None) -> Standing:
-        """Say what is known of the device that is connected."""
+    def standing(
+        self,
+        capabilities: Mapping[str, Any] | None,
+        identity: dict[str, str] | None,
+        chamber: Mapping[str, Any] | None = None,
+    ) -> Standing:
+        """Say what is known of the device that is connected; `chamber` is what is known of the temperature chamber."""
+        said = None if chamber is None else {key: chamber[key] for key in ("name", *IDENTITY) if chamber.get(key)}
+        return replace(self._cycler_standing(capabilities, identity), chamber=said)
+
+    def _cycler_standing(self, capabilities: Mapping[str, Any] | None, identity: dict[str, str] | None) -> Standing:
         record = None if self.record is None else self.record.id
         if self.config.simulate is not None or (capabilities is not None and capabilities["lock_step"]):
             return Standing("simulated", None, record, identity)

@@ -14,13 +14,15 @@ from bench_service.bench.protocol_window import window_of
 from bench_service.bench.request import ObserverOrder, ProtocolOrder, RunRequest
 from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench
+from bench_service.campaign.chambers import chamber_window
 from bench_service.campaign.run_models import BandWish, band_order
 from bench_service.campaign.storage import Storage
+from bench_service.config import BenchConfig
 from bench_service.errors import BadRequestError
 from bench_service.protocol.compiling import compile_protocol
 from bench_service.protocol.document import read_protocol
 from bench_service.protocol.preview import preview
-from bench_service.protocol.program import Program
+from bench_service.protocol.program import ChamberWindow, Program
 from bench_service.protocol.state import Standing
 from bench_service.protocol.steps import Protocol
 from bench_service.store.metadata import MetadataStore
@@ -79,7 +81,7 @@ def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Sto
     protocol = None
     if order.protocol_id is not None:
         document = store.protocols.document(order.protocol_id)
-        limits, protocol, samples = _protocol(order, document, limits, bench.config.capacity_Ah)
+        limits, protocol, samples = _protocol(order, document, limits, bench.config)
     else:
         assert order.profile_id is not None
         time_s, current_A = store.profiles.points(order.profile_id)
@@ -104,7 +106,9 @@ def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Sto
     )
 
 
-def program_for(document: Json, limits: Limits, capacity_Ah: float) -> tuple[Protocol, Limits, Program]:
+def program_for(
+    document: Json, limits: Limits, capacity_Ah: float, chamber: ChamberWindow | None = None
+) -> tuple[Protocol, Limits, Program]:
     """Make a protocol ready for a bench; the narrower of its limits and the bench's hold.
 
     Raises
@@ -114,7 +118,7 @@ def program_for(document: Json, limits: Limits, capacity_Ah: float) -> tuple[Pro
     """
     protocol = read_protocol(document)
     both = within(limits, protocol.limits)
-    return protocol, both, compile_protocol(protocol, capacity_Ah, window_of(both))
+    return protocol, both, compile_protocol(protocol, capacity_Ah, window_of(both, chamber=chamber))
 
 
 def within(limits: Limits, own: Mapping[str, Any]) -> Limits:
@@ -133,8 +137,8 @@ def within(limits: Limits, own: Mapping[str, Any]) -> Limits:
         raise BadRequestError(f"the protocol's limits leave nothing of the bench's: {error}", ("limits",)) from error
 
 
-def _protocol(order: RunOrder, document: Json, limits: Limits, capacity_Ah: float) -> tuple[Limits, ProtocolOrder, int]:
-    protocol, both, program = program_for(document, limits, capacity_Ah)
+def _protocol(order: RunOrder, document: Json, limits: Limits, bench: BenchConfig) -> tuple[Limits, ProtocolOrder, int]:
+    protocol, both, program = program_for(document, limits, bench.capacity_Ah, chamber_window(bench))
     standing = None if order.standing is None else Standing.from_json(order.standing)
     seen = preview(program, order.initial_soc, order.dt_s, standing)
     every_s = max(order.dt_s, protocol.record.time_s or 0.0)

@@ -12,6 +12,7 @@ from bench_service.errors import ConflictError
 from bench_service.jobs.counting import counted_soc
 from bench_service.protocol.compiling import compile_protocol
 from bench_service.protocol.document import read_protocol
+from bench_service.protocol.program import ANY_CHAMBER
 from bench_service.protocol.resuming import standing_after
 from bench_service.protocol.state import Standing
 from bench_service.store.integrity import Expected, read_whole
@@ -57,7 +58,7 @@ def standing_of(run: RunRecord, store: MetadataStore, samples: SampleReader) -> 
     program = compile_protocol(
         read_protocol(store.protocols.document(run.protocol_id)),
         run.capacity_Ah,
-        window_of(Limits.from_json(run.limits)),
+        window_of(Limits.from_json(run.limits), chamber=ANY_CHAMBER),
     )
     if not run.n_samples:
         return start or Standing(counters=[0] * program.n_counters), run.initial_soc

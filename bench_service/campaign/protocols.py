@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import asdict
 from typing import Any
 
 from bench_service.bench.protocol_window import window_of
 from bench_service.campaign.benches import Bench
+from bench_service.campaign.chambers import chamber_window
 from bench_service.campaign.ordering import program_for, within
 from bench_service.campaign.protocol_design import with_designs
 from bench_service.campaign.services import Services
@@ -57,7 +59,9 @@ def look_ahead(services: Services, body: Json) -> Json:
     """Return what a protocol would do on a bench; raises `BadRequestError` where it cannot be played there."""
     bench = _needed(None if body["bench"] is None else services.benches.get(body["bench"]))
     document = document_of(services, body)
-    protocol, limits, program = program_for(document, bench.limits, bench.config.capacity_Ah)
+    protocol, limits, program = program_for(
+        document, bench.limits, bench.config.capacity_Ah, chamber_window(bench.config)
+    )
     seen = preview(program, body["initial_soc"], body["dt_s"])
     return {
         "name": protocol.name,
@@ -89,6 +93,7 @@ def _steps(program: Program) -> list[dict[str, Any]]:
                 "level": each.level,
                 "voltage_V": each.voltage_V or None,
                 "ends": ends,
+                "soak": None if each.soak is None else asdict(each.soak),
                 "where": list(each.where),
             }
     return list(steps.values())

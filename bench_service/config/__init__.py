@@ -5,6 +5,7 @@ Without a file the service knows one bench, `sim`, whose simulator it starts its
 
 from bench_service.config.bench import BenchConfig, LimitsConfig
 from bench_service.config.cell_type import CellTypeConfig
+from bench_service.config.chamber import ChamberConfig, SimulatedChamberConfig
 from bench_service.config.example import example_config
 from bench_service.config.reading import ConfigError, load_config, parse_config
 from bench_service.config.service import ServiceConfig
@@ -13,10 +14,12 @@ from bench_service.config.simulate import SimulateConfig
 __all__ = [
     "BenchConfig",
     "CellTypeConfig",
+    "ChamberConfig",
     "ConfigError",
     "LimitsConfig",
     "ServiceConfig",
     "SimulateConfig",
+    "SimulatedChamberConfig",
     "example_config",
     "load_config",
     "parse_config",

@@ -8,6 +8,7 @@ from typing import Any, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from bench_service.config.cell_type import CellTypeConfig, read_cell_type
+from bench_service.config.chamber import ChamberConfig
 from bench_service.config.simulate import SIMULATED_CELLS, SimulateConfig, cells_of_module
 from bench_service.config.table import NotNegative, Positive, Table, Window
 from drivers.address import parse_address
@@ -56,6 +57,7 @@ class BenchConfig(Table):
     external_interlock: bool = Field(default=False, strict=True)
     timeout_s: Positive = 0.5
     settle_s: NotNegative = 1.0
+    chamber: ChamberConfig | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -95,6 +97,21 @@ class BenchConfig(Table):
                 "'external_interlock = true', a declaration that hardware of its own cuts the cell off"
             )
         return self
+
+    @model_validator(mode="after")
+    def _chamber_fits(self) -> Self:
+        simulate = self.simulate
+        kind = {"simulated": simulate is not None, "lock_step": simulate is not None and simulate.lock_step}
+        if self.chamber is not None:
+            refused = self.chamber.refuses(self.limits.temperature_degC, **kind)
+            if refused is not None:
+                raise ValueError(refused)
+        return self
+
+    @property
+    def chamber_degC(self) -> tuple[float, float] | None:
+        """Window of the chamber's set points; None where there is no chamber."""
+        return None if self.chamber is None else self.chamber.temperature_degC or self.limits.temperature_degC
 
     @field_validator("url")
     @classmethod

@@ -66,6 +66,25 @@ ambient_degC = 25.0
 # True capacity of the simulated cell. Absent: the cell's own.
 # capacity_Ah = 2.5
 
+# A temperature chamber around the cell, which protocols then set (steps "chamber" and "soak"; docs/cyclers.md). Without
+# a url it is simulated, as the bench is. Take the "#" away before all lines that are wanted.
+# [bench.sim.chamber]
+# url = "modbus-tcp://192.168.1.60:502"
+# Register map of kind "chamber": a name from drivers/maps, or the path of a .toml file.
+# map = "generic_chamber"
+# Window of its set points. Absent: the bench's limits of temperature.
+# temperature_degC = [0.0, 50.0]
+# How near its air counts as there, and how far beyond the window the air may be before a run is ended.
+# tolerance_K = 1.0
+# overshoot_K = 5.0
+# Longest wait for one answer, and the time without one after which a run is ended.
+# timeout_s = 1.0
+# lost_s = 30.0
+# After a run that has set it, and after every run that did not come to its own end: "off", "keep", or a set point.
+# at_end = "off"
+# A simulated one: how fast it is, and what goes wrong when.
+# simulate = { ramp_K_per_min = 3.0, faults = "" }
+
 # Limits of the bench. A run may only narrow them. Simulated: what the simulated cell allows.
 [bench.sim.limits]
 voltage_V = [2.5, 4.2]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from bench_service.errors import Where
+from bench_service.protocol.directions import direction
 from bench_service.protocol.errors import ProtocolError
 from bench_service.protocol.program import (
     VOLTAGE_MARGIN_V,
@@ -16,12 +17,15 @@ from bench_service.protocol.program import (
     Play,
     Program,
     Round,
+    SetChamber,
     Window,
 )
+from bench_service.protocol.soaking import check_chamber
 from bench_service.protocol.steps import STATES, Bound, Protocol, Record, Step
 
 _LAWS: Mapping[str, str] = {
     "rest": "rest",
+    "soak": "rest",
     "constant_current": "current",
     "constant_voltage": "voltage",
     "cc_cv": "cc_cv",
@@ -29,9 +33,6 @@ _LAWS: Mapping[str, str] = {
     "resistance": "resistance",
     "profile": "profile",
 }
-# What ends a step without a statement of the direction: the first sample at or beyond it.
-_ALWAYS_ABOVE = ("time_s", "charge_Ah", "charge_share", "temperature_degC")
-_ALWAYS_BELOW = ("current_A", "rate_C", "dV_dt_V_per_s")
 _SLACK = 1e-9
 
 
@@ -103,7 +104,11 @@ class _Compiler:
         return self._code
 
     def _add(self, step: Step, scope: _Scope) -> None:
-        if step.kind == "group":
+        if step.temperature_degC is not None:
+            check_chamber(self.window, step.kind, step.temperature_degC, step.where)
+        if step.kind == "chamber":
+            self._code.append(SetChamber(step.temperature_degC or 0.0))
+        elif step.kind == "group":
             self._group(step, scope.inside(step))
         elif step.kind == "loop":
             self._loop(step, scope.inside(step))
@@ -185,12 +190,13 @@ class _Compiler:
             ends=scope.ends + tuple(self._end(each, step, level) for each in step.until),
             limits=tuple((name, *window) for name, window in scope.limits.items()),
             record=scope.record,
+            soak=step.soak,
         )
         if step.points is not None:
             play = self._profile(play, step)
-        elif not play.ends:
+        elif not (play.ends or play.soak):
             raise ProtocolError("the step has no end", (*step.where, "until"), remedy="give it one")
-        if play.law == "rest" and all(end.quantity == "dV_dt_V_per_s" for end in play.ends):
+        if play.law == "rest" and play.soak is None and all(end.quantity == "dV_dt_V_per_s" for end in play.ends):
             raise ProtocolError("a rest needs a time, too", (*step.where, "until"))
         self._check_voltage(step, step.voltage_V, "voltage_V")
         for window in (step.clip_voltage_V,) if step.clip_voltage_V else ():
@@ -248,7 +254,7 @@ class _Compiler:
         where = (*step.where, "until", bound.quantity)
         above = bound.above
         if above is None:
-            above = _direction(bound, step, level, where)
+            above = direction(bound, step, level, where)
         end = self._si(bound, above, None)
         if end.quantity == "voltage_V" and step.kind in ("constant_voltage", "cc_cv") and bound.above is None:
             raise ProtocolError("a hold does not end by its voltage", where, remedy='say "above" or "below"')
@@ -272,21 +278,6 @@ class _Compiler:
                 "no condition between steps", (*where, bound.quantity), remedy='use "above" or "below" of a state'
             )
         return self._si(bound, bound.above, target)
-
-
-def _direction(bound: Bound, step: Step, level: float, where: Where) -> bool:
-    """Return whether a bound without a direction is met above its value."""
-    if bound.quantity in _ALWAYS_ABOVE:
-        return True
-    if bound.quantity in _ALWAYS_BELOW:
-        return False
-    if step.kind == "resistance":
-        return False  # a load only discharges
-    if step.kind in ("constant_current", "cc_cv", "power", "pulse") and bound.quantity in ("voltage_V", "soc"):
-        return level > 0
-    if step.kind == "cc_cv" and bound.quantity == "soc":
-        return level > 0
-    raise ProtocolError("the direction is not clear", where, remedy='write {"above": x} or {"below": x}')
 
 
 def _counts(step: Step) -> bool:

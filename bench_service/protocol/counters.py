@@ -25,6 +25,7 @@ class Ending(enum.IntEnum):
     SKIPPED = 9
     LIMIT = 10
     CYCLE = 11
+    SOAKED = 12
 
 
 ENDINGS = {

@@ -9,7 +9,7 @@ from typing import Any
 from bench_service.errors import Where
 from bench_service.protocol.errors import ProtocolError
 from bench_service.protocol.fields import Fields, number
-from bench_service.protocol.steps import ENDS, SCHEMA, SLOPE_OVER_S, STATES, Bound, Protocol, Record, Step
+from bench_service.protocol.steps import ENDS, SCHEMA, SLOPE_OVER_S, STATES, Bound, Protocol, Record, Soak, Step
 
 _MOST_STEPS = 2000
 _DEEPEST = 8
@@ -30,8 +30,12 @@ _NEEDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "group": (),
         "goto": (),
         "mark": (),
+        "chamber": (),
+        "soak": (),
     }
 )
+_ENDLESS = ("mark", "chamber", "soak")  # they have no end that is written
+_SOAK_WITHIN_K, _SOAK_HOLD_S, _SOAK_LIMIT_S = 1.0, 600.0, 14400.0
 KINDS = tuple(_NEEDS)
 
 
@@ -107,7 +111,7 @@ def _step(data: Any, where: Where, depth: int) -> Step:
         name=fields.text("name"),
         label=fields.text("label"),
         level=_level(fields, kind),
-        until=() if kind == "mark" else _until(fields.take("until"), fields.at("until")),
+        until=() if kind in _ENDLESS else _until(fields.take("until"), fields.at("until")),
         limits=_step_limits(fields.take("limits"), fields.at("limits")),
         record=read_record(fields.take("record"), fields.at("record")),
         **_own(fields, kind, depth),
@@ -161,12 +165,38 @@ def _own(fields: Fields, kind: str, depth: int) -> dict[str, Any]:
         return {"steps": steps, "count": count, "counts_cycles": fields.flag("counts_cycles")}
     if kind == "goto":
         return _goto(fields)
+    if kind in ("chamber", "soak"):
+        return _chambered(fields, kind)
     if kind == "design":
         request = fields.take("request")
         if not isinstance(request, Mapping):
             raise ProtocolError("design needs a request", fields.where)
         return {"design": request}
     return {}
+
+
+def _chambered(fields: Fields, kind: str) -> dict[str, Any]:
+    temperature_degC = fields.number("temperature_degC", -273.0, 1000.0)
+    if temperature_degC is None:
+        raise ProtocolError(f"{kind} needs temperature_degC", fields.where)
+    if kind == "chamber":
+        return {"temperature_degC": temperature_degC}
+    hold_s, at_limit = fields.number("hold_s", 0.0), fields.take("at_limit")
+    if at_limit not in (None, "stop", "go_on"):
+        remedy = 'write "stop" or "go_on"'
+        raise ProtocolError("unknown way to go on", fields.at("at_limit"), value=at_limit, remedy=remedy)
+    soak = Soak(
+        temperature_degC=temperature_degC,
+        within_K=fields.positive("within_K") or _SOAK_WITHIN_K,
+        hold_s=_SOAK_HOLD_S if hold_s is None else hold_s,
+        limit_s=fields.positive("limit_s") or _SOAK_LIMIT_S,
+        goes_on=at_limit == "go_on",
+    )
+    if soak.limit_s < soak.hold_s:
+        raise ProtocolError(
+            "shorter than the time to hold", fields.at("limit_s"), value=soak.limit_s, unit="s", limit=soak.hold_s
+        )
+    return {"temperature_degC": temperature_degC, "soak": soak}
 
 
 def _count(fields: Fields) -> int:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from bench_service.protocol.counters import ENDINGS, Counters, Ending
 from bench_service.protocol.guard import broken_limit, careful, leaves
 from bench_service.protocol.laws import Law, Seen
-from bench_service.protocol.program import Again, End, Jump, Play, Program, Round
+from bench_service.protocol.program import Again, End, Jump, Play, Program, Round, SetChamber
+from bench_service.protocol.quantities import value_of
 from bench_service.protocol.response import Response
 from bench_service.protocol.slope import Slope
+from bench_service.protocol.soaking import Soaking, soaking_of
 from bench_service.protocol.state import Standing, StepEnd
 from bench_service.protocol.steps import Record
 
@@ -48,6 +50,7 @@ class Engine:
         self._play: Play | None = None
         self._law: Law | None = None
         self._slope: Slope | None = None
+        self._soaking: Soaking | None = None
         self._set_A = 0.0
         self._last: Seen | None = None
         self._run_s = 0.0
@@ -73,6 +76,11 @@ class Engine:
     def hold_V(self) -> float | None:
         """Voltage that the device is to hold until the next sample; None: it holds the set-point."""
         return None if self._law is None or self._play is None else self._law.hold_V
+
+    @property
+    def chamber_degC(self) -> float | None:
+        """Set point of the chamber until the next sample; None: the protocol has not set it."""
+        return self.standing.chamber_degC
 
     def skip(self) -> None:
         """End the step that plays with the next sample."""
@@ -146,7 +154,10 @@ class Engine:
         for end in play.ends:
             if self._met(end, seen):
                 return self._leave(ENDINGS[end.quantity], end.target, seen)
-        return True
+        ending, reason = (None, None) if self._soaking is None else self._soaking.see(seen)
+        if reason is not None:
+            return self._stop(reason, seen)
+        return True if ending is None else self._leave(ending, None, seen)
 
     def _next(self, seen: Seen) -> float | None:
         """Return the set-point of the step that plays, or of the first after it that the limits allow."""
@@ -193,23 +204,10 @@ class Engine:
             assert self._slope is not None
             slope = self._slope.see(step.time_s, seen.voltage_V)
             return slope is not None and (abs(slope) >= end.value if end.above else abs(slope) <= end.value)
-        value = self._value(quantity, seen)
+        value = value_of(quantity, seen, self.standing)
         if value is None:
             return False
         return value >= end.value if end.above else value <= end.value
-
-    def _value(self, quantity: str, seen: Seen) -> float | None:
-        if quantity == "voltage_V":
-            return seen.voltage_V
-        if quantity == "current_A":
-            return abs(seen.current_A)
-        if quantity == "charge_Ah":
-            return abs(self.standing.step.net_Ah)
-        if quantity == "soc":
-            return seen.soc
-        if quantity == "cycle":
-            return float(self.standing.cycle_count)
-        return seen.temperature_degC
 
     # --- from step to step ---------------------------------------------------------------------------------
 
@@ -234,6 +232,9 @@ class Engine:
         self._law = Law(play, self.program.window, self._cell, self._dt_s, device_holds=self._device_holds)
         over_s = next((end.over_s for end in play.ends if end.quantity == "dV_dt_V_per_s"), None)
         self._slope = None if over_s is None else Slope(over_s)
+        self._soaking = soaking_of(play, self.program.window)
+        if play.soak is not None:
+            self.standing.chamber_degC = play.soak.temperature_degC
         self.standing.step = Counters()
         self.standing.step_count += 1
         self.standing.fresh = False
@@ -263,9 +264,12 @@ class Engine:
         state.at, self._play = at, None
         return False
 
-    def _through(self, each: Round | Again | Jump, at: int, seen: Seen) -> int:
+    def _through(self, each: Round | Again | Jump | SetChamber, at: int, seen: Seen) -> int:
         """Go through an instruction that plays nothing; return the next one."""
         state = self.standing
+        if isinstance(each, SetChamber):
+            state.chamber_degC = each.temperature_degC
+            return at + 1
         if isinstance(each, Round):
             state.counters[each.counter] = 0
             self._new_cycle(each.cycle)

@@ -23,6 +23,8 @@ class Seen:
     ----------
     soc : float or None
         Counted; None where nobody knows where it began.
+    ambient_degC : float
+        Around the cell; NaN where nobody measures it.
     """
 
     voltage_V: float
@@ -30,6 +32,7 @@ class Seen:
     temperature_degC: float
     soc: float | None
     interval_s: float
+    ambient_degC: float = math.nan
 
 
 class Law:

@@ -5,10 +5,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from bench_service.errors import Where
-from bench_service.protocol.steps import Record
+from bench_service.protocol.steps import Record, Soak
 
 # A hold or an end nearer to a limit than this is refused: noise alone would trip the bench.
 VOLTAGE_MARGIN_V = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class ChamberWindow:
+    """A temperature chamber around the cell.
+
+    Parameters
+    ----------
+    temperature_degC : (low, high)
+        Of its set points.
+    tolerance_K : float
+        How near to its set point its air counts as there.
+    """
+
+    temperature_degC: tuple[float, float]
+    tolerance_K: float = 1.0
+
+
+# For a protocol that has been admitted on a bench and is only looked at again.
+ANY_CHAMBER = ChamberWindow((-float("inf"), float("inf")))
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +43,8 @@ class Window:
     duration_s : float
     charge_Ah : float or None
         Most charge that may have flowed, net, since the start.
+    chamber : ChamberWindow or None
+        None: there is no chamber.
     """
 
     voltage_V: tuple[float, float]
@@ -31,6 +53,7 @@ class Window:
     ramp_A_per_s: float | None = None
     duration_s: float = float("inf")
     charge_Ah: float | None = None
+    chamber: ChamberWindow | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +89,8 @@ class Play:
         Of the step in the document, from 1, counted through all that play.
     limits : tuple of (quantity, low, high)
         Ends the run when they are left.
+    soak : Soak or None
+        Of a rest that lasts until chamber and cell are warm.
     """
 
     law: str
@@ -81,6 +106,7 @@ class Play:
     values: tuple[float, ...] = ()
     in_watts: bool = False
     clip_voltage_V: tuple[float, float] | None = None
+    soak: Soak | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +138,14 @@ class Jump:
     condition: End | None = None
 
 
-Instruction = Play | Round | Again | Jump
+@dataclass(frozen=True, slots=True)
+class SetChamber:
+    """Gives the chamber a set point and goes on at once."""
+
+    temperature_degC: float
+
+
+Instruction = Play | Round | Again | Jump | SetChamber
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,8 @@ class Standing:
         Whether the cycle has no step yet.
     step, total : Counters
         Of the step that plays, and of the whole run before it.
+    chamber_degC : float or None
+        Set point of the chamber; None: the protocol has not set it.
     """
 
     at: int = 0
@@ -34,6 +36,7 @@ class Standing:
     fresh: bool = True
     step: Counters = field(default_factory=Counters)
     total: Counters = field(default_factory=Counters)
+    chamber_degC: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return what `from_json` reads."""

@@ -57,6 +57,29 @@ class Record:
 
 
 @dataclass(frozen=True, slots=True)
+class Soak:
+    """When a soak is over.
+
+    Attributes
+    ----------
+    within_K : float
+        How near to the temperature the cell must be,
+    hold_s : float
+        for how long, with the chamber's air within the chamber's tolerance.
+    limit_s : float
+        Longest wait for that.
+    goes_on : bool
+        Whether the protocol then goes on as it is, in place of being stopped.
+    """
+
+    temperature_degC: float
+    within_K: float
+    hold_s: float
+    limit_s: float
+    goes_on: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
     """One step as it is written; what does not belong to its kind is None.
 
@@ -68,6 +91,8 @@ class Step:
         Windows that end the run when they are left.
     points : (times, unit, values) or None
         Of a profile.
+    temperature_degC : float or None
+        Set point of the chamber.
     """
 
     kind: str
@@ -89,6 +114,8 @@ class Step:
     to: str | None = None
     condition: Bound | None = None
     design: Mapping[str, Any] | None = None
+    temperature_degC: float | None = None
+    soak: Soak | None = None
 
 
 @dataclass(frozen=True, slots=True)

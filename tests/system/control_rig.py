@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from bench_service.bench.chamber.settings import ChamberSettings
 from bench_service.bench.direct.ticket import StopEndpoint
 from bench_service.bench.limits import Limits
 from bench_service.bench.listener import BenchStatus
@@ -30,20 +31,27 @@ WIDE = Limits((2.5, 4.3), (-9.0, 9.0), (-20.0, 60.0), (0.0, 1.0), None, 1e6)
 _SIMULATOR = """
 import asyncio, sys
 from simulators.bench import SimulatorSettings, serve
-lock_step, port, soc = sys.argv[1:]
-settings = SimulatorSettings(lock_step=lock_step == "1", seed=7, port=int(port), initial_soc=float(soc))
-asyncio.run(serve(settings, lambda address: print(address, flush=True)))
+from simulators.chamber import ChamberSettings
+lock_step, port, soc, faults = sys.argv[1:]
+chamber = None if faults == "-" else ChamberSettings(faults=faults, ramp_K_per_min=60.0)
+more = {"seed": 7, "port": int(port), "initial_soc": float(soc), "chamber": chamber}
+found = []
+told = lambda address: print(address, *found, flush=True)
+asyncio.run(serve(SimulatorSettings(lock_step=lock_step == "1", **more), told, on_chamber=found.append))
 """
 
 
 class Simulator:
     """A simulated cycler in a process of its own."""
 
-    def __init__(self, *, lock_step: bool, port: int = 0, initial_soc: float = 0.5) -> None:
+    def __init__(
+        self, *, lock_step: bool, port: int = 0, initial_soc: float = 0.5, chamber_faults: str | None = None
+    ) -> None:
         command = [sys.executable, "-c", _SIMULATOR, str(int(lock_step)), str(port), str(initial_soc)]
+        command.append("-" if chamber_faults is None else chamber_faults)
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
-        self.url = self.process.stdout.readline().strip()
+        self.url, _, self.chamber_url = self.process.stdout.readline().strip().partition(" ")
         assert self.url, "the simulator did not start"
 
     @property
@@ -139,7 +147,11 @@ class Rig:
 
 
 def settings(simulator: Simulator, **changes: Any) -> BenchSettings:
-    return replace(BenchSettings("sim", simulator.url, "generic", WIDE), **changes)
+    made = BenchSettings("sim", simulator.url, "generic", WIDE)
+    if simulator.chamber_url:
+        chamber = ChamberSettings(simulator.chamber_url, "generic_chamber", (0.0, 50.0), timeout_s=0.5, lost_s=6.0)
+        made = replace(made, chamber=chamber)
+    return replace(made, **changes)
 
 
 def request(
@@ -151,10 +163,19 @@ def request(
 
 @contextlib.asynccontextmanager
 async def rig(
-    data_dir: Path, *, lock_step: bool, initial_soc: float = 0.5, origins: tuple[str, ...] = (), **changes: Any
+    data_dir: Path,
+    *,
+    lock_step: bool,
+    initial_soc: float = 0.5,
+    origins: tuple[str, ...] = (),
+    chamber_faults: str | None = None,
+    **changes: Any,
 ) -> AsyncIterator[Rig]:
-    """Start everything, wait until the bench is idle, end everything by its own pid afterwards."""
-    simulator = Simulator(lock_step=lock_step, initial_soc=initial_soc)
+    """Start everything, wait until the bench is idle, end everything by its own pid afterwards.
+
+    With `chamber_faults`, which may be empty, the bench has a temperature chamber.
+    """
+    simulator = Simulator(lock_step=lock_step, initial_soc=initial_soc, chamber_faults=chamber_faults)
     recorder = RecorderProcess.start(data_dir, commit_period_s=0.2)
     heard = Listener()
     stop = StopEndpoint(data_dir, "sim", origins)

@@ -80,6 +80,8 @@ class Report:
         What the device says of itself; empty where there was none.
     latch : str or None
         A fault that somebody must look at before the next run.
+    chamber : mapping of str to str, or None
+        What the temperature chamber says of itself; None where there is none.
     """
 
     state: str
@@ -87,13 +89,16 @@ class Report:
     checks: tuple[Check, ...] = ()
     identity: Mapping[str, str] = field(default_factory=dict)
     latch: str | None = None
+    chamber: Mapping[str, str] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain types, without what concerns the bench alone."""
+        chamber = {} if self.chamber is None else {"chamber": dict(self.chamber)}
         return {
             "state": self.state,
             "reason": self.reason,
             "identity": dict(self.identity),
+            **chamber,
             "checks": [check.to_json() for check in self.checks],
         }
 

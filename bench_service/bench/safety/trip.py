@@ -24,6 +24,10 @@ Code = Literal[
     "second_master",
     "remote_lost",
     "output_on",
+    "chamber_fault",
+    "chamber_lost",
+    "chamber_limit",
+    "chamber_changed",
     PlausibilityCode,
 ]
 

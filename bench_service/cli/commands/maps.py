@@ -38,7 +38,8 @@ def _run(options: Namespace, output: Output) -> int:
 
     if options.action == "check" and not options.map:
         raise UsageError("maps check: name at least one map or .toml file")
-    maps = [_described(name) for name in (options.map if options.action == "check" else list_maps())]
+    every = options.map if options.action == "check" else [*list_maps(), *list_maps(kind="chamber")]
+    maps = [_described(name) for name in every]
     output.result({"maps": maps}, lambda console: _show(console, maps))
     return 0
 
@@ -47,14 +48,15 @@ def _described(name: str) -> dict[str, Any]:
     """Read one map; what is wrong with it ends the command with file, key and reason."""
     # Lazy: python-can takes 130 ms.
     from drivers.map_frames import check_frames
-    from drivers.register_map import load_can_map, load_map, map_transport
+    from drivers.register_map import load_can_map, load_map, map_kind, map_transport
 
     transport = map_transport(name)
-    device_map = load_can_map(name) if transport == "can" else load_map(name)
+    device_map = load_can_map(name) if transport == "can" else load_map(name, None)
     return {
         "file": str(device_map.file),
         "name": device_map.name,
         "title": device_map.title,
+        "kind": map_kind(name),
         "transport": transport,
         "frames": check_frames(device_map),
         "verified_on_hardware": device_map.verified_on_hardware,
@@ -66,12 +68,12 @@ def _described(name: str) -> dict[str, Any]:
 def _show(console: Console, maps: list[dict[str, Any]]) -> None:
 
     table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("map", "transport", "sample frames", "on hardware", "title"):
+    for heading in ("map", "device", "transport", "sample frames", "on hardware", "title"):
         table.add_column(heading, overflow="fold")
     for each in maps:
         seen = "yes" if each["verified_on_hardware"] else "not yet"
-        table.add_row(each["name"], each["transport"], f"{each['frames']} agree", seen, each["title"])
+        table.add_row(each["name"], each["kind"], each["transport"], f"{each['frames']} agree", seen, each["title"])
     console.print(table)
 
 
-COMMAND = Command("maps", "list and check the device maps of cyclers", _arguments, _run)
+COMMAND = Command("maps", "list and check the device maps of cyclers and chambers", _arguments, _run)

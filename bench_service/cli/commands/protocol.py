@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from bench_service.bench.limits import Limits
+    from bench_service.protocol.program import ChamberWindow
 
 _FORMATS = ("own", "unicycler", "pybamm")
 _ACTIONS = ("list", "check", "convert", "cycles")
@@ -68,10 +69,10 @@ def _check(options: Namespace, output: Output) -> int:
     from bench_service.campaign.protocol_design import with_designs
     from bench_service.protocol.preview import preview
 
-    limits, capacity_Ah = _bench(options)
+    limits, capacity_Ah, chamber = _bench(options)
     document = _document(options, limits, capacity_Ah)
     document = with_designs(document, window_of(limits), capacity_Ah)
-    protocol, _, program = program_for(document, limits, capacity_Ah)
+    protocol, _, program = program_for(document, limits, capacity_Ah, chamber)
     seen = preview(program, options.initial_soc, 1.0)
     answer = {
         "name": protocol.name,
@@ -102,7 +103,7 @@ def _convert(options: Namespace, output: Output) -> int:
     if options.out is None:
         raise UsageError("protocol convert: say where to with --out FILE")
     check_writable(options.out)
-    limits, capacity_Ah = _bench(options)
+    limits, capacity_Ah, _ = _bench(options)
     document = _document(options, limits, capacity_Ah)
     read_protocol(document)
     if options.to == "unicycler":
@@ -127,15 +128,16 @@ def _cycles(options: Namespace, output: Output) -> int:
     return 0
 
 
-def _bench(options: Namespace) -> tuple[Limits, float]:
+def _bench(options: Namespace) -> tuple[Limits, float, ChamberWindow | None]:
     from bench_service.bench.limits import Limits
+    from bench_service.campaign.chambers import chamber_window
     from bench_service.config import load_config
 
     config = load_config(options.config)
     if options.bench not in config.bench:
         raise UsageError(f"unknown bench {options.bench!r}; the configuration has {', '.join(sorted(config.bench))}")
     bench = config.bench[options.bench]
-    return Limits.from_json(bench.limits.model_dump()), bench.capacity_Ah
+    return Limits.from_json(bench.limits.model_dump()), bench.capacity_Ah, chamber_window(bench)
 
 
 def _document(options: Namespace, limits: Limits, capacity_Ah: float) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from bench_service.cli.sealed_effect import sealed_effect
 
 if TYPE_CHECKING:
     from simulators.can_bus import CanBusSettings
+    from simulators.chamber import ChamberSettings
     from simulators.module import ModuleLayout
 
 _PRIORITY = 9
@@ -63,6 +64,16 @@ def _arguments(parser: ArgumentParser) -> None:
         "--devices", type=natural, default=1, metavar="N", help="so many at one address: Modbus units or CAN nodes"
     )
     parser.add_argument("--module", metavar="SxP", help="a module of S cells in series, P in parallel, such as 4x2")
+    parser.add_argument(
+        "--chamber",
+        nargs="?",
+        const="generic_chamber",
+        metavar="MAP",
+        help="a temperature chamber around the cell, over Modbus TCP beside the cycler (alone: --map generic_chamber)",
+    )
+    parser.add_argument("--chamber-port", type=port, default=0, metavar="N", help="0, the default, takes a free one")
+    parser.add_argument("--chamber-ramp", type=positive, default=3.0, metavar="R", help="fastest change in K/min")
+    parser.add_argument("--chamber-faults", default="", metavar="SCRIPT", help="as --faults, of the chamber")
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of all noise")
     parser.add_argument("--capacity-Ah", type=positive, metavar="Q", help="instead of the cell's own")
     parser.add_argument("--initial-soc", type=fraction, default=0.5, metavar="S", help="where the cell starts, 0..1")
@@ -98,12 +109,27 @@ def _module(text: str | None) -> ModuleLayout | None:
     return ModuleLayout(cells_in_series=int(series), cells_in_parallel=int(parallel))
 
 
+def _chamber(options: Namespace) -> ChamberSettings | None:
+    # Lazy: numpy takes 70 ms.
+    from simulators.chamber import ChamberSettings
+
+    if options.chamber is None:
+        return None
+    return ChamberSettings(
+        map_name=options.chamber,
+        port=options.chamber_port,
+        ramp_K_per_min=options.chamber_ramp,
+        faults=options.chamber_faults,
+    )
+
+
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: python-can and numpy take 220 ms.
     from simulators.bench import SimulatorError, SimulatorSettings, serve
     from simulators.serial_line import SerialSettings
 
     late: str | None = None
+    chamber: str | None = None
     hidden = None
     if options.hidden_effect is not None:
         hidden = sealed_effect(options.hidden_effect, options.cell, options.seed, options.seal)
@@ -111,9 +137,15 @@ def _run(options: Namespace, output: Output) -> int:
     def ready(address: str) -> None:
         answer = {"address": address, "state": "listening", "seal": None if hidden is None else hidden.seal}
         answer |= {"real_time": late is None, "reason": late}
-        words = "" if late is None else f"; {late}"
+        answer |= {} if chamber is None else {"chamber": chamber}
+        words = "" if chamber is None else f", its chamber on {chamber}"
+        words += "" if late is None else f"; {late}"
         words += "" if hidden is None else f"; an effect is hidden, its seal (SHA-256) is {hidden.seal}"
         output.result(answer, lambda console: console.print(f"listening on {address}{words}"))
+
+    def chamber_ready(address: str) -> None:
+        nonlocal chamber
+        chamber = address
 
     try:
         settings = SimulatorSettings(
@@ -126,6 +158,7 @@ def _run(options: Namespace, output: Output) -> int:
             cell=options.cell,
             effects=options.effects | ({} if hidden is None else {hidden.name: hidden.value}),
             faults=options.faults,
+            chamber=_chamber(options),
             devices=options.devices,
             module=_module(options.module),
             seed=options.seed,
@@ -136,7 +169,7 @@ def _run(options: Namespace, output: Output) -> int:
             ambient_degC=options.ambient_degC,
         )
         with _punctual(options) as late:
-            asyncio.run(serve(settings, ready))
+            asyncio.run(serve(settings, ready, on_chamber=chamber_ready))
     except KeyboardInterrupt:
         return 0  # Ctrl-C is how a simulator is meant to be ended
     except (SimulatorError, ValueError) as error:

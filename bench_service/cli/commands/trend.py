@@ -13,6 +13,7 @@ from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.judged_runs import add_judged_runs, read_judged_runs
 from bench_service.cli.output import Output
+from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -62,7 +63,7 @@ def _run(options: Namespace, output: Output) -> int:
             places=_places(options),
             progress=report,
         )
-    result = found.to_json()
+    result = found.to_json() | {"usability": judged.network.record.usability}
     if options.report is not None:
         write_atomically(options.report, trend_page(options.model.name, result))
     output.result(result, lambda console: _show(console, result))
@@ -96,6 +97,8 @@ def _show(console: Console, result: dict[str, Any]) -> None:
         console.print(f"{each['effect']} since {each['run']} (between {first} and {last})")
     if result["forecast"] is not None:
         console.print(result["forecast"]["explanation"])
+    for line in usability_lines(result["usability"]):
+        console.print(line)
 
 
 COMMAND = Command("trend", "what has become of a cell over a series of runs or cycles", _arguments, _run)

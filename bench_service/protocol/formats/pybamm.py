@@ -22,6 +22,7 @@ _TIME = re.compile(rf"^{_NUMBER}\s*(s|sec|second|seconds|m|min|minute|minutes|h|
 _VALUE = re.compile(rf"^{_NUMBER}\s*(mA|A|mV|V|mW|W|C)$")
 _SHARE = re.compile(rf"^C/{_NUMBER}$")
 _STEP = re.compile(r"^(Charge|Discharge|Hold|Rest)\b\s*(?:at\s+(.+?))?(?:\s+(for|until)\s+(.+))?$", re.IGNORECASE)
+_TEMPERATURE = re.compile(r"temperature|\bat\s+-?[\d.]+\s*(?:oC|°C|degC)\b", re.IGNORECASE)
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 _LEVELS = {"A": "current_A", "W": "power_W", "C": "rate_C", "V": "voltage_V"}
 _STEPS = {"current_A": "constant_current", "rate_C": "constant_current", "power_W": "power"}
@@ -55,6 +56,9 @@ def read_strings(path: Path) -> dict[str, Any]:
 
 def _read(text: Any, place: Where) -> dict[str, Any]:
     where = ("experiment", *place)
+    if isinstance(text, str) and _TEMPERATURE.search(text):
+        remedy = 'put {"step": "soak"} or {"step": "chamber"} with temperature_degC before it, in a protocol of our own'
+        raise ProtocolError(f"a string has no temperature: {text!r}", where, remedy=remedy)
     found = _STEP.match(text.strip()) if isinstance(text, str) else None
     if found is None:
         raise ProtocolError(f"not understood: {text!r}", where, remedy='e.g. "Discharge at 1C until 2.5 V"')

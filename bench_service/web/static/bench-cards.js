@@ -27,8 +27,15 @@ function card(state, bench, readings, select) {
   }, el("strong", { text: bench.name }), chip(tone, word), reading);
 }
 
+/** Air of the temperature chamber and its set point, where the bench has one. */
+function chamberWords(live) {
+  if (live.chamber_on === undefined) return "";
+  const air = quantity(live.ambient_degC, 1, "°C");
+  return live.chamber_on ? `chamber ${air} → ${quantity(live.chamber_setpoint_degC, 1, "°C")}` : `chamber ${air}, off`;
+}
+
 function drawReading(node, live) {
   if (!node) return;
-  const parts = live ? [quantity(live.voltage_V, 3, "V"), quantity(live.current_A, 2, "A"), quantity(live.temperature_degC, 1, "°C")] : [];
+  const parts = live ? [quantity(live.voltage_V, 3, "V"), quantity(live.current_A, 2, "A"), quantity(live.temperature_degC, 1, "°C"), chamberWords(live)].filter(Boolean) : [];
   setText(node, parts.length ? parts.join("  ") : "no reading yet");
 }

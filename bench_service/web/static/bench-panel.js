@@ -120,10 +120,18 @@ function drawReadings({ readings: cells }, bench) {
   setText(cells.soc.note, socNote(bench, live));
   setText(cells.temperature.value, fixed(live.temperature_degC, 1));
   setText(cells.ambient.value, fixed(live.ambient_degC, 1));
+  setText(cells.ambient.note, chamberNote(bench, live));
   gauge(cells.voltage, live.voltage_V, limits.voltage_V, 2, "V");
   gauge(cells.current, live.current_A, limits.current_A, 1, "A");
   gauge(cells.soc, live.soc, limits.soc, 0, "%", 100);
   gauge(cells.temperature, live.temperature_degC, limits.temperature_degC, 0, "°C");
+}
+
+/** What the temperature chamber around the cell is told, where there is one. */
+function chamberNote(bench, live) {
+  if (!bench.chamber) return "";
+  if (!bench.chamber.online) return "chamber does not answer";
+  return live.chamber_on ? `chamber, set to ${quantity(live.chamber_setpoint_degC, 1, "°C")}` : "chamber off";
 }
 
 function socNote(bench, live) {

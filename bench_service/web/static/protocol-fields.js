@@ -40,7 +40,7 @@ function rate(step, row, { number, choice }, title) {
 
 /** What a step gives, by its kind. */
 export function levelFields(step, row) {
-  const { number, text, rate: current } = fieldsOf(step, row);
+  const { number, text, choice, rate: current } = fieldsOf(step, row);
   const made = {
     constant_current: () => [current()],
     cc_cv: () => [current(), number("voltage_V", "Hold at", "V")],
@@ -49,6 +49,9 @@ export function levelFields(step, row) {
     resistance: () => [number("resistance_Ohm", "Load", "Ohm")],
     pulse: () => [current(), number("on_s", "On", "s"), number("off_s", "Off", "s"), number("count", "Times")],
     profile: () => [points(step, row), number("count", "Times")],
+    chamber: () => [number("temperature_degC", "Set to", "°C")],
+    soak: () => [number("temperature_degC", "At", "°C"), number("within_K", "Cell within", "K"), number("hold_s", "For", "s"), number("limit_s", "At most", "s"),
+      choice("at_limit", "what happens after the longest wait", [["stop", "then stop"], ["go_on", "then go on"]], step.at_limit ?? "stop", (to) => { step.at_limit = to; })],
     loop: () => [number("count", "Times")],
     goto: () => [text("to", "Label"), number("most", "At most times")],
     mark: () => [text("label", "Label")],
@@ -99,7 +102,7 @@ export function endFields(step, row) {
 
 /** Label, record rate and limits: seldom needed, so folded. */
 export function moreFields(step, row) {
-  if (["mark", "goto"].includes(step.step)) return [];
+  if (["mark", "goto", "chamber"].includes(step.step)) return [];
   const { field, text } = fieldsOf(step, row);
   const at = (part, key, k = null) => (k === null ? step[part]?.[key] : step[part]?.[key]?.[k]);
   const put = (part, key, value, k = null) => {

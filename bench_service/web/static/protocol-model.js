@@ -3,7 +3,7 @@
 export const KINDS = new Map([
   ["cc_cv", "CC-CV"], ["constant_current", "Constant current"], ["constant_voltage", "Constant voltage"], ["rest", "Rest"],
   ["power", "Power"], ["resistance", "Resistance"], ["pulse", "Pulses"], ["profile", "Profile"],
-  ["loop", "Loop"], ["group", "Group"], ["goto", "Go to"], ["mark", "Mark"], ["design", "Designed"],
+  ["chamber", "Chamber"], ["soak", "Soak"], ["loop", "Loop"], ["group", "Group"], ["goto", "Go to"], ["mark", "Mark"], ["design", "Designed"],
 ]);
 /** Quantity of an end -> title, unit as shown, and by how much that is larger than in the document. */
 export const QUANTITIES = new Map([
@@ -18,8 +18,8 @@ export const holdsSteps = (step) => step.step === "loop" || step.step === "group
 export const between = (step) => holdsSteps(step) || step.step === "goto";
 /** What a step of this kind may end by. */
 export const endsOf = (step) => (between(step) ? CONDITIONS : [...QUANTITIES.keys()].filter((name) => name !== "cycle"));
-/** Where its ends stand; a mark has none. */
-export const endsKey = (step) => (["mark", "design"].includes(step.step) ? null : step.step === "goto" ? "if" : "until");
+/** Where its ends stand; some have none. */
+export const endsKey = (step) => (["mark", "design", "chamber", "soak"].includes(step.step) ? null : step.step === "goto" ? "if" : "until");
 
 /** What was typed, as a document has it; what is no number stays text, and the service says what is wrong with it. */
 export function typed(text, scale = 1) {
@@ -48,6 +48,7 @@ export function freshStep(kind, bench) {
     resistance: { resistance_Ohm: round((low_V + high_V) / capacity_Ah), until: end("voltage_V", bottom_V) },
     pulse: { rate_C: -0.5, on_s: 10, off_s: 60, count: 1, until: end("voltage_V", bottom_V) },
     profile: { time_s: [0, 60, 120], rate_C: [0.2, -0.2, 0], until: [] },
+    chamber: { temperature_degC: 25 }, soak: { temperature_degC: 25, within_K: 1, hold_s: 600, limit_s: 14400, at_limit: "stop" },
     loop: { count: 2, until: [], steps: [] }, group: { until: [], steps: [] },
     goto: { to: "", most: 1, if: end("soc", 0.5, "below") }, mark: { label: "" },
   };

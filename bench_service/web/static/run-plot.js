@@ -2,7 +2,7 @@
 import { Chart, band, line, timeTicks } from "./charts.js";
 import { el } from "./dom.js";
 import { MISSING, clock, fixed } from "./format.js";
-import { chargeAt, signalOf, stretches } from "./run-signals.js";
+import { SIGNALS, chargeAt, signalOf, stretches } from "./run-signals.js";
 
 const [LEFT, RIGHT, TOP, GAP, BOTTOM] = [66, 66, 30, 44, 46];
 const ROW_PX = { 1: 420, 2: 230, 3: 180, 4: 150 };
@@ -90,6 +90,8 @@ export class RunPlot {
       const drawn = [place(line(name, colour, k, pairs(x, found.values), more), k, axis)];
       if (found.half && !several && over === "time") drawn.unshift(place(band(`${name} band`, colour, k, edges(x, found)), k, axis));
       if (signal.key === "voltage" && data.compared) drawn.push(place(line(several ? `Model · ${data.name}` : "Model", colours.model, k, pairs(over === "time" ? data.compared.time_s : chargeAt(data, data.compared.time_s), data.compared.model_V), { lineStyle: { width: 1.4, color: colours.model } }), k, axis));
+      // What is around the cell belongs beside its temperature where a chamber makes it.
+      if (signal.key === "temperature" && !several && data.run.commissioning?.chamber) drawn.push(place(line("Ambient", colours.neutral, k, pairs(x, data.samples.ambient_degC), { lineStyle: { width: 1.4, color: colours.neutral } }), k, axis));
       return drawn;
     })));
     const marked = new Set();
@@ -133,7 +135,7 @@ export class RunPlot {
   unitOf(name) {
     const title = name.split(" · ")[0];
     const keys = this.rows.flatMap((row) => [row.left, row.right]);
-    return keys.map(signalOf).find((signal) => signal?.title === title) ?? signalOf("voltage");
+    return [...keys.map(signalOf), ...SIGNALS].find((signal) => signal?.title === title) ?? signalOf("voltage");
   }
 
   dispose() {

@@ -25,7 +25,7 @@ def test_the_example_says_the_defaults() -> None:
 def test_the_example_explains_every_key() -> None:
     keys = {line.split("=")[0].strip("# ") for line in example_config().splitlines() if "=" in line}
     for model in (ServiceConfig(), ServiceConfig().bench["sim"], ServiceConfig().bench["sim"].limits):
-        assert set(type(model).model_fields) - {"bench", "limits", "simulate", "url"} <= keys
+        assert set(type(model).model_fields) - {"bench", "limits", "simulate", "url", "chamber"} <= keys
 
 
 @pytest.mark.parametrize("cell", sorted(CELLS))

@@ -1,6 +1,7 @@
 import pytest
 
 from bench_service.app.simulated import same_address, simulator_arguments
+from bench_service.campaign.chambers import chamber_settings, chamber_window
 from bench_service.config import ConfigError, parse_config
 
 
@@ -26,3 +27,24 @@ def test_a_simulated_module_has_its_cells_limits_times_its_cells() -> None:
     for wrong in ("4", "0x2", "4x", "4x2x1", "x"):
         with pytest.raises(ConfigError, match=r"bench\.a\.simulate\.module"):
             parse_config(f"[bench.a]\nsimulate = {{module = '{wrong}'}}")
+
+
+def test_a_simulated_chamber_is_started_beside_the_cycler_and_a_real_one_is_not() -> None:
+    table = "[bench.a]\nsimulate = {lock_step = false}\n[bench.a.chamber]\n"
+    config = parse_config(table + "simulate = {ramp_K_per_min = 5, faults = 'drop@t:9'}").bench["a"]
+    assert config.simulate is not None
+    arguments = simulator_arguments(config.simulate, config.map, config.chamber)
+    at = arguments.index("--chamber")
+    expected = ["generic_chamber", "--chamber-ramp", "5.0", "--chamber-faults", "drop@t:9"]
+    assert arguments[at + 1 : at + 6] == expected
+    settings = chamber_settings(config, "modbus-tcp://127.0.0.1:9")
+    assert settings is not None and settings.url == "modbus-tcp://127.0.0.1:9"
+    assert settings.temperature_degC == config.limits.temperature_degC and settings.at_end == "off"
+    real = parse_config(table + "url = 'modbus-tcp://h:1'\ntemperature_degC = [10, 40]\ntolerance_K = 0.3").bench["a"]
+    assert real.simulate is not None
+    assert "--chamber" not in simulator_arguments(real.simulate, real.map, real.chamber)
+    found = chamber_settings(real, None)
+    assert found is not None and (found.url, found.temperature_degC) == ("modbus-tcp://h:1", (10.0, 40.0))
+    assert chamber_window(real) == found.window
+    none = parse_config("[bench.a]\nsimulate = {}").bench["a"]
+    assert chamber_settings(none, None) is None and chamber_window(none) is None

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from bench_service.bench import judging
+from bench_service.bench.chamber.in_run import RunChamber
+from bench_service.bench.chamber.settings import ChamberSettings
 from bench_service.bench.clock import LockStepClock, WallClock
 from bench_service.bench.limits import Limits
 from bench_service.bench.links import FrameLink
@@ -26,8 +28,9 @@ from bench_service.bench.safety import Rules
 from bench_service.bench.stop import StopSignal
 from bench_service.protocol.compiling import compile_protocol
 from bench_service.protocol.document import read_protocol
-from bench_service.protocol.program import Window
+from bench_service.protocol.program import ChamberWindow, Window
 from bench_service.streams import OBSERVER, SAMPLES, STEPS
+from drivers.chamber import ChamberReading
 from drivers.cycler import Capabilities, CyclerTimeoutError, DeviceLimits, Reading, SetPointRefusedError
 
 LIMITS = Limits((2.5, 4.2), (-5.0, 5.0), (0.0, 45.0), (0.0, 1.0), None, 100.0)
@@ -431,3 +434,58 @@ async def test_a_device_that_does_not_hold_the_voltage_that_it_was_told_is_a_fau
     end = await bench.loop(Holding(), player=ProtocolPlay(program, 0.1, device_holds=True)).play()
     assert set(told_V) == {3.72}
     assert (end.state, end.code) == (("completed", "completed") if obeys else ("fault", "current_mismatch")), end
+
+
+class FakeKeeper:
+    """A chamber that is at 40 degC, alarms at a reading of the cycler, and notes when it is told what."""
+
+    def __init__(self, cycler: FakeCycler, alarm_at: int = 10**9) -> None:
+        self.settings = ChamberSettings("modbus-tcp://h:1", "generic_chamber", (0.0, 50.0))
+        self.cycler, self.alarm_at = cycler, alarm_at
+        self.told_what: list[tuple[object, int]] = []
+        self.in_run, self.settled = False, True
+        self.goal_degC: float | None = None
+
+    @property
+    def reading(self) -> ChamberReading:
+        alarms = frozenset({"fan"} if self.cycler.reading.sequence >= self.alarm_at else ())
+        return ChamberReading(0.0, 40.0, 40.0, True, frozenset(), alarms)
+
+    async def turn(self) -> bool:
+        return True
+
+    def want(self, temperature_degC: float) -> bool:
+        self.goal_degC = temperature_degC
+        self.told_what.append((temperature_degC, self.cycler.safe_calls))
+        return True
+
+    def retire(self) -> None:
+        self.told_what.append(("end", self.cycler.safe_calls))
+
+    async def told(self, timeout_s: float) -> bool:
+        return False
+
+
+@pytest.mark.parametrize("alarm_at", [3, 10**9])
+async def test_a_chamber_is_told_by_the_protocol_and_ends_after_the_cycler(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, alarm_at: int
+) -> None:
+    step = {"step": "constant_current", "current_A": 2.0, "until": {"time_s": 1}}
+    steps = [{"step": "chamber", "temperature_degC": 40}, step]
+    document = {"schema": "bench-protocol-1", "name": "t", "steps": steps}
+    window = Window(LIMITS.voltage_V, LIMITS.current_A, chamber=ChamberWindow((0.0, 50.0)))
+    rows: list[tuple[float, ...]] = []
+    monkeypatch.setattr(bench.recording, "put", lambda stream, row: rows.append(row) if stream == SAMPLES else None)
+    cycler = FakeCycler()
+    loop = bench.loop(cycler, player=ProtocolPlay(compile_protocol(read_protocol(document), 3.0, window), 0.1))
+    keeper = FakeKeeper(cycler, alarm_at)
+    loop._chamber = RunChamber(keeper, LockStepClock())  # pyright: ignore[reportArgumentType]
+    end = await loop.play()
+    assert keeper.told_what[0] == (40.0, 0) and keeper.told_what[-1] == ("end", 1), "with the cycler at rest"
+    assert {row[4] for row in rows} == {40.0}, "its air is what is around the cell"
+    if alarm_at == 3:
+        assert (end.state, end.code) == ("fault", "chamber_fault") and cycler.safe_calls == 1
+        assert "the temperature chamber reports fan; output switched off" in (end.reason or "")
+    else:
+        assert end.state == "completed"
+    assert [code for _, code, _ in bench.notes] == ["chamber_not_told"]

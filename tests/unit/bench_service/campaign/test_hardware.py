@@ -122,3 +122,15 @@ def test_simulated_benches_and_absent_devices_do_not_warn(store: MetadataStore) 
     assert Hardware.read(store, "left", config()).standing({"lock_step": True}, IDENTITY).state == "simulated"
     commissioned(store, config())
     assert Hardware.read(store, "left", config()).standing(None, None).state == "unknown"
+
+
+def test_another_chamber_is_another_wiring_and_who_it_is_goes_with_each_run(store: MetadataStore) -> None:
+    commissioned(store, config())
+    with_chamber = config(chamber={"url": "modbus-tcp://h:3"})
+    state, reason = standing(store, with_chamber)
+    assert state == "void" and "chamber is" in reason and "h:3" in reason
+    commissioned(store, with_chamber)
+    assert standing(store, with_chamber)[0] == "commissioned"
+    told = {"name": "box", "maker": "m", "model": "", "serial": "7", "online": True, "reason": None}
+    found = Hardware.read(store, "left", with_chamber).standing(CAPABILITIES, IDENTITY, told)
+    assert found.to_json()["chamber"] == {"name": "box", "maker": "m", "serial": "7"}

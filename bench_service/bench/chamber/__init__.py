@@ -1,0 +1,1 @@
+"""The temperature chamber of a bench: a second device, never in the way of the first one."""
