@@ -28,6 +28,7 @@ from bench_service.api import (
     run_steps,
     runs,
     samples,
+    trends,
 )
 from bench_service.api.compression import Compression
 from bench_service.api.errors import install_error_handlers
@@ -52,6 +53,7 @@ _RESOURCES = (
     jobs,
     comparisons,
     diagnoses,
+    trends,
     effects,
     designs,
     campaigns,

@@ -36,6 +36,7 @@ from bench_service.campaign.runs import Runs
 from bench_service.campaign.seal import Seal
 from bench_service.campaign.services import Services
 from bench_service.campaign.storage import Storage
+from bench_service.campaign.trending import Trending
 from bench_service.campaign.workshop import Workshop
 from bench_service.config import BenchConfig, ServiceConfig
 from bench_service.jobs.runner import JobRunner
@@ -102,6 +103,7 @@ async def running_services(
             modelling=workshop.modelling,
             diagnosing=workshop.diagnosing,
             designing=workshop.designing,
+            trending=Trending(store, jobs, workshop.modelling, config.data_dir),
             campaigns=campaigns,
             live=live,
             recorder_state=lambda: recorder.state,

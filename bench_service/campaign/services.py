@@ -16,6 +16,7 @@ from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.storage import Storage
+from bench_service.campaign.trending import Trending
 from bench_service.config import ServiceConfig
 from bench_service.jobs.runner import JobRunner
 from bench_service.jobs.screening import Screen
@@ -44,6 +45,7 @@ class Services:
     modelling: Modelling
     diagnosing: Diagnosing
     designing: Designing
+    trending: Trending
     campaigns: CampaignRunner
     live: Broadcaster
     recorder_state: Callable[[], str]

@@ -136,6 +136,26 @@ class ModelCalls:
         made = self._worked("diagnoses", body, patience)
         return self._connection.get(f"{API}/diagnoses/{part(made['diagnosis_id'])}")
 
+    def trend(
+        self,
+        model_id: str,
+        run_ids: Sequence[str],
+        *,
+        initial_soc: Sequence[float] | None = None,
+        at: Sequence[float] | None = None,
+        unit: str = "run",
+        end: float = 0.8,
+        **patience: Unpack[Patience],
+    ) -> Record:
+        """Follow a cell through runs in time's order, wait for it, and give the ``trend`` object.
+
+        `initial_soc`: one for each run, a fraction of what the cell holds then. `at`: places along the life in `unit`.
+        """
+        body = {"model_id": model_id, "run_ids": list(run_ids), "unit": unit, "end": float(end)}
+        given = {"initial_soc": initial_soc, "at": at}
+        body |= {name: [float(each) for each in values] for name, values in given.items() if values is not None}
+        return self._worked("trends", body, patience)
+
     def add_effect(
         self,
         model_id: str,

@@ -45,6 +45,12 @@ async def import_page(request: Request) -> Response:
     return _page(request, "import.html")
 
 
+@router.get("/life", response_class=HTMLResponse)
+async def life_page(request: Request) -> Response:
+    """Return the page of a cell's life: its runs against a model of the cell as it was."""
+    return _page(request, "life.html")
+
+
 def _page(request: Request, template: str) -> Response:
     context = {"version": request.app.version, "openapi_url": request.app.openapi_url}
     return _templates.TemplateResponse(request, template, context, headers=_page_headers(request))

@@ -43,4 +43,5 @@ EFFECT = Effect(
     assumption=Assumption(capacity_Ah=lambda values: values["capacity_Ah"]),
     # Counted charge is right to half a per cent, from one bench or day to the next.
     expected=Expected(width=lambda _view: 0.05, granted=lambda _view: 0.1),
+    life="capacity",
 )

@@ -21,6 +21,8 @@ Regressors = Callable[[View], FloatArray]
 AT_ONCE = ("current", "scaled_current")
 LINEAR = (*AT_ONCE, "low_pass", "squared_current")
 CURVE = "ocv"
+# What ages: charge that a cell holds, resistance at any state of charge, the open-circuit curve.
+Life = Literal["capacity", "resistance", "curve"]
 Variable = Literal["soc", "soc_at_rest", "since_step_s", "current_A", "throughput_Ah", "time_h", "temperature_degC"]
 
 
@@ -144,6 +146,7 @@ class Effect:
     correction : how it is put right in a run's columns; None: it is not in the sensors
     assumption : how it is put right in what a fit is told; None: it is not in that
     expected : how large a change of it is to be expected
+    life : what of a cell's life it stands for, where that is followed over many runs; None: it is nothing that ages
     """
 
     name: str
@@ -175,6 +178,7 @@ class Effect:
     correction: InputCorrection | None = None
     assumption: Assumption | None = None
     expected: Expected = Expected()
+    life: Life | None = None
 
     @property
     def channel(self) -> Literal["voltage", "temperature"]:

@@ -46,4 +46,5 @@ EFFECT = Effect(
     renews=(CURVE,),
     contains=("voltage_offset", "initial_soc", "capacity"),
     expected=Expected(_expected, share=0.1),
+    life="curve",
 )

@@ -44,4 +44,5 @@ EFFECT = Effect(
     renews=LINEAR,
     lean=Lean(_columns, lambda _view: (0.0,)),
     expected=Expected(_expected),
+    life="resistance",
 )

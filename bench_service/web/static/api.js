@@ -119,6 +119,8 @@ export const api = {
   // The first work of a worker loads the libraries; on a busy machine that alone takes seconds.
   compare: (body) => post("/comparisons", body, 300),
   where: (comparisonId) => get(`/comparisons/${id(comparisonId)}/where`, 300),
+  trend: (body) => post("/trends", body, 60),
+  trendUrl: (jobId) => `${BASE}/trends/${id(jobId)}/table`,
   diagnose: (body) => post("/diagnoses", body, 60),
   experiment: (diagnosisId, bench) => post(`/diagnoses/${id(diagnosisId)}/experiment`, { bench }, 60),
   startRun: (body) => post("/runs", body, 60),

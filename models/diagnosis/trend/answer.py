@@ -16,10 +16,9 @@ from models.diagnosis.trend.estimate import Weighed
 from models.diagnosis.trend.prior import aged
 from models.diagnosis.trend.settings import SETTINGS
 from models.diagnosis.trend.weighing import CAPACITY, CHANGES, CURVE, EVERY, RESISTANCE, Held
-from models.effects import effect
+from models.effects import Effect, effects
 from models.effects.view import View
 
-EFFECT_OF = {CAPACITY: "capacity", RESISTANCE: "resistance_growth", CURVE: "ocv_shape"}
 # Places that a person names, and the name of each.
 _PLACES = ((1.0, "full"), (0.5, "half"), (0.0, "empty"))
 _RIVAL = 10.0
@@ -27,6 +26,15 @@ _RIVAL = 10.0
 _PART = 0.5
 # Samples for which the explanation is simulated; between them it is drawn straight.
 _SIMULATED = 900
+
+
+def effect_of(change: str) -> str:
+    """Name of the effect that stands for a change."""
+    return _effect(change).name
+
+
+def _effect(change: str) -> Effect:
+    return next(each for each in effects().values() if each.life == change)
 
 
 def answer(weighed: Weighed, record: Record, by_set: FloatArray, borne_out: bool, started: float) -> Diagnosis:
@@ -77,13 +85,13 @@ def _findings(
     for rank, change in enumerate(order):
         after = left.less([parts[change]])
         there = sum(float(p) for p, each in zip(by_set, EVERY, strict=True) if change in each)
-        rivals = tuple(EFFECT_OF[each] for each in _rivals(by_set, changes, change))
+        rivals = tuple(effect_of(each) for each in _rivals(by_set, changes, change))
         values = _values(weighed, found, change)
-        figures: dict[str, Any] = {"beside": [EFFECT_OF[each] for each in order[:rank]]}
+        figures: dict[str, Any] = {"beside": [effect_of(each) for each in order[:rank]]}
         if change == RESISTANCE:
             figures["where"] = where(weighed, found)
         finding = Finding(
-            EFFECT_OF[change], rank + 1, record.rms_mV, after.rms_mV, there, values, rivals,
+            effect_of(change), rank + 1, record.rms_mV, after.rms_mV, there, values, rivals,
             _explained(change, values, rivals, str(figures.get("where", ""))), figures,
         )  # fmt: skip
         findings.append(finding)
@@ -173,7 +181,7 @@ def where(weighed: Weighed, found: Held) -> str:
 
 
 def _explained(change: str, values: dict[str, Value], rivals: tuple[str, ...], place: str) -> str:
-    title = effect(EFFECT_OF[change]).title if change != RESISTANCE else f"Resistance {place}"
+    title = _effect(change).title if change != RESISTANCE else f"Resistance {place}"
     parts = [(name.rsplit("_", 1)[0], each) for name, each in values.items()]
     listed = ", ".join(f"{name} {each.value:.3g} +- {each.std or 0.0:.1g} {each.unit}" for name, each in parts)
     against = "" if change == CAPACITY else " against the cell as it was"

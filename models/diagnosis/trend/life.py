@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from models.diagnosis.answer.findings import Diagnosis
-from models.diagnosis.trend.answer import EFFECT_OF
+from models.diagnosis.trend.answer import effect_of
 from models.diagnosis.trend.estimate import State
 from models.diagnosis.trend.forecast import Forecast
 from models.diagnosis.trend.series import ChangePoint
@@ -88,7 +88,7 @@ class Trend:
         names = [each.run for each in self.runs]
         changes = [
             {
-                "effect": EFFECT_OF[each.change],
+                "effect": effect_of(each.change),
                 "run": names[each.first],
                 "at": self.runs[each.first].at,
                 "between": [names[each.low], names[each.high]],

@@ -1,0 +1,108 @@
+// Four pictures of a cell's life over its runs: capacity with its forecast, resistance, what explains the error, what is left.
+import { Chart, band, line } from "./charts.js";
+import { el } from "./dom.js";
+import { BAND, fixed } from "./format.js";
+
+const EXPLAINED = ["voltage", "current", "residual", "soc"]; // colours of what explains the error, by name in order
+const plain = (effect) => effect.replaceAll("_", " ");
+
+/** What is new in a run, in words. */
+export function inWords(run) {
+  if (run.verdict === "nothing_missing") return "nothing";
+  if (run.verdict === "unknown_effect") return "something that no known effect explains";
+  const names = run.findings.map(({ effect, evidence }) => (evidence?.where ? `resistance ${evidence.where}` : plain(effect)));
+  return names.join(run.verdict === "ambiguous" ? " or " : ", then ");
+}
+
+/** Draw a life into a node; `nameOf` gives a run's name. */
+export function drawLife(node, life, nameOf) {
+  const unit = life.forecast?.unit ?? "run";
+  const shown = [
+    ["Capacity", `Capacity over the ${unit}s with its 95 % band and its forecast`, (colours) => capacityOption(colours, life, unit)],
+    ["Resistance of the first moment", `Resistance over the ${unit}s with 95 % bands`, (colours) => resistanceOption(colours, life, unit)],
+    ["What explains the error", `Error of the model over the ${unit}s, stacked by what explains it`, (colours) => explainedOption(colours, life, unit)],
+    ["Error before and after", `Error of the model over the ${unit}s before and after what was found`, (colours) => errorOption(colours, life, unit)],
+  ];
+  const plots = shown.map(([, label]) => el("div", { class: "plot life-plot", role: "img", "aria-label": label }));
+  node.replaceChildren(
+    el("p", { class: "life-words", text: life.forecast ? `${life.forecast.explanation}.` : "When the end is reached is not told: too few runs." }),
+    el("ul", { class: "life-words" }, life.change_points.map((point) => el("li", { text: `${plain(point.effect)} since ${nameOf(point.run)}, between ${point.between.map(nameOf).join(" and ")}` }))),
+    ...shown.flatMap(([title], k) => [el("h3", { text: title }), plots[k]]), table(life, nameOf));
+  shown.forEach(([, , option], k) => new Chart(plots[k], option));
+}
+
+function table(life, nameOf) {
+  const heads = ["Run", "Capacity / Ah", "±", "What is new", "Error before / mV", "After / mV"];
+  const rows = life.runs.map((run) => [nameOf(run.run), fixed(run.capacity_Ah.value, 3), fixed(run.capacity_Ah.std, 3), inWords(run), fixed(run.error_mV, 1), fixed(run.unexplained_mV, 1)]);
+  return el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Runs" }, el("table", {},
+    el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))),
+    el("tbody", {}, rows.map((row) => el("tr", {}, row.map((cell) => el("td", { text: cell })))))));
+}
+
+const withBand = (run, { value, std }) => [run.at, value - BAND * std, value + BAND * std];
+
+function capacityOption(colours, life, unit) {
+  const points = life.runs.map((run) => [run.at, run.capacity_Ah.value]);
+  const series = [
+    band("band", colours.voltage, 0, life.runs.map((run) => withBand(run, run.capacity_Ah))),
+    { ...line("capacity", colours.voltage, 0, points), showSymbol: true, symbolSize: 6 },
+  ];
+  const ahead = life.forecast?.curve ?? [];
+  if (ahead.length) {
+    series.push(band("forecast band", colours.neutral, 0, ahead.map(({ at, low_Ah, high_Ah }) => [at, low_Ah, high_Ah])));
+    series.push(line("goes on as it did", colours.neutral, 0, ahead.map(({ at, capacity_Ah }) => [at, capacity_Ah]), { lineStyle: { width: 1.4, type: "dashed", color: colours.neutral } }));
+    series.push(line("end of life", colours.bad, 0, [ahead[0], ahead.at(-1)].map(({ at }) => [at, life.forecast.end_Ah])));
+  }
+  return axes(colours, unit, "Capacity / Ah", series);
+}
+
+/** At the lowest, a middle and the highest place that is told. */
+function resistanceOption(colours, life, unit) {
+  const places = [...new Set(life.runs.flatMap((run) => run.resistance.map(({ soc }) => soc)))].sort((a, b) => a - b);
+  const chosen = [...new Set([places[0], places[Math.floor(places.length / 2)], places.at(-1)])].filter(Number.isFinite);
+  const series = chosen.flatMap((soc, k) => {
+    const colour = [colours.voltage, colours.soc, colours.model][k];
+    const told = life.runs.map((run) => ({ run, each: run.resistance.find((one) => Math.abs(one.soc - soc) < 0.01) })).filter(({ each }) => each);
+    const milli = ({ value_Ohm, std_Ohm }) => ({ value: 1e3 * value_Ohm, std: 1e3 * std_Ohm });
+    return [
+      band(`band ${soc}`, colour, 0, told.map(({ run, each }) => withBand(run, milli(each)))),
+      { ...line(`SoC ${fixed(soc, 1)}`, colour, 0, told.map(({ run, each }) => [run.at, milli(each).value])), showSymbol: true, symbolSize: 5 },
+    ];
+  });
+  return axes(colours, unit, "Resistance / mΩ", series);
+}
+
+/** The error, cut into what each change takes off it and what is left. */
+function explainedOption(colours, life, unit) {
+  const names = [...new Set(life.runs.flatMap((run) => run.findings.map(({ effect }) => effect)))].sort();
+  const part = (run, name) => {
+    let top = run.error_mV;
+    for (const { effect, error_after_mV } of run.findings) {
+      if (effect === name) return Math.max(0, top - error_after_mV);
+      top = error_after_mV;
+    }
+    return 0;
+  };
+  const bars = (name, colour, values) => ({ name, type: "bar", stack: "error", data: life.runs.map((run, k) => [k, values(run)]), itemStyle: { color: colour }, barMaxWidth: 28 });
+  const series = [bars("left", colours.neutral, (run) => Math.min(run.unexplained_mV, run.error_mV)),
+    ...names.map((name, k) => bars(plain(name), colours[EXPLAINED[k % EXPLAINED.length]], (run) => part(run, name)))];
+  const option = axes(colours, unit, "Error / mV", series);
+  const labels = life.runs.map((run) => String(Math.round(10 * run.at) / 10));
+  return { ...option, xAxis: { ...option.xAxis, type: "category", data: labels }, yAxis: { ...option.yAxis, scale: false } };
+}
+
+function errorOption(colours, life, unit) {
+  const shown = (name, key, colour) => ({ ...line(name, colour, 0, life.runs.map((run) => [run.at, run[key]])), showSymbol: true, symbolSize: 5 });
+  return axes(colours, unit, "Error / mV", [shown("before", "error_mV", colours.model), shown("after", "unexplained_mV", colours.voltage)]);
+}
+
+function axes(colours, unit, name, series) {
+  const text = { color: colours["ink-2"], fontSize: 12 };
+  const common = { axisLabel: text, axisLine: { onZero: false, lineStyle: { color: colours.line } } };
+  const named = series.map((each) => each.name).filter((each) => !each.includes("band"));
+  return {
+    textStyle: { fontFamily: colours.font }, grid: { left: 64, right: 20, top: 40, bottom: 44 }, series, legend: { top: 0, right: 10, data: named, textStyle: { color: colours.ink }, itemHeight: 8 },
+    xAxis: { type: "value", min: "dataMin", max: "dataMax", name: unit, nameLocation: "middle", nameGap: 26, nameTextStyle: text, splitLine: { show: false }, ...common },
+    yAxis: { type: "value", scale: true, name, nameTextStyle: { color: colours.ink, fontSize: 12, align: "left", padding: [0, 0, 0, -56] }, splitLine: { lineStyle: { color: colours.line, opacity: 0.5 } }, ...common },
+  };
+}

@@ -1,0 +1,85 @@
+// The page of a cell's life: which runs are followed with which model, and what has become of the cell.
+import { api } from "./api.js";
+import { el, setText } from "./dom.js";
+import { header, stopButtons } from "./header.js";
+import { busyBox, follow } from "./jobs.js";
+import { drawLife } from "./life-charts.js";
+import { LiveLink } from "./live.js";
+import { State } from "./state.js";
+
+const place = (id) => document.getElementById(id);
+const state = new State();
+const link = new LiveLink(onMessage, onLink);
+
+function onMessage(message) {
+  state.lastHeard = Date.now();
+  if (message.type === "bench") state.mergeBench(message);
+  else if (message.type === "live") state.mergeLive(message);
+}
+
+function onLink(change) {
+  state.link = { retryAt: null, reason: "", ...change };
+  if (change.state !== "connecting") state.failed = change.state === "down";
+  if (change.state === "live") {
+    state.everConnected = true;
+    state.lastHeard = Date.now();
+    api.health().then((health) => { state.health = health; state.tell("health"); }, () => {});
+    api.benches().then((benches) => { state.setBenches(benches); api.learnStopPorts(benches.map((bench) => bench.name)); }, () => {});
+  }
+  state.tell("link");
+}
+
+/** The oldest first: that is the order of a life. */
+const inOrder = (runs) => [...runs].reverse();
+const nameOf = (run) => run.label ?? run.name ?? `run ${run.id.slice(0, 8)}`;
+
+async function choose() {
+  const [models, found] = await Promise.all([api.models(), api.runs({ limit: 1000 })]);
+  const runs = inOrder(found.filter((run) => run.state === "completed"));
+  if (!models.length || !runs.length) return place("life-choose").replaceChildren(el("p", { class: "empty", text: "A model of the cell as it was is needed, and runs that have ended." }));
+  const message = el("p", { class: "form-message", role: "alert" });
+  const model = el("select", { id: "life-model" }, models.map((each) => el("option", { value: each.id, text: each.name })));
+  const end = el("input", { id: "life-end", type: "number", min: 1, max: 99, step: 1, value: 80, required: true });
+  const boxes = runs.map((run) => el("input", { type: "checkbox", value: run.id, checked: true, "aria-label": `Follow ${nameOf(run)}` }));
+  const start = el("button", { class: "primary", type: "submit", text: "Follow the cell" });
+  const form = el("form", { class: "life-form", "aria-label": "Choose model and runs" },
+    el("div", { class: "life-fields" },
+      el("label", { class: "field", for: "life-model" }, el("span", { text: "Model of the cell as it was" }), model),
+      el("label", { class: "field", for: "life-end" }, el("span", { text: "End of life / %" }), end)),
+    el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Runs, the oldest first" }, el("table", {},
+      el("thead", {}, el("tr", {}, ["Follow", "Run, the oldest first", "SoC at the start"].map((text) => el("th", { scope: "col", text })))),
+      el("tbody", {}, runs.map((run, k) => el("tr", {}, el("td", {}, boxes[k]), el("td", { text: nameOf(run) }), el("td", { text: Number.isFinite(run.initial_soc) ? run.initial_soc.toFixed(2) : "–" })))))),
+    el("div", { class: "form-end" }, start, message));
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    const chosen = boxes.filter((box) => box.checked).map((box) => box.value);
+    setText(message, chosen.length ? "" : "Choose at least one run.");
+    if (!chosen.length) return;
+    start.disabled = true;
+    const busy = busyBox("Following the cell");
+    form.append(busy.node);
+    try {
+      const job = await api.trend({ model_id: model.value, run_ids: chosen, end: Number(end.value) / 100 });
+      show(await follow(job, busy.update), job.id, new Map(runs.map((run) => [run.id, nameOf(run)])));
+    } catch (error) {
+      setText(message, error.message);
+    } finally {
+      busy.end();
+      start.disabled = false;
+    }
+  });
+  return place("life-choose").replaceChildren(form);
+}
+
+function show(life, jobId, names) {
+  place("life-section").hidden = false;
+  place("life-tools").replaceChildren(el("a", { href: api.trendUrl(jobId), download: "life.csv", text: "Export as CSV" }));
+  drawLife(place("life-body"), life, (id) => names.get(id) ?? id);
+  document.body.dataset.drawn = "1";
+}
+
+header(state, { reconnect: () => link.open() });
+stopButtons(state);
+link.open();
+setInterval(() => state.tell("tick"), 1000);
+choose().catch((error) => place("life-choose").replaceChildren(el("p", { class: "form-message", text: error.message })));
