@@ -197,9 +197,9 @@ class BenchControl:
         try:
             request = RunRequest.from_frame(header, body)
             cycler, capabilities = self._keeper.ready(self._latched)
-            self._chamber.ready()
             self._run_id, self._finish_alone = run_id, request.finish_alone
             self._tell_state()
+            await self._chamber.ready()
             prepared = await prepare(self._settings, capabilities, request)
             self._recording.open(run_id, prepared.streams, prepared.queue_rows)
         except (RefusedError, RecorderError, ValueError) as error:
