@@ -127,6 +127,8 @@ class Modelling:
                 structure=network.structure.name,
                 capacity_Ah=network.cell.capacity_Ah,
                 code_version=self._code_version,
+                # Its figures are of runs that are not in this store; how far it can be used goes with it.
+                metrics=None if network.record.usability is None else {"usability": network.record.usability},
             ),
         )
 
@@ -145,6 +147,7 @@ class Modelling:
             **tables,
             "thermal": record.get("thermal"),
             "residuals": record.get("residuals"),
+            "usability": record.get("usability"),
             "local_models": (record.get("uncertainty") or {}).get("local_models"),
         }
 

@@ -58,6 +58,11 @@ def fractions(text: str) -> tuple[float, ...]:
     return tuple(fraction(part) for part in text.split(","))
 
 
+def numbers(text: str) -> tuple[float, ...]:
+    """Return one or more finite numbers separated by commas."""
+    return tuple(number(part) for part in text.split(","))
+
+
 def names(text: str) -> tuple[str, ...]:
     """Return one or more names separated by commas."""
     found = tuple(part.strip() for part in text.split(","))

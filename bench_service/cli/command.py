@@ -33,13 +33,15 @@ class Command:
 def find_commands(wanted: str | None = None) -> list[Command]:
     """Return the wanted command, or all of them, by name. Modules import what is slow to import when they run.
 
-    The module of a command has its name, with ``_`` for ``-``. Only the wanted one is imported: one that cannot be
-    must not stand in the way of the others, of `simulate` in a running service least of all.
+    The module of a command has its name, with ``_`` for ``-`` (and one behind a word of Python's own). Only the wanted
+    one is imported: one that cannot be must not stand in the way of the others, of `simulate` in a running service
+    least of all.
     """
     names = [module.name for module in pkgutil.iter_modules(commands.__path__)]
     module_name = (wanted or "").replace("-", "_")
+    asked = [name for name in (module_name, f"{module_name}_") if name in names]
     found = []
-    for name in [module_name] if module_name in names else names:
+    for name in asked or names:
         candidate = getattr(importlib.import_module(f"{commands.__name__}.{name}"), "COMMAND", None)
         if isinstance(candidate, Command):
             found.append(candidate)

@@ -34,6 +34,13 @@ def metrics_table(title: str, rows: Sequence[tuple[str, Mapping[str, Any]]]) -> 
     return table
 
 
+def usability_lines(usability: Mapping[str, Any] | None) -> list[str]:
+    """How far a model can be used and why, a line each; nothing for an older model that does not say."""
+    if usability is None:
+        return []
+    return [f"usability of the model: {usability['verdict']}", *(f"  - {text}" for text in usability["reasons"])]
+
+
 def rivals_line(answer: Mapping[str, Any]) -> list[str]:
     """Which kind of network was taken of several, with the error of each on runs that it did not see."""
     if not answer["compared"]:

@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from bench_service.exchange.errors import ExchangeError
 
 
 def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all; as `atomic_file`, for what fits into memory."""
+    with atomic_file(path) as stream:
+        stream.write(content)
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[BinaryIO]:
     """Write a temporary file beside `path`, flush it to the disk, and put it in place by renaming.
+
+    Yields the stream to write to; after an error in the body nothing is left of it.
 
     Raises
     ------
@@ -23,7 +35,7 @@ def write_atomically(path: Path, content: bytes) -> None:
         raise _refusal(path, error) from error
     try:
         with os.fdopen(descriptor, "wb") as stream:
-            stream.write(content)
+            yield stream
             stream.flush()
             os.fsync(stream.fileno())
         os.chmod(temporary, 0o666 & ~_umask())  # a temporary file is readable by its owner only

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench_service.exchange.columns import BDF_NAMES, UNIX_TIME_LABEL
+from bench_service.exchange.columns import BDF_NAMES, COUNT_NAMES, UNIX_TIME_LABEL
 from bench_service.exchange.delimited import encode_csv
 from bench_service.exchange.format import Array, Format, RunTable
-
-_COUNTS = {"step_count": "Step Count / 1", "cycle_count": "Cycle Count / 1"}
 
 
 def _encode(run: RunTable) -> bytes:
     columns: dict[str, Array] = {label: run.columns[own] for own, (label, _) in BDF_NAMES.items() if own in run.columns}
-    for own, label in _COUNTS.items():
+    for own, label in COUNT_NAMES.items():
         if own in run.columns and np.any(run.columns[own]):  # 0 throughout: no protocol was played
             columns[label] = run.columns[own]
     if run.started_unix_s is not None:

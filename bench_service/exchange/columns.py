@@ -9,14 +9,25 @@ from collections.abc import Iterable
 
 from bench_service.exchange.errors import RunFileError
 
-# own name -> (BDF label, BDF machine names)
+# own name -> (BDF label, other names that are read: machine names, labels of other versions)
 BDF_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "time_s": ("Test Time / s", ("test_time_second",)),
     "current_A": ("Current / A", ("current_ampere",)),
     "voltage_V": ("Voltage / V", ("voltage_volt",)),
-    "temperature_degC": ("Surface Temperature / degC", ("surface_temperature_celsius",)),
+    "temperature_degC": (
+        "Surface Temperature / degC",
+        # 1.3.0, then what batterydf 0.1.0 writes and its examples use: the first of several sensors.
+        (
+            "surface_temperature_celsius",
+            "Surface Temperature T1 / degC",
+            "surface_temperature_t1_celsius",
+            "Temperature T1 / degC",
+            "temperature_t1_celsius",
+        ),
+    ),
     "ambient_degC": ("Ambient Temperature / degC", ("ambient_temperature_celsius",)),
 }
+COUNT_NAMES = {"cycle_count": "Cycle Count / 1", "step_count": "Step Count / 1"}
 UNIX_TIME_LABEL = "Unix Time / s"
 OWN_NAMES = (*BDF_NAMES, "soc_ref")
 REQUIRED = ("time_s", "current_A", "voltage_V")

@@ -34,8 +34,9 @@ def diagnose_runs(
     report(0.0, "reading samples")
     series, learned = _read(data_dir, runs), _read(data_dir, train)
     report(0.0, "holding every known effect against the error")
+    network = LocalModelNetwork.from_json(document)
     diagnosis = diagnose(
-        LocalModelNetwork.from_json(document),
+        network,
         series,
         _soc(runs),
         train=learned or None,
@@ -43,7 +44,7 @@ def diagnose_runs(
         mode=mode,
         soc_std=None if initial_soc_std is None else [initial_soc_std] * len(runs),
     )
-    return plain(diagnosis.to_json())
+    return plain(diagnosis.to_json() | {"usability": network.record.usability})
 
 
 def add_effect_to(
@@ -92,6 +93,7 @@ def add_effect_to(
         "error_after_mV": added.error_after_mV,
         "parameters": parameters,
         "remark": added.remark,
+        "usability": network.record.usability,
         "noise_floor_mV": noise_floor_mV(judged, parent.structure.dt_s),
     }
     return plain(

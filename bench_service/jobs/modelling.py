@@ -87,6 +87,7 @@ def fit(
         "expected_rmse_mV": result.expected_rmse_mV,
         "compared": result.compared,
         "terms": result.terms,
+        "usability": result.network.record.usability,
         "runs": {"train": result.train_runs, "validation": result.validation_runs},
     }
     network = with_tuned_observer(result.network, train_runs, result.initial_soc)

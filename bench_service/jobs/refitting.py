@@ -80,6 +80,7 @@ def refit_to(
         "error_after_mV": free_run_metrics(network, judged, judged_soc)["rmse_mV"],
         "parameters": {},
         "remark": "structure and partition stay; the parameters were fitted again",
+        "usability": network.record.usability,
         "noise_floor_mV": noise_floor_mV(judged, parent.structure.dt_s),
     }
     structure, capacity_Ah = network.structure.name, network.cell.capacity_Ah

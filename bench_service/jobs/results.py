@@ -39,6 +39,7 @@ class FitMetrics(TypedDict):
     expected_rmse_mV: float
     compared: list[dict[str, Any]]
     terms: list[dict[str, Any]]
+    usability: dict[str, Any] | None
     runs: dict[str, list[dict[str, Any]]]
 
 
@@ -64,6 +65,7 @@ class VersionMetrics(TypedDict):
     error_after_mV: float
     parameters: dict[str, Any]
     remark: str
+    usability: dict[str, Any] | None
     noise_floor_mV: float | None
 
 
@@ -109,6 +111,7 @@ class ComparisonResult(TypedDict):
     where: list[dict[str, Any]]
     outside_training: float
     temperature: dict[str, Any] | None
+    usability: dict[str, Any] | None
 
 
 class SocFigures(TypedDict):

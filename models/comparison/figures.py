@@ -56,6 +56,7 @@ class Comparison(TypedDict):
     corrections: list[dict[str, Any]]
     band: BandFigures | None
     temperature: TemperatureComparison | None
+    usability: dict[str, Any] | None
 
 
 def compare(
@@ -112,6 +113,7 @@ def compare(
         "temperature": compare_temperature(network, grid, initial_soc)
         if isinstance(network, LocalModelNetwork)
         else None,
+        "usability": network.record.usability if isinstance(network, LocalModelNetwork) else None,
     }
 
 

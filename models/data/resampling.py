@@ -1,7 +1,8 @@
 """From unevenly spaced samples to an even grid, without inventing data.
 
 Current is known between samples (backward hold), so its mean over each grid interval is exact and charge is kept.
-Voltage and temperature are not known between samples: a grid point without a sample near it stays missing (NaN).
+Voltage and temperature are not known between samples: a grid point without a sample near it stays missing (NaN). Where
+a log is slower than the grid, each sample is told at the grid point next to it, if the voltage hardly bends there.
 Where a pause in the log leaves even the current unknown, the grid is cut and the parts are told apart.
 """
 
@@ -16,6 +17,8 @@ from models.data.timeseries import FloatArray, TimeSeries
 # A pause in the log longer than this many typical intervals, with current on either side, is a gap.
 _GAP_FACTOR = 30.0
 _REST_FRACTION = 0.01
+# Most that the voltage of a slow log may be off at the grid point next to a sample: as a converter resolves it.
+_MOVED_V = 5e-4
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,7 @@ def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
     mean_current[1:] = np.diff(charge_grid) / dt_s
     mean_current[0] = current[0]
     voltage = _sample_near(grid, t, run.voltage_V, dt_s)
+    voltage = _slowly_logged(voltage, grid, (t, run.voltage_V, current), dt_s)
     return GridRun(
         name=run.name,
         dt_s=dt_s,
@@ -128,6 +132,39 @@ def _sample_near(grid: FloatArray, t: FloatArray, values: FloatArray, dt_s: floa
     near = np.minimum(np.abs(tk[right] - grid), np.abs(grid - tk[left])) <= 0.01 * dt_s
     bracketed = (tk[left] <= grid) & (grid <= tk[right]) & (tk[right] - tk[left] <= 1.5 * dt_s)
     out[~(near | bracketed)] = np.nan
+    return out
+
+
+def _slowly_logged(
+    voltage: FloatArray, grid: FloatArray, log: tuple[FloatArray, FloatArray, FloatArray], dt_s: float
+) -> FloatArray:
+    """Tell each sample of a slow log at the grid point next to it, between two others under the same current.
+
+    A parabola through the three tells how far a straight line is off; where that is more than a converter resolves, as
+    after a step or at the knee of a discharge, nothing is told.
+    """
+    t, volts, current = log
+    if len(t) < 3 or float(np.median(np.diff(t))) <= dt_s:
+        return voltage
+    near = np.round(t / dt_s).astype(np.int64)
+    away = t - dt_s * near
+    scale = _REST_FRACTION * max(float(np.max(np.abs(current))), 1e-9)
+    out = voltage.copy()
+    before, after = np.diff(t)[:-1], np.diff(t)[1:]
+    slopes = np.diff(volts) / np.diff(t)
+    bend = (slopes[1:] - slopes[:-1]) / (before + after)
+    here = np.arange(1, len(t) - 1)
+    alike = (np.abs(current[here + 1] - current[here]) <= scale) & (np.abs(current[here] - current[here - 1]) <= scale)
+    moved = away[here]
+    # A grid point before the sample lies in the interval that ends there.
+    slope = np.where(moved > 0.0, slopes[:-1], slopes[1:])
+    gap = np.where(moved > 0.0, before, after)
+    off_V = np.abs(bend * moved) * (gap - np.abs(moved))
+    with np.errstate(invalid="ignore"):
+        told = alike & (np.abs(moved) < gap) & (off_V <= _MOVED_V) & (near[here] < len(grid))
+    place = near[here[told]]
+    open_places = np.isnan(out[place])
+    out[place[open_places]] = (volts[here] - slope * moved)[told][open_places]
     return out
 
 

@@ -116,7 +116,8 @@ def answer(request: WrittenRequest, material: Material, progress: Progress | Non
     )
     found = design(experiment, asked, progress)
     found = replace(found, seconds=time.perf_counter() - began)
-    return Answer(found.profile(), figures(found) | _accuracy(found, asked.target_std), found, (experiment, asked))
+    said = figures(found, network) | _accuracy(found, asked.target_std)
+    return Answer(found.profile(), said, found, (experiment, asked))
 
 
 def even_cycle(time_s: FloatArray, current_A: FloatArray) -> tuple[FloatArray, float]:
@@ -127,8 +128,8 @@ def even_cycle(time_s: FloatArray, current_A: FloatArray) -> tuple[FloatArray, f
     return current_A[np.clip(index, 0, len(current_A) - 1)], dt_s
 
 
-def figures(found: Design) -> dict[str, Any]:
-    """Figures of a design as plain types."""
+def figures(found: Design, network: LocalModelNetwork) -> dict[str, Any]:
+    """Figures of a design as plain types, with how far its reference model can be used."""
     optima = found.optima
     return {
         "duration_s": found.duration_s,
@@ -152,6 +153,7 @@ def figures(found: Design) -> dict[str, Any]:
         ],
         "optimality": max((o.optimality for o in optima), default=None),
         "local_optima_spread": max((o.spread for o in optima), default=None),
+        "usability": network.record.usability,
     }
 
 
@@ -200,7 +202,8 @@ def _discriminating(
     )
     found = judged(first, "D", feasible, optimum.current_A, optima=(optimum,), seconds=time.perf_counter() - began)
     separation = [float(np.sqrt(part)) for part in objective.separation(optimum.current_A)]
-    return Answer(found.profile(), figures(found) | {"criterion_value": optimum.value, "separation": separation}, found)
+    more = {"criterion_value": optimum.value, "separation": separation}
+    return Answer(found.profile(), figures(found, networks[0]) | more, found)
 
 
 def _first_day(request: WrittenRequest, soc: float, began: float) -> Answer:
@@ -225,6 +228,7 @@ def _first_day(request: WrittenRequest, soc: float, began: float) -> Answer:
             "net_charge_Ah": float(moved_As.sum()) / 3600.0,
             "throughput_Ah": float(np.abs(moved_As).sum()) / 3600.0,
             "predicted": {"voltage_V": None, "soc": [float(path.min()), float(path.max())]},
+            "usability": None,
         },
     )
 

@@ -47,6 +47,7 @@ class ModelRecord:
     train_runs : names of the runs
     choices, candidates : the set of choices that was taken, and all that were tried, with their held-out errors
     reservations : what a person should know before trusting the model
+    usability : how far the model can be used, with reasons in words: {"verdict", "reasons"}; None in older documents
     refinement : what was tried to free the poles (`models.identification.refinement`)
     uncertainty : covariance and held-out error; read by `models.uncertainty.model_uncertainty.uncertainty_of`
     tables : what is read out of the network; read by `models.readouts.tables.tables_of`
@@ -71,6 +72,7 @@ class ModelRecord:
     choices: Json | None = None
     candidates: tuple[Json, ...] = ()
     reservations: tuple[str, ...] = ()
+    usability: Json | None = None
     refinement: Json | None = None
     uncertainty: Json | None = None
     tables: Json | None = None

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from models.data.errors import ModelError
+from models.data.errors import ModelError, NotIdentifiableError
 from models.effects.bounded_parts import parts_of, resolved_parts
 from models.identification.bounded.variants import Trials, Variant, best_variant, clearly_better
 from models.identification.progress import Progress, part_of
@@ -22,6 +22,7 @@ from models.identification.search.search import Search
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
 from models.network.regression import SignalBank
+from models.network.signals import parse_signal
 from models.network.structure import Structure
 from models.pipeline.plans import BoundedPlan, Built, HeldOutError, Plan, SearchedPlan
 from models.pipeline.training import Training
@@ -31,6 +32,8 @@ from models.readouts.resistance import resistance_table
 STRUCTURES = ("auto", "full", "minimal", "bounded", "searched")
 # Families that are searched, in the order in which they are tried beside the bounded network.
 _SEARCHED = ("searched", "full", "minimal")
+# The full structure takes the temperature in; the others do without where none was measured.
+_SEARCHED_COLD = ("searched", "minimal")
 # Where the bounded network is as near to the noise as this, nothing better can be found.
 _AT_NOISE = 1.02
 _ROUNDING_V = 1e-9
@@ -86,6 +89,8 @@ def choose(
             f"effects can be left out of the bounded network, or made finer in it, only, not of {structure!r}; "
             "use --structure bounded"
         )
+    if not data.has_temperature:
+        _check_without_temperature(structure)
     if isinstance(structure, Structure):
         return _built(_given(data, structure, part_of(report, 0.0, 0.7)), data, part_of(report, 0.7, 0.3))
     if structure == "bounded" or without or finer:
@@ -99,6 +104,17 @@ def choose(
     return _automatic(data, report, bounded)
 
 
+def _check_without_temperature(structure: str | Structure) -> None:
+    """Refuse what needs a temperature, where not all runs have one."""
+    signals = structure.signals if isinstance(structure, Structure) else ()
+    if structure == "full" or any(parse_signal(name).depends_on_temperature for name in signals):
+        what = structure if isinstance(structure, str) else structure.name
+        raise NotIdentifiableError(
+            f"structure {what} takes the temperature in, and it is missing in some run: log a temperature, or use "
+            "--structure minimal (or auto), which does without"
+        )
+
+
 def _automatic(data: Training, report: Progress, bounded: Chosen | None) -> Chosen:
     """The bounded network, unless one of the searched ones is clearly better."""
     found = bounded or _built(_bounded(data, (), part_of(report, 0.0, 0.2)), data, part_of(report, 0.2, 0.1))
@@ -106,8 +122,9 @@ def _automatic(data: Training, report: Progress, bounded: Chosen | None) -> Chos
     if noise_mV is not None and 1e3 * found.held_out.rmse_V <= _AT_NOISE * noise_mV:
         return found
     others = []
-    for number, family in enumerate(_SEARCHED):
-        begin, width = 0.3 + 0.7 * number / len(_SEARCHED), 0.7 / len(_SEARCHED)
+    families = _SEARCHED if data.has_temperature else _SEARCHED_COLD
+    for number, family in enumerate(families):
+        begin, width = 0.3 + 0.7 * number / len(families), 0.7 / len(families)
         search = _search(data, part_of(report, begin, 0.8 * width))
         plan = SearchedPlan(search, search.best(family))
         others.append(_built(plan, data, part_of(report, begin + 0.8 * width, 0.2 * width)))

@@ -26,6 +26,7 @@ from models.pipeline.fit_request import FitOptions, FitRequest
 from models.pipeline.plans import BoundedNetwork, Built
 from models.pipeline.run_starts import with_starts
 from models.pipeline.training import Training, training
+from models.pipeline.usability.judge import judged_model
 from models.readouts.possible_cell import made_possible
 from models.readouts.tables import read_out
 from models.thermal.cell_temperature import thermal_record
@@ -122,6 +123,7 @@ def fit(request: FitRequest) -> FitResult:
     network = _noting(_read_out(built, data, report), choices=_choices(built, chosen))
     judged = _judged(network, data, request)
     network = _with_figures(network, data, built, judged)
+    network = _noting(network, usability=judged_model(network, data, judged.train, judged.validation))
     report(0.97, "noting what a diagnosis will need")
     network = _versioned(_with_memory(network, data), data, judged, request.code_version)
     report(1.0, "done")

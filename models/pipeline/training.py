@@ -60,6 +60,11 @@ class Training:
         return sum(run.n_missing for run in self.grid)
 
     @property
+    def has_temperature(self) -> bool:
+        """Whether every run has a temperature; a single missing value is bridged, see `to_grid`."""
+        return not any(np.isnan(run.temperature_degC).any() for run in self.grid)
+
+    @property
     def noise_floor_mV(self) -> float | None:
         """Median over the runs; None where no run is steady for long enough to show it."""
         floors = [noise_floor_V(run.voltage_V, run.current_A) for run in self.grid]
@@ -80,7 +85,7 @@ class Training:
         slow = [slow_current_A(run.current_A, run.dt_s) for run in self.grid]
         domain = {"soc": _range(self.counted_soc()), "current_A": _range([run.current_A for run in self.grid])}
         domain["slow_current_A"] = _range(slow)
-        if not any(np.isnan(run.temperature_degC).any() for run in self.grid):
+        if self.has_temperature:
             domain["temperature_degC"] = _range([run.temperature_degC for run in self.grid])
         return domain
 

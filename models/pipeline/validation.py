@@ -145,6 +145,8 @@ def _check_record(record: ModelRecord) -> None:
     for name in ("choices", "refinement", "uncertainty", "tables", "thermal", "sums", "diagnosis", "version"):
         if getattr(record, name) is not None:
             _object(name, getattr(record, name))
+    if record.usability is not None:
+        _texts("usability.reasons", _object("usability", record.usability).get("reasons"))
     for name in ("observer", "update"):
         if getattr(record, name) is not None:
             _object(name, getattr(record, name))

@@ -13,6 +13,7 @@ from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_model, read_runs, write_document
 from bench_service.cli.initial_soc import initial_soc
 from bench_service.cli.output import Output
+from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -65,6 +66,7 @@ def _answer(added: Addition, out: Path, parent: Path) -> dict[str, Any]:
             name: {"value": each.value, "std": each.std, "unit": each.unit} for name, each in added.parameters.items()
         },
         "remark": added.remark,
+        "usability": added.network.record.usability,
     }
 
 
@@ -77,6 +79,8 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
         band = "" if each["std"] is None else f" +- {each['std']:.2g}"
         console.print(f"  {name} = {each['value']:.4g}{band} {each['unit']}")
     console.print(answer["remark"])
+    for line in usability_lines(answer["usability"]):
+        console.print(line)
     console.print(f"wrote {answer['model']}; its parent is {answer['parent']}")
 
 

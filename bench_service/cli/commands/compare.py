@@ -11,7 +11,7 @@ from bench_service.cli.command import Command
 from bench_service.cli.files import add_current_sign, read_model, read_runs
 from bench_service.cli.initial_soc import known_starts
 from bench_service.cli.output import Output
-from bench_service.cli.tables import metrics_table, start_line, where_table
+from bench_service.cli.tables import metrics_table, start_line, usability_lines, where_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,6 +63,8 @@ def _show(console: Console, result: dict[str, Any]) -> None:
     if result["outside"] is not None and result["inside_training"] is not None:
         rows += [("inside the trained domain", result["inside_training"]), ("outside of it", result["outside"])]
     console.print(metrics_table("Free run against measurement", rows))
+    for line in usability_lines(result["usability"]):
+        console.print(line)
     console.print(start_line(result))
     for each in result["corrections"]:
         sizes = ", ".join(f"{name} {value:.4g}" for name, value in each["values"].items())

@@ -12,6 +12,7 @@ from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.files import read_model, read_runs
 from bench_service.cli.output import Output
+from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -121,6 +122,8 @@ def _show(console: Console, figures: dict[str, Any]) -> None:
             f"{said['target_std']:g} {'reached' if said['reached'] else 'not reached'}: {said['saved_h']:.2f} h of "
             f"{said['planned_s'] / 3600.0:.2f} h saved"
         )
+    for line in usability_lines(figures["usability"]):
+        console.print(line)
     if not figures["pre_test"]:
         stds = list(figures["parameter_std"].values())
         mean = math.exp(sum(math.log(std) for std in stds) / len(stds))

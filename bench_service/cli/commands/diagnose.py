@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from bench_service.cli.command import Command
 from bench_service.cli.judged_runs import add_judged_runs, read_judged_runs
 from bench_service.cli.output import Output
+from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -47,7 +48,7 @@ def _run(options: Namespace, output: Output) -> int:
             mode=options.mode,
             soc_std=judged.soc_std,
         )
-    result = diagnosis.to_json()
+    result = diagnosis.to_json() | {"usability": judged.network.record.usability}
     if options.report is not None:
         write_atomically(
             options.report, diagnosis_page(options.model.name, judged.network, judged.runs, judged.soc, result)
@@ -74,6 +75,8 @@ def _show(console: Console, result: dict[str, Any]) -> None:
     if result["next_experiment"] is not None:
         rivals = " from ".join(result["next_experiment"]["rivals"])
         console.print(f"next experiment: a profile that tells {rivals} (the request is in the --json answer)")
+    for line in usability_lines(result["usability"]):
+        console.print(line)
     for remark in result["remarks"]:
         console.print(f"note: {remark}")
 

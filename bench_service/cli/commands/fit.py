@@ -15,7 +15,7 @@ from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_runs, read_structure, write_document
 from bench_service.cli.initial_soc import initial_soc
 from bench_service.cli.output import Output
-from bench_service.cli.tables import metrics_table, readout_lines, rivals_line, soc_text, terms_line
+from bench_service.cli.tables import metrics_table, readout_lines, rivals_line, soc_text, terms_line, usability_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -126,6 +126,7 @@ def _answer(fitted: FitResult, out: Path, seconds: float) -> dict[str, Any]:
         "expected_rmse_mV": fitted.expected_rmse_mV,
         "compared": fitted.compared,
         "terms": fitted.terms,
+        "usability": fitted.network.record.usability,
         "runs": {"train": fitted.train_runs, "validation": fitted.validation_runs},
         "readouts": summary(fitted.network),
         "reservations": list(fitted.network.record.reservations),
@@ -143,6 +144,8 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
         if each["initial_soc"]["std"] is not None:
             console.print(f"{each['run']}: SoC at its start {soc_text(each['initial_soc'])}")
     for line in (*rivals_line(answer), *terms_line(answer["terms"]), *readout_lines(answer["readouts"])):
+        console.print(line)
+    for line in usability_lines(answer["usability"]):
         console.print(line)
     for text in answer["reservations"]:
         console.print(f"note: {text}")

@@ -16,6 +16,7 @@ from bench_service.cli.errors import UsageError
 from bench_service.cli.files import add_current_sign, read_model, read_module, read_runs
 from bench_service.cli.initial_soc import guessed_soc
 from bench_service.cli.output import Output
+from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -80,7 +81,7 @@ def _run(options: Namespace, output: Output) -> int:
         for done, (run, (soc, soc_std)) in enumerate(zip(runs, starts, strict=True)):
             report(done / len(runs), run.name)
             observed.append(observe(observer, run, soc, soc_std))
-    answer = _answer(observed)
+    answer = _answer(observed) | {"usability": network.record.usability}
     if options.out is not None:
         _write(options.out, observed)
         answer["file"] = str(options.out)
@@ -147,6 +148,8 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
     for each in answer["runs"]:
         for alarm in each["alarms"]:
             console.print(f"{each['run']}: {alarm}")
+    for line in usability_lines(answer["usability"]):
+        console.print(line)
     if answer["innovation_rms_mV"] is not None:
         console.print(f"innovation: {answer['innovation_rms_mV']:.2f} mV RMS")
     console.print(f"{answer['us_per_step']:.2f} us per step")

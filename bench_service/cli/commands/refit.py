@@ -14,7 +14,7 @@ from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_model, read_runs, write_document
 from bench_service.cli.initial_soc import initial_soc
 from bench_service.cli.output import Output
-from bench_service.cli.tables import metrics_table
+from bench_service.cli.tables import metrics_table, usability_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -79,6 +79,7 @@ def _figures(parent: LocalModelNetwork, network: LocalModelNetwork) -> dict[str,
     return {
         "old_weight": made.settings["old_weight"] if _weighs(parent) else None,
         "train": {"before": made.errors["parent"], "after": made.errors["train"]},
+        "usability": network.record.usability,
         "reservations": list(network.record.reservations),
     }
 
@@ -90,6 +91,8 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
             console.print(metrics_table(title, [(when, answer[part][when]) for when in ("before", "after")]))
     if answer["old_weight"] is not None:
         console.print(f"a sample of the old runs counts {answer['old_weight']:g} of a new one")
+    for line in usability_lines(answer["usability"]):
+        console.print(line)
     for text in answer["reservations"]:
         console.print(f"note: {text}")
     console.print(f"wrote {answer['model']}; its parent is {answer['parent']}")

@@ -8,12 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
+from bench_service.cli.arguments import fraction, numbers
 from bench_service.cli.command import Command
+from bench_service.cli.errors import UsageError
 from bench_service.cli.judged_runs import add_judged_runs, read_judged_runs
 from bench_service.cli.output import Output
+from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from models.diagnosis.trend.life import Places
 
 
 def _arguments(parser: ArgumentParser) -> None:
@@ -22,6 +27,16 @@ def _arguments(parser: ArgumentParser) -> None:
         model_help="of the cell as it was",
         in_order=True,
         soc_help=", as a fraction of what the cell holds then: 1 is full, however aged",
+    )
+    parser.add_argument(
+        "--at",
+        type=numbers,
+        metavar="X[,X...]",
+        help="place of each RUN along the life, such as its cycle (default: the runs are counted)",
+    )
+    parser.add_argument("--unit", metavar="NAME", help="of --at (default: cycle)")
+    parser.add_argument(
+        "--end", type=fraction, default=0.8, metavar="S", help="share of the capacity that is the end (default: 0.8)"
     )
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with the cell's life")
 
@@ -34,6 +49,8 @@ def _run(options: Namespace, output: Output) -> int:
 
     if options.report is not None:
         check_writable(options.report)
+    if options.at is not None and len(options.at) != len(options.runs):
+        raise UsageError(f"--at names {len(options.at)} place(s) for {len(options.runs)} run(s)")
     judged = read_judged_runs(options, output)
     with output.progress("Following the cell") as report, threadpool_limits(1):
         found = trend(
@@ -43,13 +60,22 @@ def _run(options: Namespace, output: Output) -> int:
             train=judged.train,
             train_soc=judged.train_soc,
             soc_std=judged.soc_std,
+            places=_places(options),
             progress=report,
         )
-    result = found.to_json()
+    result = found.to_json() | {"usability": judged.network.record.usability}
     if options.report is not None:
         write_atomically(options.report, trend_page(options.model.name, result))
     output.result(result, lambda console: _show(console, result))
     return 0
+
+
+def _places(options: Namespace) -> Places:
+    # Lazy: numba and scipy take 1.3 s.
+    from models.diagnosis.trend.life import Places
+
+    at = None if options.at is None else list(options.at)
+    return Places(at, options.unit or ("run" if at is None else "cycle"), options.end)
 
 
 def _show(console: Console, result: dict[str, Any]) -> None:
@@ -66,6 +92,13 @@ def _show(console: Console, result: dict[str, Any]) -> None:
             ohm = f"{1e3 * sharpest['value_Ohm']:.1f} +- {1e3 * sharpest['std_Ohm']:.1f} at SoC {sharpest['soc']:.1f}"
         table.add_row(each["run"], f"{capacity['value']:.3f} +- {capacity['std']:.3f}", ohm, in_words(each))
     console.print(table)
+    for each in result["change_points"]:
+        first, last = each["between"]
+        console.print(f"{each['effect']} since {each['run']} (between {first} and {last})")
+    if result["forecast"] is not None:
+        console.print(result["forecast"]["explanation"])
+    for line in usability_lines(result["usability"]):
+        console.print(line)
 
 
 COMMAND = Command("trend", "what has become of a cell over a series of runs or cycles", _arguments, _run)

@@ -2,11 +2,13 @@
 
 const BASE = "/api/v1";
 
-/** An answer that is not the asked one: `code`, `message`, `where` from the service, `status` 0 where none came. */
+const BUSY = new Set([0, 429, 502, 503, 504]);
+
+/** An answer that is not the asked one: `code`, `message`, `where` from the service, `status` 0 where none came; `unanswered` is worth asking again. */
 export class ApiError extends Error {
   constructor(status, code, message, where = null) {
     super(message);
-    Object.assign(this, { status, code, where: Array.isArray(where) ? where : [] });
+    Object.assign(this, { status, code, where: Array.isArray(where) ? where : [], unanswered: BUSY.has(status) });
   }
 }
 

@@ -88,7 +88,16 @@ function modelField(view, changed) {
   if (!view.models.length) return [el("span", { text: "Model" }), el("p", { class: "empty", text: "No model yet: run a campaign, or load one." })];
   const select = el("select", { id: "improve-model", on: { change: () => { view.modelId = select.value; changed(); } } },
     view.models.map((model) => el("option", { value: model.id, selected: model.id === view.modelId, text: modelText(model) })));
-  return [el("label", { for: "improve-model", text: "Model" }), select];
+  return [el("label", { for: "improve-model", text: "Model" }), select, ...usabilityNote(view.models.find((model) => model.id === view.modelId))];
+}
+
+/** How far the model can be used, and why: what its own document says; an older one says nothing. */
+function usabilityNote(model) {
+  const { verdict, reasons } = model?.metrics?.usability ?? {};
+  if (!verdict || verdict === "usable") return [];
+  return [el("div", { class: "about block usability", role: "note" },
+    el("strong", { text: verdict === "unusable" ? "This model cannot be used" : "This model can be used in part" }),
+    el("ul", {}, reasons.map((text) => el("li", { text }))))];
 }
 
 function fileField(view, changed, message) {

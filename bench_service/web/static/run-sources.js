@@ -4,8 +4,8 @@ import { el } from "./dom.js";
 import { duration, fixed, quantity } from "./format.js";
 import { lengthWords } from "./run-preview.js";
 
-/** Fill the chooser; a value is "test:NAME", "protocol:ID", "profile:ID", "edit:" or "manual:". Gives the standard tests by name. */
-export async function fillSources(select, chosen) {
+/** Fill the chooser; a value is "test:NAME", "protocol:ID", "profile:ID", "edit:" or "manual:". `known` is given the standard tests by name. */
+export async function fillSources(select, chosen, known) {
   const [tests, protocols, profiles] = await Promise.all([api.standardTests().catch(() => []), api.protocols().catch(() => []), api.profiles().catch(() => [])]);
   // What somebody has chosen while this was loading stays chosen.
   const kept = chosen ?? select.value;
@@ -17,8 +17,8 @@ export async function fillSources(select, chosen) {
     group("Stored protocols", protocols.map((each) => option(`protocol:${each.id}`, `${each.name}, ${each.n_steps} ${each.n_steps === 1 ? "step" : "steps"}`))),
     group("Stored profiles", profiles.map((each) => option(`profile:${each.id}`, `${each.name}, ${duration(each.duration_s)}`))),
   ];
+  known(new Map(tests.map((test) => [test.name, test])));
   select.replaceChildren(...groups.filter(Boolean));
-  return new Map(tests.map((test) => [test.name, test]));
 }
 
 /** Fields for the parameters of a standard test; `values()` gives what was typed, the rest is as the bench has it. */
@@ -59,7 +59,7 @@ export async function lookAtProtocol(what, bench, initial, dt_s) {
     const told = `${lengthWords(bench, seen.duration_s ?? NaN, "about ")} Voltages are those of a nominal cell between the limits; steps that end by a voltage take some ten percent more or less.`;
     return { told, against: seen.stopped ? [`It would be stopped: ${seen.stopped}`] : [], series: seen.series, steps: seen.steps };
   } catch (error) {
-    return { told: "", against: [error.message], where: error.where, series: null, steps: [] };
+    return { told: "", against: [error.message], where: error.where, unanswered: error.unanswered, series: null, steps: [] };
   }
 }
 

@@ -7,10 +7,11 @@ import { previewChart } from "./run-preview.js";
 import { fillSources, lookAtProfile, lookAtProtocol, parameterFields, stepTable } from "./run-sources.js";
 
 const TYPED_MS = 300;
+const AGAIN_MS = 2000; // after a question that the service was too busy for
 
 /** `started(run)` after the service took it. */
 export function runStart(state, root, started) {
-  const view = { tests: new Map(), fields: null, asked: 0, timer: 0, saved: null, chosen: null };
+  const view = { tests: new Map(), fields: null, asked: 0, timer: 0, saved: null, chosen: null, bench: null, unseen: false };
   const message = el("p", { class: "form-message", role: "alert" });
   const told = el("p", { class: "hint", id: "start-told", role: "status" });
   const about = el("p", { class: "about", id: "start-about" });
@@ -55,6 +56,7 @@ export function runStart(state, root, started) {
   const look = async () => {
     const bench = state.bench;
     allow();
+    view.unseen = !bench;
     if (!bench || !source.value) return;
     view.asked += 1;
     const asked = view.asked;
@@ -62,17 +64,18 @@ export function runStart(state, root, started) {
     const typed = view.fields?.wrong() ?? [];
     const initial = soc.valueAsNumber / 100;
     const seen = typed.length ? { told: "", against: typed, series: null, steps: [] }
-      : await (kind === "profile" ? lookAtProfile(id, bench, initial) : lookAtProtocol(body, bench, initial, dt.valueAsNumber)).catch((error) => ({ told: "", against: [error.message], series: null, steps: [] }));
+      : await (kind === "profile" ? lookAtProfile(id, bench, initial) : lookAtProtocol(body, bench, initial, dt.valueAsNumber)).catch((error) => ({ told: "", against: [error.message], unanswered: error.unanswered, series: null, steps: [] }));
     if (asked !== view.asked) return; // something else was typed meanwhile
+    if (seen.unanswered) lookSoon(AGAIN_MS);
     const atStep = kind === "edit" && editor.object(seen.where ?? [], seen.against[0] ?? "");
     setText(told, atStep ? "It cannot be played like this: see the step." : seen.told);
     wrong.replaceChildren(...(atStep ? [] : seen.against).map((text) => el("li", { text })));
     steps.replaceChildren(...(kind === "edit" ? [] : stepTable(seen.steps)));
     draw(seen.series);
   };
-  const lookSoon = () => {
+  const lookSoon = (in_ms = TYPED_MS) => {
     clearTimeout(view.timer);
-    view.timer = setTimeout(look, TYPED_MS);
+    view.timer = setTimeout(look, in_ms);
   };
   const choose = () => {
     const [kind, id] = source.value.split(/:(.*)/s);
@@ -87,13 +90,20 @@ export function runStart(state, root, started) {
     return look();
   };
   const list = async (chosen) => {
-    const [tests, models] = await Promise.all([fillSources(source, chosen), api.models().catch(() => [])]);
-    view.tests = tests;
+    const asked = api.models().catch(() => []);
+    // What can be chosen can be played: nothing is waited for in between.
+    await fillSources(source, chosen, (tests) => { view.tests = tests; });
+    const models = await asked;
     model.replaceChildren(model.firstElementChild, ...models.map((each) => el("option", { value: each.id, text: `${each.name} (${each.structure})` })));
     // What was typed for the same source stays.
     await (source.value === view.chosen ? look() : choose());
   };
-  details.addEventListener("toggle", () => { if (details.open) believe(state.bench, soc).then(() => list()); });
+  details.addEventListener("toggle", () => {
+    if (!details.open) return;
+    view.bench = state.bench?.name;
+    believe(state.bench, soc).then(look);
+    list();
+  });
   source.addEventListener("change", choose);
   form.addEventListener("input", (event) => {
     if (event.target === source || event.target === file) return;
@@ -126,8 +136,14 @@ export function runStart(state, root, started) {
     setText(told, `Saved as ${body.document.name}. ${told.textContent}`);
   }));
   file.addEventListener("change", () => upload(file, state, list, (text) => { message.textContent = text; }));
-  state.on("benches", allow);
-  state.on("select", () => { if (details.open) { soc.value = ""; believe(state.bench, soc).then(source.value === "manual:" ? choose : look); } });
+  state.on("benches", () => { if (view.unseen && state.bench) look(); else allow(); });
+  state.on("select", () => {
+    if (!details.open) return;
+    // Another cell stands elsewhere; but what was typed before the first bench was known is of that one.
+    if (view.bench && view.bench !== state.bench?.name) soc.value = "";
+    view.bench = state.bench?.name;
+    believe(state.bench, soc).then(source.value === "manual:" ? choose : look);
+  });
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     message.textContent = "";

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from models.data.errors import ModelError
 from models.data.resampling import GridRun
@@ -18,15 +17,24 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
-from models.diagnosis.trend.choice import chosen
+from models.diagnosis.trend.choice import chosen, looked_at
 from models.diagnosis.trend.ends import Ends, ends_of
-from models.diagnosis.trend.prior import Given, Prior, aged, prior_of
+from models.diagnosis.trend.latent import COUNT, LOOP, NODES, SHIFT, SLIP
+from models.diagnosis.trend.prior import About, Given, about
 from models.diagnosis.trend.quick import steps_of
-from models.diagnosis.trend.settings import SETTINGS
+from models.diagnosis.trend.settings import SETTINGS, USUAL
+from models.diagnosis.trend.summed import Summed
+from models.diagnosis.trend.weighing import CAPACITY, CHANGES, RESISTANCE, Chances, Held, chances, held, mixed
 from models.effects.view import View
 
-_STEP = 2e-3
-_JITTER = 1e-10
+# How far a capacity that is no news may be off, in standard deviations: there the cell as it was is linearised.
+_NEAR = 2.0
+# What may be large while the capacity is looked for.
+_SOUGHT = (CAPACITY, RESISTANCE)
+# A capacity further from the first guess, relative, asks for covariances of its own.
+_AWAY = 5e-3
+# Sets of changes that are less likely than this, over the likeliest, say nothing of the state.
+_LEAST = 0.02
 
 
 @dataclass(frozen=True)
@@ -38,6 +46,8 @@ class State:
     capacity_Ah, capacity_std_Ah : with its standard deviation
     soc : (n,) at which the resistance is told
     resistance_Ohm, resistance_std_Ohm : (n,) of the first moment after a step of the run's current
+    slip, slip_std : by how much the middle of the curve has moved along the SoC, all else being open
+    loop_V, loop_std_V : by how much the hysteresis has grown, the same way
     """
 
     capacity_Ah: float
@@ -45,19 +55,36 @@ class State:
     soc: FloatArray
     resistance_Ohm: FloatArray
     resistance_std_Ohm: FloatArray
+    slip: float
+    slip_std: float
+    loop_V: float
+    loop_std_V: float
 
 
 @dataclass(frozen=True)
-class _Found:
-    """Change of capacity and resistances for one scale of the error elsewhere; `log` is its likelihood's logarithm."""
+class Weighed:
+    """A run that was held against the cell as it was.
 
-    log: float
-    mean: FloatArray
-    variance: FloatArray
+    Attributes
+    ----------
+    given : the run
+    state : of the cell
+    chances : of what has changed
+    now : what is kept of the run about the capacity that it asks for
+    """
+
+    given: Given
+    state: State
+    chances: Chances
+    now: Summed
+
+    def told(self, changes: tuple[str, ...]) -> Held:
+        """Weights where just these things have changed."""
+        return held(self.now, changes)
 
 
-def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> State:
-    """Find the state of a cell from one run.
+def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Weighed:
+    """Find the state of a cell from one run, and what of it is new.
 
     Parameters
     ----------
@@ -80,19 +107,27 @@ def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Stat
     ends = ends_of(known.cell, run, soc)
     change = _first_guess(known.cell, run, soc, ends)
     counted = soc + run.charge_Ah / (known.cell.capacity_Ah * (1.0 + change))
-    steps = steps_of(known.cell, run, np.linspace(0.0, 1.0, at.nodes), counted)
-    given = Given(known, run, soc, soc_std, ends, steps)
-    found: list[_Found] = []
-    for _ in range(at.rounds):
-        prior = prior_of(given, change)
-        for _ in range(at.closer):
-            before = change
-            found = _solved(given, change, prior)
-            best = max(found, key=lambda each: each.log)
-            change = float(np.clip(best.mean[0], at.capacities[0] - 1.0, at.capacities[1] - 1.0))
-            if abs(change - before) < at.settled:
-                break
-    return _mixed(known.cell, found, steps.soc)
+    index = looked_at(known.cell, run, counted, ends)
+    given = Given(known, run, soc, soc_std, index, ends, steps_of(known.cell, run, NODES, counted))
+    now = _settled(about(given, change), given)
+    if abs(now.change - change) > _AWAY:
+        now = _settled(about(given, now.change), given)
+    near = _NEAR * USUAL.capacity
+    fresh = now if abs(now.change) <= near else now.at(given, float(np.clip(now.change, -near, near)))
+    chance = chances(fresh.summed, now.summed)
+    state = _state(known.cell, _averaged(chance, now.summed), held(now.summed, CHANGES))
+    return Weighed(given, state, chance, now.summed)
+
+
+def _settled(now: About, given: Given) -> About:
+    """A run about the capacity that it asks for."""
+    at = SETTINGS
+    for _ in range(at.closer):
+        change = float(np.clip(held(now.summed, _SOUGHT).mean[0], at.capacities[0] - 1.0, at.capacities[1] - 1.0))
+        if abs(change - now.change) < at.settled:
+            break
+        now = now.at(given, change)
+    return now
 
 
 def _first_guess(cell: KnownCell, run: GridRun, soc: float, ends: Ends) -> float:
@@ -114,49 +149,29 @@ def _first_guess(cell: KnownCell, run: GridRun, soc: float, ends: Ends) -> float
     return float(shares[int(np.argmin(costs))]) - 1.0
 
 
-def _solved(given: Given, change: float, prior: Prior) -> list[_Found]:
-    """Estimates about a capacity, one for each scale of the error elsewhere."""
-    at, (error, slope) = SETTINGS, _about(given, change, prior)
-    out = []
-    for scale in at.scales:
-        whole = prior.fixed + scale**2 * prior.elsewhere + at.capacity**2 * np.outer(slope, slope)
-        whole[np.diag_indices_from(whole)] *= 1.0 + _JITTER
-        across = np.vstack([at.capacity**2 * slope, prior.known.across + scale**2 * prior.open.across])
-        variance = np.append(at.capacity**2, prior.known.variance + scale**2 * prior.open.variance)
-        factor = cho_factor(whole, lower=True, check_finite=False)
-        weights = cho_solve(factor, np.column_stack([error, across.T]), check_finite=False)
-        log = -0.5 * float(error @ weights[:, 0]) - float(np.sum(np.log(np.diag(factor[0]))))
-        mean = across @ weights[:, 0] + np.append(0.0, prior.known.mean_Ohm + prior.open.mean_Ohm)
-        out.append(_Found(log, mean, variance - np.einsum("nm,mn->n", across, weights[:, 1:])))
-    return out
+def _averaged(chance: Chances, now: Summed) -> Held:
+    """Weights over the sets of changes with that of the capacity, which is open always, each as likely as it is."""
+    own = {each: p for each, p in chance.of.items() if CAPACITY in each}
+    taken = [each for each, p in own.items() if p >= _LEAST * max(own.values())]
+    return mixed([held(now, each) for each in taken], np.array([own[each] for each in taken]), CHANGES)
 
 
-def _about(given: Given, change: float, prior: Prior) -> tuple[FloatArray, FloatArray]:
-    """(m + e,) what differs from the model of the fresh capacity, linear about another, and its derivative."""
-    run, cell, ends = given.run, given.known.cell, given.ends
-    view = View(aged(cell, change), run, given.soc, prior.index)
-    charged = run.charge_Ah / cell.capacity_Ah
-    simulated_V = view.voltage_V
-    moved = given.soc + charged[prior.index] / (1.0 + change + _STEP)
-    slope_V = (cell.voltage_V(view.inputs, moved) - simulated_V) / _STEP
-    counted = given.soc + charged[ends.index] / (1.0 + change)
-    slope = np.append(slope_V, -charged[ends.index] / (1.0 + change) ** 2)
-    error = np.append(run.voltage_V[prior.index] - simulated_V, ends.soc - counted)
-    return error - prior.mean + slope * change, slope
-
-
-def _mixed(cell: KnownCell, found: list[_Found], nodes: FloatArray) -> State:
-    """All scales together, each as likely as it makes the run."""
-    logs = np.array([each.log for each in found])
-    share = np.exp(logs - logs.max())
-    share /= share.sum()
-    mean = np.array([each.mean for each in found])
-    variance = np.array([each.variance for each in found])
-    middle = share @ mean
-    std = np.sqrt(np.maximum(share @ (variance + (mean - middle) ** 2), 1e-18))
+def _state(cell: KnownCell, found: Held, wide: Held) -> State:
+    change, std = float(found.mean[0]), float(np.sqrt(found.covariance[0, 0]))
     # What is called full and empty is not sharp itself, however well a curve fits between them.
-    std[0] = np.hypot(std[0], SETTINGS.end_std * (1.0 + middle[0]))
+    std = float(np.hypot(std, SETTINGS.sharp * (1.0 + change)))
+    middle = np.zeros(COUNT)
+    middle[[SLIP.start + len(NODES) // 2, SHIFT.start]] = 1.0
     low, high = cell.soc_range
-    told = (nodes >= low - KNOWN.away_soc) & (nodes <= high + KNOWN.away_soc)
-    capacity_Ah = cell.capacity_Ah * (1.0 + float(middle[0]))
-    return State(capacity_Ah, cell.capacity_Ah * float(std[0]), nodes[told], middle[1:][told], std[1:][told])
+    told = (NODES >= low - KNOWN.away_soc) & (NODES <= high + KNOWN.away_soc)
+    return State(
+        cell.capacity_Ah * (1.0 + change),
+        cell.capacity_Ah * std,
+        NODES[told],
+        found.resistance_Ohm[told],
+        found.resistance_std_Ohm[told],
+        float(middle @ wide.mean),
+        float(np.sqrt(middle @ wide.covariance @ middle)),
+        float(wide.mean[LOOP.start]),
+        float(np.sqrt(wide.covariance[LOOP.start, LOOP.start])),
+    )

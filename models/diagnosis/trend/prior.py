@@ -1,12 +1,13 @@
-"""What a run of an aged cell is expected to be about the fresh cell's model, and what it has to do with resistance."""
+"""What a run is expected to be about the fresh cell's model, linear about one capacity."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
 
-from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
@@ -14,12 +15,15 @@ from models.diagnosis.known.elsewhere import Points, points_of
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.likelihood.start import start_columns
-from models.diagnosis.trend.choice import around_steps, chosen
 from models.diagnosis.trend.ends import Ends
+from models.diagnosis.trend.latent import NODES, latent, usual_Ohm
 from models.diagnosis.trend.quick import Steps, quick_rows, step_points
 from models.diagnosis.trend.settings import SETTINGS
-from models.effects.view import View
-from models.identification.bounded.knots import hats
+from models.diagnosis.trend.summed import Summed, White
+from models.effects.view import ModelInputs, View
+
+_STEP = 2e-3
+_JITTER = 1e-10
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,7 @@ class Given:
     known : of the cell as it was
     run : on its grid
     soc, soc_std : at the start
+    index : (m,) samples that are looked at
     ends : where the cell is full or empty
     steps : at which resistance is told
     """
@@ -39,44 +44,87 @@ class Given:
     run: GridRun
     soc: float
     soc_std: float
+    index: np.ndarray
     ends: Ends
     steps: Steps
 
 
 @dataclass(frozen=True)
-class Resistances:
+class Fresh:
     """The resistances of the first moment before the run was seen.
 
     Attributes
     ----------
-    mean_Ohm : (n,)
-    variance : (n,) in Ohm^2
-    across : (n, m + e) covariance with the run
+    mean_Ohm : (n,) by the fresh cell's coefficients and its error elsewhere
+    known, open : (n,) variances in Ohm^2 by what is fixed, and by the error elsewhere of a usual scale
+    known_across, open_across : (n, N) covariances with the run
     """
 
     mean_Ohm: FloatArray
-    variance: FloatArray
-    across: FloatArray
+    known: FloatArray
+    open: FloatArray
+    known_across: FloatArray
+    open_across: FloatArray
 
 
 @dataclass(frozen=True)
-class Prior:
-    """What a run is expected to be for one capacity: its voltages, and then the SoC at its ends.
+class About:
+    """A run about one capacity: its voltages, and then the SoC at its ends.
 
     Attributes
     ----------
-    index : (m,) samples
-    mean : (m + e,) V and then SoC
-    fixed, elsewhere : (m + e, m + e) covariances, but that of the capacity; the latter for a usual scale
-    known, open : the resistances by what is fixed, and by the error elsewhere
+    change : of the capacity, relative
+    inputs : what the model makes of current and temperature
+    error : (N,) what differs from the cell as it was, by this linear form: V and then SoC
+    columns : (N, COUNT) derivatives of it to the weights of what may have changed; the first is the capacity
+    mean : (N,) error that the model has elsewhere
+    fixed, elsewhere : (N, N) covariances of what is known as it is, and of the model's own error of a usual scale
+    fresh : resistances
+    fresh_Ohm : (n,) by the coefficients alone
+    usual_Ohm : that resistances are relative to
+    n_voltage : voltages
     """
 
-    index: np.ndarray
+    change: float
+    inputs: ModelInputs
+    error: FloatArray
+    columns: FloatArray
     mean: FloatArray
     fixed: FloatArray
     elsewhere: FloatArray
-    known: Resistances
-    open: Resistances
+    fresh: Fresh
+    fresh_Ohm: FloatArray
+    usual_Ohm: float
+    n_voltage: int
+
+    @cached_property
+    def white(self) -> tuple[White, ...]:
+        """Error and columns by the root of the covariance, one for each scale of the error elsewhere."""
+        stacked = np.column_stack([self.error, self.columns, self.fresh.known_across.T, self.fresh.open_across.T])
+        k, n = self.columns.shape[1], len(self.fresh_Ohm)
+        out = []
+        for scale in SETTINGS.scales:
+            whole = self.fixed + scale**2 * self.elsewhere
+            whole[np.diag_indices_from(whole)] *= 1.0 + _JITTER
+            lower = cholesky(whole, lower=True, check_finite=False, overwrite_a=True)
+            each = solve_triangular(lower, stacked, lower=True, check_finite=False)
+            across = each[:, 1 + k : 1 + k + n] + scale**2 * each[:, 1 + k + n :]
+            out.append(White(scale, lower, each[:, 0], each[:, 1 : 1 + k], across))
+        return tuple(out)
+
+    @cached_property
+    def summed(self) -> Summed:
+        """What is kept of it."""
+        fresh, sums = self.fresh, tuple(each.sums for each in self.white)
+        return Summed(self.change, fresh.mean_Ohm, fresh.known, fresh.open, self.fresh_Ohm, self.usual_Ohm, sums)
+
+    def at(self, given: Given, change: float) -> About:
+        """The same run about another capacity; covariances, and what the current makes, stay as they are."""
+        error, slope = _moved(given, self.inputs, change)
+        error = error - self.mean + slope * change
+        out = replace(self, change=change, error=error, columns=np.column_stack([slope, self.columns[:, 1:]]))
+        out.__dict__["white"] = tuple(each.with_other(error, slope) for each in self.white)
+        return out
 
 
 def aged(cell: KnownCell, change: float) -> KnownCell:
@@ -84,84 +132,78 @@ def aged(cell: KnownCell, change: float) -> KnownCell:
     return replace(cell, capacity_Ah=cell.capacity_Ah * (1.0 + change))
 
 
-def prior_of(given: Given, change: float) -> Prior:
-    """Make it.
+def about(given: Given, change: float) -> About:
+    """Linearise a run about a capacity.
 
     Parameters
     ----------
     given : run
     change : of the capacity, relative
-
-    Raises
-    ------
-    ModelError
-        No sample of the run can be judged.
     """
     cell, e = aged(given.known.cell, change), len(given.ends.index)
-    view = View(cell, given.run, given.soc, _looked_at(cell, given.run, given.soc))
-    mean, elsewhere, opened = _elsewhere(given, cell, view)
-    fixed, known = _fixed(given, cell, view)
-    return Prior(view.index, np.append(mean, np.zeros(e)), fixed, _with_ends(elsewhere, e), known, opened)
+    view = View(cell, given.run, given.soc, given.index)
+    points = points_of(view, 0, cell.domain)
+    mean, elsewhere, jump_mean, jump_variance, jump_across = _elsewhere(given, cell, points)
+    rows = quick_rows(given.known.cell, given.steps)
+    fresh_Ohm = rows @ given.known.cell.coefficients
+    regressors = cell.regressors(view.inputs, view.soc[view.index])
+    volts = regressors @ cell.covariance @ regressors.T
+    volts[np.diag_indices_from(volts)] += KNOWN.least_V**2
+    began = _with_start(start_columns(cell, view, given.soc_std), given.soc_std, e)
+    fixed = _with_ends(volts, e) + began @ began.T
+    fixed[np.arange(len(volts), len(fixed)), np.arange(len(volts), len(fixed))] += SETTINGS.end_std**2
+    fresh = Fresh(
+        fresh_Ohm + jump_mean,
+        np.einsum("np,pq,nq->n", rows, cell.covariance, rows),
+        jump_variance,
+        _append(rows @ cell.covariance @ regressors.T, e),
+        _append(jump_across, e),
+    )
+    usual = usual_Ohm(fresh_Ohm, cell)
+    made = latent(view, points.slope_V, usual)
+    error, slope = _moved(given, view.inputs, change)
+    rest = np.vstack([made.volts, np.zeros((e, made.volts.shape[1]))])
+    expected = np.append(mean, np.zeros(e))
+    return About(
+        change,
+        view.inputs,
+        error - expected + slope * change,
+        np.column_stack([slope, rest]),
+        expected,
+        fixed,
+        _with_ends(elsewhere, e),
+        fresh,
+        fresh_Ohm,
+        usual,
+        len(mean),
+    )
 
 
-def _looked_at(cell: KnownCell, run: GridRun, soc: float) -> np.ndarray:
-    """(m,) samples within the trained SoC: spread over the run, and those around steps of the current."""
-    counted = soc + run.charge_Ah / cell.capacity_Ah
-    low, high = cell.soc_range
-    inside = run.measured & (counted >= low - KNOWN.away_soc) & (counted <= high + KNOWN.away_soc)
-    places = np.flatnonzero(inside)
-    if not len(places):
-        raise ModelError(
-            f"{run.name}: no sample lies within the trained state of charge, {low:.2f} to {high:.2f}; give the right "
-            "SoC at the start, or train on runs that cover it"
-        )
-    near = around_steps(run.current_A, SETTINGS.step_C * cell.capacity_Ah)
-    return np.union1d(chosen(places, SETTINGS.points), near[inside[near]])
-
-
-def _elsewhere(given: Given, cell: KnownCell, view: View) -> tuple[FloatArray, FloatArray, Resistances]:
-    """(m,) mean and (m, m) covariance of the model's error and of a curve that has moved; of resistance by the former.
+def _elsewhere(
+    given: Given, cell: KnownCell, points: Points
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """(m,) mean and (m, m) covariance of the model's error, and (n,), (n,), (n, m) of resistance by it.
 
     The error of a resistance is that one sample after a step less that without it.
     """
-    at, nodes, m, e = SETTINGS, given.steps.soc, len(view.index), len(given.ends.index)
-    points = points_of(view, 0, cell.domain)
+    m, n = len(points.soc), len(NODES)
     mean, whole = given.known.elsewhere.conditional(Points.joined([points, step_points(cell, given.steps)]))
-    turn = np.hstack([np.eye(len(nodes)), -np.eye(len(nodes))]) / given.steps.current_A
+    turn = np.hstack([np.eye(n), -np.eye(n)]) / given.steps.current_A
     variance = np.einsum("ni,ij,nj->n", turn, whole[m:, m:], turn)
-    jumps = Resistances(turn @ mean[m:], variance, _append(turn @ whole[m:, :m], e))
-    here, alike = hats(nodes, np.clip(points.soc, 0.0, 1.0)), _alike(nodes, at.curve_soc)
-    slipped = here * points.slope_V[:, None]
-    moved = at.curve_V**2 * here @ alike @ here.T
-    moved += at.slip**2 * slipped @ _alike(nodes, at.slip_soc) @ slipped.T
-    return mean[:m], whole[:m, :m] + given.known.elsewhere.in_time(points) + moved, jumps
+    own = whole[:m, :m] + given.known.elsewhere.in_time(points)
+    return mean[:m], own, turn @ mean[m:], variance, turn @ whole[m:, :m]
 
 
-def _fixed(given: Given, cell: KnownCell, view: View) -> tuple[FloatArray, Resistances]:
-    """(m + e, m + e) covariance of all else: open coefficients, start, ends, and resistances that have changed."""
-    at, nodes, e = SETTINGS, given.steps.soc, len(given.ends.index)
-    rows = quick_rows(given.known.cell, given.steps)
-    soc = view.soc[view.index]
-    regressors = cell.regressors(view.inputs, soc)
-    began = _with_start(start_columns(cell, view, given.soc_std), given.soc_std, e)
-    here, alike = hats(nodes, np.clip(soc, 0.0, 1.0)), _alike(nodes, at.alike_soc)
-    fresh_Ohm = rows @ cell.coefficients
-    usual = at.resistance * max(float(np.median(np.abs(fresh_Ohm))), 1e-9)
-    quick = here * given.run.current_A[view.index][:, None]
-    slower = at.slower * here * view.overvoltage(given.run.current_A)[:, None]
-    volts = regressors @ cell.covariance @ regressors.T
-    volts += usual**2 * quick @ alike @ quick.T + slower @ alike @ slower.T
-    volts[np.diag_indices_from(volts)] += KNOWN.least_V**2
-    fixed = _with_ends(volts, e) + began @ began.T
-    fixed[np.arange(len(volts), len(fixed)), np.arange(len(volts), len(fixed))] += at.end_std**2
-    across = rows @ cell.covariance @ regressors.T + usual**2 * alike @ quick.T
-    across += at.slower * fresh_Ohm[:, None] * (alike @ slower.T)
-    variance = np.einsum("np,pq,nq->n", rows, cell.covariance, rows) + usual**2 + (at.slower * fresh_Ohm) ** 2
-    return fixed, Resistances(fresh_Ohm, variance, _append(across, e))
-
-
-def _alike(nodes: FloatArray, length: float) -> FloatArray:
-    return np.exp(-0.5 * ((nodes[:, None] - nodes[None, :]) / length) ** 2)
+def _moved(given: Given, inputs: ModelInputs, change: float) -> tuple[FloatArray, FloatArray]:
+    """(N,) what differs from the model of a capacity, and what it differs by for each unit of the capacity more."""
+    run, cell, ends = given.run, given.known.cell, given.ends
+    charged = run.charge_Ah / cell.capacity_Ah
+    simulated_V, moved_V = (
+        cell.voltage_V(inputs, given.soc + charged[given.index] / (1.0 + each)) for each in (change, change + _STEP)
+    )
+    counted = given.soc + charged[ends.index] / (1.0 + change)
+    slope = np.append((moved_V - simulated_V) / _STEP, -charged[ends.index] / (1.0 + change) ** 2)
+    return np.append(run.voltage_V[given.index] - simulated_V, ends.soc - counted), slope
 
 
 def _append(across: FloatArray, e: int) -> FloatArray:

@@ -15,6 +15,8 @@ from models.effects.view import ModelInputs
 from models.network.signals import RunSignals, arrhenius
 
 _SMALL_SOC = 5e-3
+# Temperatures that differ by less than this in K are one.
+_SAME_K = 0.2
 
 
 @dataclass(frozen=True)
@@ -51,16 +53,29 @@ def steps_of(cell: KnownCell, run: GridRun, soc: FloatArray, counted: FloatArray
 
 def quick_rows(cell: KnownCell, steps: Steps) -> FloatArray:
     """(n, P) derivatives of that resistance in Ohm to the cell's coefficients in V."""
-    changes = []
-    for degC in steps.temperature_degC.tolist():
-        source = RunSignals(
-            np.array([0.0, steps.current_A]), np.full(2, degC), np.zeros(2), cell.dt_s, cell.capacity_Ah
-        )
-        signals = cell.signals(source, np.array([0, 1]))
-        changes.append(signals[:, 1] - signals[:, 0])
-    rows = cell.regressors(ModelInputs(np.zeros(len(steps.soc)), np.column_stack(changes)), steps.soc)
+    # Over the few kelvins of a run all signals bend so little with temperature that three values tell them.
+    low, high = float(steps.temperature_degC.min()), float(steps.temperature_degC.max())
+    if high - low < _SAME_K:
+        at, shares = np.array([0.5 * (low + high)]), np.ones((len(steps.soc), 1))
+    else:
+        at = np.array([low, 0.5 * (low + high), high])
+        shares = _parabola((steps.temperature_degC - low) / (high - low))
+    signals = shares @ np.array([_after_step(cell, steps.current_A, degC) for degC in at.tolist()])
+    rows = cell.regressors(ModelInputs(np.zeros(len(steps.soc)), signals.T), steps.soc)
     rows[:, : cell.layout.n_curve] = 0.0
     return rows / steps.current_A
+
+
+def _after_step(cell: KnownCell, current_A: float, degC: float) -> FloatArray:
+    """(B,) what the signals change by in the first sample of a step."""
+    source = RunSignals(np.array([0.0, current_A]), np.full(2, degC), np.zeros(2), cell.dt_s, cell.capacity_Ah)
+    both = cell.signals(source, np.array([0, 1]))
+    return both[:, 1] - both[:, 0]
+
+
+def _parabola(x: FloatArray) -> FloatArray:
+    """(n, 3) weights of values at 0, 0.5 and 1 for those at places between."""
+    return np.column_stack([(1.0 - x) * (1.0 - 2.0 * x), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)])
 
 
 def step_points(cell: KnownCell, steps: Steps) -> Points:

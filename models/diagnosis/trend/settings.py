@@ -6,6 +6,37 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
+class Sizes:
+    """Standard deviations of what may differ from the cell as it was.
+
+    Attributes
+    ----------
+    capacity : relative
+    resistance : of the first moment, over its own; half of it is alike at all states of charge
+    slower : of all that the current runs through, the first moment's included, the same way
+    curve_V : of the open-circuit curve, V
+    slip : by how much a place on that curve moves along the SoC
+    shift : by how much all places together do, because full is not sharp
+    loop_V : of the hysteresis, V
+    """
+
+    capacity: float
+    resistance: float
+    slower: float
+    curve_V: float
+    slip: float
+    shift: float
+    loop_V: float
+
+
+# What differs from run to run of the same cell and is no news: counted charge by some parts in a thousand, resistances
+# as a clamp or a chamber makes them differ, the curve by what a converter makes of it and because full is not sharp.
+USUAL = Sizes(capacity=0.007, resistance=0.1, slower=0.1, curve_V=0.002, slip=0.003, shift=0.01, loop_V=0.002)
+# What may have changed over a life.
+CHANGED = Sizes(capacity=0.2, resistance=0.7, slower=0.5, curve_V=0.02, slip=0.03, shift=0.03, loop_V=0.01)
+
+
+@dataclass(frozen=True)
 class Settings:
     """How far a cell may have aged, and what is looked at.
 
@@ -15,24 +46,27 @@ class Settings:
     points : samples of a run that are looked at, beside those around its steps
     steps, after_step : largest steps of the current whose neighbourhood is looked at, and which samples from each
     step_C : smallest of these, in units of the capacity per hour
-    nodes : over the whole SoC, at which resistances are told; between them they change in proportion
-    capacity : usual change over a life, relative
-    resistance, alike_soc : the same of the resistance of the first moment, over its own; and over how much SoC it is
-        alike
-    slower : the same of all that the current runs through, the first moment's included
-    curve_V, curve_soc : the same of the open-circuit curve, V, which slips as the electrodes lose lithium
-    slip, slip_soc : by how much a place on that curve moves along the SoC, and over how much of it alike: electrodes
-        slip as a whole
+    nodes : over the whole SoC, at which resistances and the curve are told; they change in proportion between them
+    alike_soc, curve_soc, slip_soc : over how much SoC resistances, curve and slip are alike: electrodes slip as a whole
+    slip_of_capacity : of a lost share of the capacity, what the curve slips by as an electrode slips against the other
+    sizes : of a change, in units of the largest that is usual, equally likely
     end_soc, end_std : how near to full or empty a run ends that tells the capacity, and how surely, SoC
+    sharp : what is called full and empty is not sharper than this, SoC
+    end_samples : before such an end that are taken together
     far_soc : how far such an end is from the start, at least, to begin the search there
+    tapered : current at the end of a charge that held its voltage, over the largest
     load_C : least current of a charge or discharge that ends, in units of the capacity per hour
-    scales : factors by which that and the model's error elsewhere may be larger than is usual, equally likely
+    scales, weights : factors by which the model's error elsewhere may be larger than is usual, and how likely each is
+        beside something that is known
+    unknown_scales : the same where something is there that none of these changes stands for
     capacities : lowest and highest capacity that is looked for, over that of the model, and how many between
     clipped_V : an error that counts no more when it is larger, in the search for the first guess
-    rounds, closer : covariances that are made, and steps of the capacity with each
-    settled : relative change of the capacity that ends the steps
-    usual_capacity : change of capacity that the evidence counts as one of usual size, relative
-    share : of the samples of a diagnosis that a verdict looks at: there are hundreds of runs
+    closer, settled : steps of the capacity, and the relative change of it that ends them
+    tempering : power of the likelihood: neither equations nor errors are quite those that were assumed
+    nothing, unknown : prior probability of nothing new, and of something that none of these changes stands for
+    more : of each further change, over the same without it
+    begins, ends : probability that a change begins, or is gone again, from one run of a series to the next
+    claim : probability of nothing new below which a run alone says something
     alarms : share of false claims among all that are made over a series
     """
 
@@ -42,26 +76,32 @@ class Settings:
     after_step: tuple[int, ...] = (-1, 0, 1, 3, 10)
     step_C: float = 0.1
     nodes: int = 11
-    capacity: float = 0.2
-    resistance: float = 0.7
     alike_soc: float = 0.15
-    slower: float = 0.3
-    curve_V: float = 0.006
     curve_soc: float = 0.12
-    slip: float = 0.006
     slip_soc: float = 0.4
+    slip_of_capacity: float = 0.15
+    sizes: tuple[float, ...] = (0.3, 1.0)
     end_soc: float = 0.05
-    end_std: float = 0.01
+    end_std: float = 0.006
+    sharp: float = 0.01
+    end_samples: int = 9
     far_soc: float = 0.3
+    tapered: float = 0.5
     load_C: float = 0.02
-    scales: tuple[float, ...] = (0.6, 1.0, 1.7, 2.9, 6.0)
+    scales: tuple[float, ...] = (0.6, 1.0, 1.7, 2.9, 6.0, 12.0)
+    weights: tuple[float, ...] = (0.2, 0.38, 0.28, 0.12, 0.02, 0.0)
+    unknown_scales: tuple[float, ...] = (6.0, 12.0)
     capacities: tuple[float, float, int] = (0.4, 1.2, 81)
     clipped_V: float = 0.05
-    rounds: int = 2
     closer: int = 4
     settled: float = 1e-3
-    usual_capacity: float = 0.05
-    share: float = 0.3
+    tempering: float = 0.35
+    nothing: float = 0.5
+    unknown: float = 0.02
+    more: float = 0.3
+    begins: float = 0.05
+    ends: float = 0.01
+    claim: float = 0.05
     alarms: float = 0.05
 
 

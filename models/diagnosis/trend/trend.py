@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
-from models.diagnosis.answer.change_answer import change_answer
-from models.diagnosis.answer.findings import Diagnosis
 from models.diagnosis.diagnosis import check_training, known_of
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.record import known_in
-from models.diagnosis.likelihood.analysis import analyse
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.reference.record import make_record
+from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.trend.alarms import claimed
-from models.diagnosis.trend.estimate import State, estimate
+from models.diagnosis.trend.answer import answer
+from models.diagnosis.trend.estimate import Weighed, estimate
+from models.diagnosis.trend.forecast import forecast
+from models.diagnosis.trend.life import Places, RunTrend, Trend
+from models.diagnosis.trend.series import change_points, smoothed
 from models.diagnosis.trend.settings import SETTINGS
-from models.effects import Effect, effects
 from models.effects.input_correction import as_read
 from models.network.local_model_network import LocalModelNetwork
 
@@ -31,54 +29,6 @@ from models.network.local_model_network import LocalModelNetwork
 _STAND_IN = 3
 
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True)
-class RunTrend:
-    """One run.
-
-    Attributes
-    ----------
-    run : its name
-    state : capacity and resistance
-    diagnosis : against the cell as it was; empty of findings where the series as a whole does not bear them out
-    """
-
-    run: str
-    state: State
-    diagnosis: Diagnosis
-
-    def to_json(self) -> dict[str, Any]:
-        """Return an entry of `runs` of the public contract."""
-        state, diagnosis = self.state, self.diagnosis
-        told = zip(state.soc, state.resistance_Ohm, state.resistance_std_Ohm, strict=True)
-        return {
-            "run": self.run,
-            "capacity_Ah": {"value": state.capacity_Ah, "std": state.capacity_std_Ah},
-            "resistance": [{"soc": float(s), "value_Ohm": float(r), "std_Ohm": float(d)} for s, r, d in told],
-            "verdict": diagnosis.verdict,
-            "findings": [finding.to_json() for finding in diagnosis.findings],
-            "unexplained_mV": diagnosis.unexplained_mV,
-            "remarks": list(diagnosis.remarks),
-        }
-
-
-@dataclass(frozen=True)
-class Trend:
-    """The answer.
-
-    Attributes
-    ----------
-    runs : in the order given
-    seconds : time it took
-    """
-
-    runs: tuple[RunTrend, ...]
-    seconds: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the `trend` object of the public contract."""
-        return {"runs": [each.to_json() for each in self.runs], "seconds": self.seconds}
 
 
 def trend(
@@ -90,6 +40,7 @@ def trend(
     train_soc: list[float] | None = None,
     soc_std: list[float] | None = None,
     memory: KnownRuns | None = None,
+    places: Places | None = None,
     progress: Progress = lambda share, text: None,
 ) -> Trend:
     """Follow a cell through a series of runs.
@@ -101,6 +52,7 @@ def trend(
     train, train_soc : the runs that the network was made from
     soc_std : standard deviation of each run's SoC at the start; None: that of a careful statement
     memory : of the training runs, where it is at hand already
+    places : of the runs along the life of the cell, and its end; None: they are counted
     progress : called with the share done and what is being done
 
     Raises
@@ -113,20 +65,26 @@ def trend(
         raise ModelError("no trend: no run was given")
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
-    has_train = bool(train) or memory is not None or network.record.diagnosis is not None
+    along = places or Places()
+    at = np.arange(1.0, len(runs) + 1.0) if along.at is None else np.array(along.at)
+    if len(at) != len(runs):
+        raise ModelError(f"{len(at)} place(s) for {len(runs)} run(s): give one for each")
     known = memory if memory is not None else _known(network, runs, initial_soc, train or [], train_soc or [])
     stds = soc_std or [THRESHOLDS.start_soc] * len(runs)
-    states, answers, nothing = [], [], []
+    held: list[tuple[Weighed, Record, float]] = []
     for number, (run, soc, std) in enumerate(zip(runs, initial_soc, stds, strict=True)):
         progress(number / len(runs), run.name)
-        state, answer, chance = _held(network, known, (run, soc, std), has_train)
-        states.append(state)
-        answers.append(answer)
-        nothing.append(chance)
-    borne_out = claimed(np.array(nothing), THRESHOLDS.nothing, SETTINGS.alarms)
-    told = [each if said else _silent(each) for each, said in zip(answers, borne_out, strict=True)]
-    entries = [RunTrend(run.name, state, each) for run, state, each in zip(runs, states, told, strict=True)]
-    return Trend(tuple(entries), time.perf_counter() - started)
+        held.append(_held(network, known, (run, soc, std)))
+    seen = [weighed.chances for weighed, _, _ in held]
+    by_set = smoothed(seen)
+    borne_out = claimed(np.array([each.nothing for each in seen]), SETTINGS.nothing, SETTINGS.alarms)
+    entries = tuple(
+        RunTrend(run.name, float(x), weighed.state, record.rms_mV, answer(weighed, record, chance, bool(said), begun))
+        for run, x, (weighed, record, begun), chance, said in zip(runs, at, held, by_set, borne_out, strict=True)
+    )
+    capacity_Ah = np.array([weighed.state.capacity_Ah for weighed, _, _ in held])
+    ahead = forecast(at, capacity_Ah, known.cell.capacity_Ah, along.end, along.unit)
+    return Trend(entries, tuple(change_points(seen)), ahead, time.perf_counter() - started)
 
 
 def _known(
@@ -147,48 +105,16 @@ def _known(
 
 
 def _held(
-    network: LocalModelNetwork, known: KnownRuns, given: tuple[TimeSeries, float, float], has_train: bool
-) -> tuple[State, Diagnosis, float]:
-    """One run: its state, its diagnosis alone, and the probability that nothing is new."""
+    network: LocalModelNetwork, known: KnownRuns, given: tuple[TimeSeries, float, float]
+) -> tuple[Weighed, Record, float]:
+    """One run: what it says of the cell, the network's error on it, and when it was begun."""
     run, soc, std = given
     started = time.perf_counter()
     try:
         with np.errstate(over="raise"):
             record = make_record(network, [run], [soc])
-            state = estimate(known, record.runs[0], soc, std)
-            every = _begun_at(state, known)
-            analysis = analyse(known, record.runs, record.soc, [std], every, share=SETTINGS.share)
-            answer = change_answer(analysis, record, started, has_train, with_power=False)
-            return state, answer, analysis.verdict.nothing
+            return estimate(known, record.runs[0], soc, std), record, started
     except (ArithmeticError, IndexError, ValueError) as error:
         if isinstance(error, ModelError) and run.name in str(error):
             raise
         raise ModelError(f"{run.name}: this run cannot be weighed: {str(error).splitlines()[0][:200]}") from error
-
-
-def _begun_at(state: State, known: KnownRuns) -> list[Effect]:
-    """All effects; the search for another capacity begins at the estimate, too, from where all is linear."""
-    change = state.capacity_Ah / known.cell.capacity_Ah - 1.0
-    out = []
-    for one in effects().values():
-        if one.name == "capacity":
-            expected = replace(one.expected, starts=(*one.expected.starts, change / SETTINGS.usual_capacity))
-            out.append(replace(one, expected=expected))
-        else:
-            out.append(one)
-    return out
-
-
-def _silent(answer: Diagnosis) -> Diagnosis:
-    """An answer that the series does not bear out: one among so many is expected by chance."""
-    if answer.verdict == "nothing_missing":
-        return answer
-    said = "alone this run would say more than nothing; among so many runs one that does is expected by chance"
-    return replace(
-        answer,
-        verdict="nothing_missing",
-        findings=(),
-        next_experiment=None,
-        depends_on=(),
-        remarks=(*answer.remarks, said),
-    )

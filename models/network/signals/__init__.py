@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -83,6 +83,7 @@ def signal_kinds() -> dict[str, SignalKind]:
     return {each.name: each for each in sorted(found, key=lambda each: each.name)}
 
 
+@lru_cache(maxsize=1024)
 def parse_signal(name: str) -> Signal:
     """Take a signal's name apart.
 

@@ -55,7 +55,19 @@ def test_a_series_is_followed_and_drawn(files: tuple[Path, list[Path]], tmp_path
     assert old["capacity_Ah"]["value"] == pytest.approx(0.85 * CAPACITY_AH, rel=0.05)
     assert "capacity" in {each["effect"] for each in old["findings"]}
     drawn = page.read_text(encoding="utf-8")
-    assert drawn.count("<svg") == 2 and "capacity" in drawn
+    assert drawn.count("<svg") == 3 and "capacity" in drawn
+    assert json.loads(text)["forecast"] is None
+
+
+def test_places_and_the_end_are_taken(files: tuple[Path, list[Path]]) -> None:
+    model, runs = files
+    series = [runs[0], runs[0], runs[1], runs[1]]
+    status, text, _ = call(model, *series, "--initial-soc", SOC, "--at", "1,2,30,31", "--end", 0.9, "--json")
+    assert status == 0
+    ahead = json.loads(text)["forecast"]
+    assert (ahead["unit"], ahead["end_Ah"]) == ("cycle", pytest.approx(0.9 * CAPACITY_AH))
+    status, _, complaints = call(model, *series, "--initial-soc", SOC, "--at", "1,2,30", "--json")
+    assert status == 2 and "--at" in complaints
 
 
 def test_a_person_reads_a_table(files: tuple[Path, list[Path]]) -> None:

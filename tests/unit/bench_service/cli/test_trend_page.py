@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from bench_service.cli.diagnosis_page import VERDICTS
-from bench_service.cli.trend_page import chart, in_words, trend_page, where_told
+from bench_service.cli.trend_page import chart, in_words, stacked, trend_page, where_told
 
 
 def entry(run: str, **changed: Any) -> dict[str, Any]:
@@ -45,3 +45,20 @@ def test_the_resistance_that_is_known_best_is_shown() -> None:
     best = where_told(entry("x"))
     assert best is not None and best["soc"] == 0.5
     assert where_told(entry("x", resistance=[])) is None
+
+
+def test_bars_are_cut_into_what_explains_the_error() -> None:
+    findings = [{"effect": "capacity", "error_after_mV": 10.0}, {"effect": "resistance_growth", "error_after_mV": 4.0}]
+    drawn = ElementTree.fromstring(stacked([entry("x", error_mV=40.0, verdict="missing", findings=findings)]))
+    heights = [float(each.attrib["height"]) for each in drawn.iter("rect")]
+    assert [each / heights[0] for each in heights] == pytest.approx([1.0, 0.2, 4.0 / 30.0], abs=0.01)
+    assert "<svg" not in stacked([entry("x")])
+
+
+def test_a_forecast_and_change_points_are_told() -> None:
+    curve = [{"at": 10.0 * k, "capacity_Ah": 2.0 - 0.1 * k, "low_Ah": 1.8, "high_Ah": 2.1} for k in range(4)]
+    ahead = {"unit": "cycle", "end_Ah": 1.6, "explanation": "1.6 Ah < soon", "curve": curve}
+    point = {"effect": "capacity", "run": "b & c", "between": ["a", "b & c"]}
+    text = trend_page("m", {"runs": [entry("a")], "forecast": ahead, "change_points": [point]}).decode()
+    assert "1.6 Ah &lt; soon" in text and "capacity since b &amp; c" in text and text.count("<svg") == 3
+    assert "too few runs" in trend_page("m", {"runs": [entry("a")], "forecast": None}).decode()

@@ -51,3 +51,19 @@ def test_even_samples_stay_as_they_are() -> None:
 def test_typical_interval_is_a_round_number() -> None:
     t = np.cumsum(np.full(100, 0.97))
     assert typical_interval_s([TimeSeries(t, np.zeros(100), np.full(100, 3.0), np.zeros(100))]) == 1.0
+
+
+def test_a_log_slower_than_the_grid_is_told_next_to_its_samples() -> None:
+    """Each sample once, where the voltage hardly bends: not across a step of the current, not at a knee."""
+    t = np.arange(0.0, 900.0, 9.4)
+    current = np.where(t > 95.0, -4.0, 0.0)
+
+    def true_V(at: np.ndarray) -> np.ndarray:
+        knee = np.where(at > 800.0, 1e-3 * (at - 800.0) ** 2, 0.0)
+        return 4.0 - 2e-4 * at - np.where(at > 95.0, 0.2, 0.0) - knee
+
+    grid = to_grid(TimeSeries(t, current, true_V(t), np.full(len(t), 25.0)), 2.0)
+    told = grid.time_s[grid.measured]
+    assert 0.8 * len(t) < len(told) < len(t)
+    assert not grid.measured[(grid.time_s > 94.0) & (grid.time_s < 100.0)].any()
+    assert np.abs(grid.voltage_V - true_V(grid.time_s))[grid.measured].max() < 6e-4

@@ -180,5 +180,5 @@ def test_a_run_without_initial_soc_is_refused_with_the_way_out() -> None:
 def test_the_full_structure_asks_for_temperature() -> None:
     run = synthetic.run(1000, seed=1)
     cold = TimeSeries(run.time_s, run.current_A, run.voltage_V, np.full(1000, np.nan), None, run.soc_ref)
-    with pytest.raises(StructureError, match="needs a temperature"):
+    with pytest.raises(NotIdentifiableError, match="--structure minimal"):
         fit_network([cold], capacity_Ah=2.0, structure="full")

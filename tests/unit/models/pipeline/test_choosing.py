@@ -56,10 +56,11 @@ def automatic(
 
 @dataclass(frozen=True)
 class Noise:
-    """Stands for training data of which only the noise and the number of runs are asked."""
+    """Stands for training data of which only the noise, the number of runs and the temperature are asked."""
 
     noise_floor_mV: float | None
     grid: tuple[int, ...] = (0, 1, 2)
+    has_temperature: bool = True
 
 
 def name_of(chosen: choosing.Chosen) -> str:

@@ -39,7 +39,7 @@ def test_the_charge_between_full_and_empty_is_the_capacity(whole: KnownRuns, los
     run = discharge(CAPACITY_AH * (1.0 - lost), grown_Ohm=0.01 * lost)
     found = ends_of(whole.cell, run, 1.0)
     assert len(found.index) == 1 and found.soc[0] == pytest.approx(0.0, abs=0.02)
-    state = estimate(whole, run, 1.0, 0.005)
+    state = estimate(whole, run, 1.0, 0.005).state
     assert state.capacity_Ah == pytest.approx(CAPACITY_AH * (1.0 - lost), rel=0.02)
     assert 0.01 * state.capacity_Ah <= state.capacity_std_Ah < 0.03 * state.capacity_Ah
 
@@ -51,7 +51,7 @@ def test_a_run_that_ends_half_way_ends_nowhere(whole: KnownRuns) -> None:
 
 
 def test_the_step_at_its_start_tells_the_resistance(whole: KnownRuns) -> None:
-    state = estimate(whole, discharge(0.9 * CAPACITY_AH, grown_Ohm=0.012), 1.0, 0.005)
+    state = estimate(whole, discharge(0.9 * CAPACITY_AH, grown_Ohm=0.012), 1.0, 0.005).state
     assert state.resistance_Ohm[-1] == pytest.approx(FRESH_OHM + 0.012, rel=0.15)
 
 

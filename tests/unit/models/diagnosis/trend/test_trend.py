@@ -5,7 +5,8 @@ import pytest
 
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
-from models.diagnosis.trend.trend import Trend, trend
+from models.diagnosis.trend.life import Trend
+from models.diagnosis.trend.trend import trend
 from tests.unit.models.diagnosis.cells import simple_network
 from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, steps_A, true_run
 from tests.unit.models.hand_network import CAPACITY_AH

@@ -1,0 +1,187 @@
+"""From a run to probabilities of what has changed: nothing, or any of capacity, resistance and curve together.
+
+Each is held against the same run as a Gaussian likelihood in which what has changed may be large and all else differs
+as it does from run to run; a change that is not needed makes a run less likely (Kass and Raftery, J. Am. Stat. Assoc.
+90, 1995, on Bayes factors).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from models.data.timeseries import FloatArray
+from models.diagnosis.trend.latent import resistances, root
+from models.diagnosis.trend.settings import CHANGED, SETTINGS, USUAL, Sizes
+from models.diagnosis.trend.summed import Summed, Sums
+
+CAPACITY, RESISTANCE, CURVE = "capacity", "resistance", "curve"
+CHANGES = (CAPACITY, RESISTANCE, CURVE)
+EVERY: tuple[tuple[str, ...], ...] = tuple(each for n in range(len(CHANGES) + 1) for each in combinations(CHANGES, n))
+
+# Scales of the error whose likelihood's logarithm is that much lower than the best say nothing.
+_UNLIKELY = 9.0
+
+
+@dataclass(frozen=True)
+class Held:
+    """One explanation held against a run.
+
+    Attributes
+    ----------
+    changes : what may be large
+    log : logarithm of its likelihood
+    mean, covariance : (COUNT,), (COUNT, COUNT) of the weights
+    resistance_Ohm, resistance_std_Ohm : (n,) of the first moment
+    """
+
+    changes: tuple[str, ...]
+    log: float
+    mean: FloatArray
+    covariance: FloatArray
+    resistance_Ohm: FloatArray
+    resistance_std_Ohm: FloatArray
+
+
+@dataclass(frozen=True)
+class Chances:
+    """Probabilities.
+
+    Attributes
+    ----------
+    nothing, unknown : of nothing new, and of something that none of the changes stands for
+    of : of each set of changes
+    """
+
+    nothing: float
+    unknown: float
+    of: dict[tuple[str, ...], float]
+
+    def that(self, change: str) -> float:
+        """Probability that one of the changes is there, alone or with others."""
+        return sum(p for each, p in self.of.items() if change in each)
+
+
+def sizes_of(changes: tuple[str, ...], size: float, capacity: float) -> Sizes:
+    """What may differ where some of it has changed.
+
+    Parameters
+    ----------
+    changes : that are there
+    size : of them, in units of the largest that is usual
+    capacity : how much of it is lost: by a part of that electrodes have slipped
+    """
+    own = USUAL
+    if CAPACITY in changes:
+        slip = float(np.hypot(USUAL.slip, SETTINGS.slip_of_capacity * capacity))
+        own = replace(own, capacity=size * CHANGED.capacity, slip=slip)
+    if RESISTANCE in changes:
+        own = replace(own, resistance=size * CHANGED.resistance, slower=size * CHANGED.slower)
+    if CURVE in changes:
+        slip = float(np.hypot(own.slip, size * CHANGED.slip))
+        own = replace(
+            own, curve_V=size * CHANGED.curve_V, slip=slip, shift=size * CHANGED.shift, loop_V=size * CHANGED.loop_V
+        )
+    return own
+
+
+def chances(fresh: Summed, now: Summed) -> Chances:
+    """Weigh everything against everything.
+
+    Parameters
+    ----------
+    fresh, now : the run about the capacity as it was, and about that which it asks for
+    """
+    at, logs = SETTINGS, {}
+    for each in EVERY:
+        about = now if CAPACITY in each else fresh
+        several = [
+            np.log(w) - np.log(len(at.sizes)) + log_of(sums, root(sizes_of(each, size, now.change)))
+            for size in at.sizes
+            for sums, w in zip(about.sums, at.weights, strict=True)
+            if w > 0.0
+        ]
+        logs[each] = _log_sum(several) if each else _log_sum(several[: len(several) // len(at.sizes)]) + np.log(2.0)
+    own = root(USUAL)
+    beyond = [log_of(sums, own) for sums in fresh.sums if sums.scale in at.unknown_scales]
+    unknown = _log_sum(beyond) - float(np.log(len(beyond)))
+    weights = {each: at.more ** len(each) for each in EVERY if each}
+    share = (1.0 - at.nothing - at.unknown) / sum(weights.values())
+    prior = {(): at.nothing} | {each: share * w for each, w in weights.items()}
+    posterior = [np.log(prior[each]) + at.tempering * logs[each] for each in EVERY]
+    posterior.append(np.log(at.unknown) + at.tempering * unknown)
+    p = np.exp(np.array(posterior) - _log_sum(posterior))
+    return Chances(float(p[0]), float(p[-1]), dict(zip(EVERY[1:], p[1:-1].tolist(), strict=True)))
+
+
+def log_of(sums: Sums, spread: FloatArray) -> float:
+    """Logarithm of the likelihood for a root of the covariance of the weights."""
+    whole = spread.T @ sums.inner @ spread
+    whole[np.diag_indices_from(whole)] += 1.0
+    lower = np.linalg.cholesky(whole)
+    turned = np.linalg.solve(lower, spread.T @ sums.right)
+    return sums.log + 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(lower))))
+
+
+def held(about: Summed, changes: tuple[str, ...]) -> Held:
+    """Weights and resistances where some things have changed, over all scales of the model's error.
+
+    Parameters
+    ----------
+    about : the run about the capacity that it asks for
+    changes : what may be large
+    """
+    spread = root(sizes_of(changes, max(SETTINGS.sizes), about.change))
+    known = [(sums, w) for sums, w in zip(about.sums, SETTINGS.weights, strict=True) if w > 0.0]
+    told = [float(np.log(w)) + log_of(sums, spread) for sums, w in known]
+    likely = [each for each, log in zip(known, told, strict=True) if log > max(told) - _UNLIKELY]
+    every = [_one(about, changes, each, spread) for each in likely]
+    logs = np.array([each.log for each in every])
+    return mixed(every, np.exp(logs - logs.max()), changes)
+
+
+def mixed(every: list[Held], weights: FloatArray, changes: tuple[str, ...]) -> Held:
+    """Several explanations together, each as likely as its weight says.
+
+    Parameters
+    ----------
+    every, weights : explanations and (n,) how likely each is, up to a factor
+    changes : what the whole is said to be
+    """
+    share = weights / weights.sum()
+    means = np.array([each.mean for each in every])
+    mean = share @ means
+    away = means - mean
+    covariance = np.tensordot(share, np.array([each.covariance for each in every]), axes=1)
+    covariance += (share[:, None] * away).T @ away
+    ohms = np.array([each.resistance_Ohm for each in every])
+    variances = np.array([each.resistance_std_Ohm**2 for each in every])
+    ohm = share @ ohms
+    std = np.sqrt(np.maximum(share @ (variances + (ohms - ohm) ** 2), 1e-18))
+    return Held(changes, _log_sum(np.array([each.log for each in every])), mean, covariance, ohm, std)
+
+
+def _one(about: Summed, changes: tuple[str, ...], scale: tuple[Sums, float], spread: FloatArray) -> Held:
+    sums, weight = scale
+    whole = spread.T @ sums.inner @ spread
+    whole[np.diag_indices_from(whole)] += 1.0
+    factor = cho_factor(whole, lower=True, check_finite=False)
+    covariance = spread @ cho_solve(factor, spread.T, check_finite=False)
+    mean = covariance @ sums.right
+    own = spread.T @ sums.right
+    log = sums.log + 0.5 * float(own @ cho_solve(factor, own)) - float(np.sum(np.log(np.diag(factor[0]))))
+    turn = resistances(about.fresh_Ohm, about.usual_Ohm)
+    through = turn - sums.across_columns
+    ohm = about.mean_Ohm + sums.across_error + through @ mean
+    variance = about.known + sums.scale**2 * about.open - sums.across
+    variance = variance + np.einsum("nk,kl,nl->n", through, covariance, through)
+    return Held(changes, log + float(np.log(weight)), mean, covariance, ohm, np.sqrt(np.maximum(variance, 1e-18)))
+
+
+def _log_sum(logs: list[float] | FloatArray) -> float:
+    values = np.asarray(logs, dtype=np.float64)
+    most = float(values.max())
+    return most + float(np.log(np.sum(np.exp(values - most))))

@@ -1,0 +1,48 @@
+"""What persists over a series: neighbours bear each other out, one run alone changes nothing."""
+
+import numpy as np
+
+from models.diagnosis.trend.series import change_points, smoothed
+from models.diagnosis.trend.weighing import EVERY, Chances
+
+
+def run(likely: tuple[str, ...], chance: float, unknown: float = 0.0) -> Chances:
+    """A run that speaks for one set with a probability, the others alike."""
+    rest = (1.0 - chance - unknown) / (len(EVERY) - 1)
+    of = {each: chance if each == likely else rest for each in EVERY}
+    return Chances(of.pop(()), unknown, of)
+
+
+def named(runs: list[Chances]) -> list[tuple[str, ...]]:
+    return [EVERY[int(np.argmax(each))] for each in smoothed(runs)]
+
+
+def test_one_run_alone_is_taken_as_it_is() -> None:
+    assert named([run((), 0.9)]) == [()]
+    assert named([run(("capacity",), 0.9)]) == [("capacity",)]
+
+
+def test_neighbours_bear_out_what_each_alone_hardly_tells() -> None:
+    hardly = [run(("capacity", "resistance"), 0.4), run(("capacity", "curve"), 0.35)]
+    said = named([run((), 0.9)] * 3 + [run(("capacity",), 0.9)] * 3 + [hardly[0], hardly[1], *[hardly[0]] * 3])
+    assert said[:3] == [()] * 3
+    assert said[3:6] == [("capacity",)] * 3
+    assert said[-3:] == [("capacity", "resistance")] * 3
+
+
+def test_a_single_odd_run_does_not_change_the_cell() -> None:
+    series = [run((), 0.9)] * 5 + [run(("resistance",), 0.6)] + [run((), 0.9)] * 5
+    assert named(series) == [()] * 11
+    assert change_points(series) == []
+
+
+def test_a_run_that_nothing_explains_says_nothing_of_the_cell() -> None:
+    series = [run(("capacity",), 0.9)] * 3 + [run((), 0.0, unknown=0.999)] + [run(("capacity",), 0.9)] * 3
+    assert named(series) == [("capacity",)] * 7
+
+
+def test_a_change_point_lies_where_a_change_begins() -> None:
+    (point,) = change_points([run((), 0.95)] * 6 + [run(("capacity",), 0.95)] * 6)
+    assert (point.change, point.first) == ("capacity", 6)
+    assert point.low <= 6 <= point.high and point.high - point.low <= 2
+    assert point.probability > 0.9
