@@ -217,7 +217,7 @@ class BenchControl:
         self._run_id = _NO_RUN
         self._tell_state()
         report = await commission(self._settings, device, order, (self._feed, self._stop, self._event))
-        report = with_chamber(report, self._chamber)
+        report = await with_chamber(report, self._chamber)
         self._latched = report.latch
         if order.prove:
             await self._keeper.release()

@@ -120,8 +120,12 @@ class ChamberKeeper:
 
     # --- what is known -------------------------------------------------------------------------------------
 
+    async def answers(self) -> bool:
+        """Whether it does, or does within a moment: it may have been switched on just now."""
+        return await woken(self._answers, _READY_S)
+
     async def ready(self) -> None:
-        """See that a run may begin; one that has just been switched on is waited for a moment.
+        """See that a run may begin.
 
         Raises
         ------
@@ -130,8 +134,7 @@ class ChamberKeeper:
         """
         if self.settings is None:
             return
-        await woken(self._answers, _READY_S)
-        if self.reading is None:
+        if not await self.answers() or self.reading is None:
             raise RefusedError(
                 f"the chamber does not answer: {self._reason}; switch it on, or take it out of bench.toml"
             )
