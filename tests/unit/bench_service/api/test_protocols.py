@@ -26,7 +26,7 @@ class Benches:
     def get(self, name: str) -> SimpleNamespace:
         if name != "sim":
             raise NotFoundError.of("bench", name)
-        return SimpleNamespace(limits=LIMITS, config=SimpleNamespace(capacity_Ah=2.5))
+        return SimpleNamespace(limits=LIMITS, config=SimpleNamespace(capacity_Ah=2.5, chamber=None, chamber_degC=None))
 
 
 def client() -> tuple[Any, AsyncPart]:
