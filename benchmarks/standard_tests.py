@@ -173,9 +173,10 @@ def _each_tick(node: Any, dt_s: float) -> Any:
     """Store every sample, also one that comes somewhat early: what is judged must be there."""
     if isinstance(node, list):
         return [_each_tick(each, dt_s) for each in node]
-    if isinstance(node, dict):
-        return {key: {"time_s": 0.5 * dt_s} if key == "record" else _each_tick(each, dt_s) for key, each in node.items()}
-    return node
+    if not isinstance(node, dict):
+        return node
+    every = {"record": {"time_s": 0.5 * dt_s}}
+    return {key: _each_tick(each, dt_s) for key, each in node.items()} | (every if "record" in node else {})
 
 
 def _command(folder: Path, *words: str) -> dict[str, Any]:
