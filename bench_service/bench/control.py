@@ -197,9 +197,9 @@ class BenchControl:
         try:
             request = RunRequest.from_frame(header, body)
             cycler, capabilities = self._keeper.ready(self._latched)
-            self._chamber.ready()
             self._run_id, self._finish_alone = run_id, request.finish_alone
             self._tell_state()
+            await self._chamber.ready()
             prepared = await prepare(self._settings, capabilities, request)
             self._recording.open(run_id, prepared.streams, prepared.queue_rows)
         except (RefusedError, RecorderError, ValueError) as error:
@@ -217,7 +217,7 @@ class BenchControl:
         self._run_id = _NO_RUN
         self._tell_state()
         report = await commission(self._settings, device, order, (self._feed, self._stop, self._event))
-        report = with_chamber(report, self._chamber)
+        report = await with_chamber(report, self._chamber)
         self._latched = report.latch
         if order.prove:
             await self._keeper.release()

@@ -15,14 +15,17 @@ def window_of(
 ) -> program.Window:
     """Return what a protocol may not leave: the run's limits, and the device's range of current where that is known.
 
-    Without `chamber` there is no temperature chamber that it could set.
+    Without `chamber` there is no temperature chamber that it could set; one is never set beyond the run's own limits.
     """
     low, high = limits.current_A
     if device_A is not None:
         low, high = max(low, device_A[0]), min(high, device_A[1])
     soc = soc_window(limits) if soc_known else None
     window = program.Window(limits.voltage_V, (low, high), soc, limits.ramp_A_per_s, limits.duration_s)
-    return replace(window, chamber=chamber)
+    if chamber is None:
+        return window
+    (low, high), (coldest, hottest) = chamber.temperature_degC, limits.temperature_degC
+    return replace(window, chamber=replace(chamber, temperature_degC=(max(low, coldest), min(high, hottest))))
 
 
 def soc_window(limits: Limits) -> Window | None:

@@ -23,6 +23,7 @@ _log = logging.getLogger(__name__)
 POLL_S = 1.0
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.2, 5.0
 _LEAVE_S = 1.0
+_READY_S = 3.0
 
 Goal = float | Literal["off"] | None
 
@@ -64,6 +65,7 @@ class ChamberKeeper:
         self._goal: Goal = None
         self._reached = asyncio.Event()
         self._reached.set()
+        self._answers = asyncio.Event()
         self._clearing = False
         self._lock = asyncio.Lock()
         self._wake = asyncio.Event()
@@ -118,7 +120,11 @@ class ChamberKeeper:
 
     # --- what is known -------------------------------------------------------------------------------------
 
-    def ready(self) -> None:
+    async def answers(self) -> bool:
+        """Whether it does, or does within a moment: it may have been switched on just now."""
+        return await woken(self._answers, _READY_S)
+
+    async def ready(self) -> None:
         """See that a run may begin.
 
         Raises
@@ -128,7 +134,7 @@ class ChamberKeeper:
         """
         if self.settings is None:
             return
-        if self.reading is None:
+        if not await self.answers() or self.reading is None:
             raise RefusedError(
                 f"the chamber does not answer: {self._reason}; switch it on, or take it out of bench.toml"
             )
@@ -248,6 +254,7 @@ class ChamberKeeper:
 
     def _took(self, reading: ChamberReading) -> None:
         back, self.reading = self.reading is None, reading
+        self._answers.set()
         if back and self.identity is not None:
             words = [self.identity.name, self.identity.said.get("maker"), self.identity.said.get("model"), "connected"]
             self._on_change("info", "chamber_connected", f"{self._bench}: {' '.join(filter(None, words))}")
@@ -266,6 +273,7 @@ class ChamberKeeper:
         if chamber is not None:
             await chamber.close()
         was, self.reading = self.reading, None
+        self._answers.clear()
         if was is not None or self._reason != reason:
             self._reason = reason
             self._on_change("warning", "chamber_offline", f"{self._bench}: the chamber does not answer: {reason}")

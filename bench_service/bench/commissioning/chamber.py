@@ -7,10 +7,11 @@ from bench_service.bench.commissioning.check import Check, Report, failed
 from drivers.cycler import IDENTITY
 
 
-def with_chamber(report: Report, keeper: ChamberKeeper) -> Report:
+async def with_chamber(report: Report, keeper: ChamberKeeper) -> Report:
     """Return a report that also tells of the bench's chamber, where it has one; nothing is written to it."""
     if keeper.settings is None or report.state in ("refused", "stopped"):
         return report
+    await keeper.answers()
     check, identity = _check(keeper), keeper.identity
     said = {} if identity is None else {key: identity.said.get(key, "") for key in IDENTITY}
     told = replace(report, checks=(*report.checks, check), chamber=said)

@@ -1,6 +1,10 @@
+from dataclasses import replace
+
 import pytest
 
 from bench_service.app.simulated import same_address, simulator_arguments
+from bench_service.bench.limits import Limits
+from bench_service.bench.protocol_window import window_of
 from bench_service.campaign.chambers import chamber_settings, chamber_window
 from bench_service.config import ConfigError, parse_config
 
@@ -46,5 +50,8 @@ def test_a_simulated_chamber_is_started_beside_the_cycler_and_a_real_one_is_not(
     found = chamber_settings(real, None)
     assert found is not None and (found.url, found.temperature_degC) == ("modbus-tcp://h:1", (10.0, 40.0))
     assert chamber_window(real) == found.window
+    narrow = replace(Limits.from_json(real.limits.model_dump()), temperature_degC=(20.0, 60.0))
+    narrowed = window_of(narrow, chamber=found.window).chamber
+    assert narrowed is not None and (narrowed.temperature_degC, narrowed.tolerance_K) == ((20.0, 40.0), 0.3)
     none = parse_config("[bench.a]\nsimulate = {}").bench["a"]
     assert chamber_settings(none, None) is None and chamber_window(none) is None

@@ -19,7 +19,7 @@ from bench_service.bench.safety import Context, Rules, Track
 from bench_service.bench.settings import BenchSettings
 from drivers.chamber import ChamberIdentity, ChamberReading
 from drivers.cycler import CyclerError, CyclerTimeoutError, Reading
-from tests.patience import holds, stretched
+from tests.patience import PATIENCE_S, holds, stretched
 
 LIMITS = Limits((2, 4), (-1, 1), (0, 45), (0, 1), None, 9.0)
 CHAMBER = ChamberSettings("modbus-tcp://h:1", "generic_chamber", (0.0, 50.0), lost_s=5.0)
@@ -76,6 +76,7 @@ def chamber(monkeypatch: pytest.MonkeyPatch) -> FakeChamber:
     monkeypatch.setattr(keeper, "POLL_S", 0.01)
     monkeypatch.setattr(keeper, "_FIRST_RETRY_S", 0.01)
     monkeypatch.setattr(keeper, "_LEAVE_S", 0.05)
+    monkeypatch.setattr(keeper, "_READY_S", 0.02)
     monkeypatch.setattr(in_run, "_END_S", 0.05)
     monkeypatch.setattr(in_run, "_LOCK_STEP_S", 0.05)
     return fake
@@ -113,7 +114,7 @@ async def kept(chamber: FakeChamber) -> AsyncIterator[Kept]:
 async def test_a_bench_without_one_is_as_it_was() -> None:
     without = ChamberKeeper(replace(BENCH, chamber=None), lambda *_: None)
     without.start()
-    without.ready()
+    await without.ready()
     without.retire()
     without.clear()
     assert without.around(CELL) is CELL and without.to_json() is None and without.live() == {}
@@ -126,10 +127,10 @@ async def test_a_bench_without_one_is_as_it_was() -> None:
 async def test_it_is_looked_at_and_nothing_is_written(chamber: FakeChamber, kept: Kept) -> None:
     new = ChamberKeeper(BENCH, lambda *_: None)
     with pytest.raises(RefusedError, match="the chamber does not answer: not connected yet; switch it on"):
-        new.ready()
+        await new.ready()
     assert math.isnan(new.around(CELL).ambient_degC), "the cycler's own sensor is not what is meant"
     kept_keeper = await kept.there()
-    kept_keeper.ready()
+    await kept_keeper.ready()
     assert kept_keeper.around(CELL).ambient_degC == 24.0
     assert kept_keeper.live() == {"chamber_setpoint_degC": 20.0, "chamber_on": False}
     told = kept_keeper.to_json()
@@ -139,18 +140,29 @@ async def test_it_is_looked_at_and_nothing_is_written(chamber: FakeChamber, kept
     assert chamber.told == [] and kept.events[0] == ("info", "chamber_connected", "left: box m x connected")
 
 
+async def test_one_that_was_just_switched_on_is_waited_for(
+    chamber: FakeChamber, kept: Kept, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = await kept.there()
+    monkeypatch.setattr(keeper, "_READY_S", PATIENCE_S)
+    chamber.gone = True
+    await holds(lambda: made.reading is None, "gone")
+    chamber.gone = False
+    await made.ready()
+
+
 async def test_a_run_is_refused_on_an_alarm_or_out_of_limits(chamber: FakeChamber, kept: Kept) -> None:
     made = await kept.there()
     chamber.reading = replace(chamber.reading, alarms=frozenset({"fan"}))
     await holds(lambda: "chamber_alarm" in kept.codes, "alarm told")
     with pytest.raises(RefusedError, match="the chamber reports fan"):
-        made.ready()
+        await made.ready()
     made.clear()
     await holds(lambda: "clear" in chamber.told and not made.reading.alarms, "alarm cleared")
     chamber.reading = replace(chamber.reading, temperature_degC=70.0)
     await holds(lambda: made.reading.temperature_degC == 70.0, "hot")
     with pytest.raises(RefusedError, match=r"air is 70 degC, allowed are -5 to 55 degC"):
-        made.ready()
+        await made.ready()
     assert chamber.told == ["clear"], "one that is off is left alone"
     chamber.reading = replace(chamber.reading, on=True)
     await holds(lambda: chamber.told[-1] == "off", "one that heats without a run is switched off")
@@ -255,5 +267,5 @@ async def test_a_defect_is_a_chamber_that_does_not_answer(
     await holds(lambda: made.reading is None, "lost")
     assert any("internal error: ZeroDivisionError" in text for _, _, text in kept.events)
     with pytest.raises(RefusedError):
-        made.ready()
+        await made.ready()
     assert not issubclass(ZeroDivisionError, CyclerError)
