@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+from dataclasses import asdict
+
 from fastapi import APIRouter
 
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import StrictRoute
-from bench_service.errors import NotFoundError
+from bench_service.campaign.request import known_standing
+from bench_service.campaign.standing import last_standing
+from bench_service.errors import BadRequestError, NotFoundError
 
 router = APIRouter(prefix="/benches", tags=["benches"], route_class=StrictRoute)
 
@@ -21,6 +26,17 @@ async def list_benches(services: ServicesOf) -> Answer:
 async def get_bench(name: PathId, services: ServicesOf) -> Answer:
     """Give one bench."""
     return services.benches.get(name).to_json()
+
+
+@router.get("/{name}/standing")
+async def get_standing(name: PathId, services: ServicesOf) -> Answer:
+    """Tell the state of charge at which the cell stands, as far as that is known; 404 where nobody knows."""
+    bench = services.benches.get(name)
+    last = await asyncio.to_thread(last_standing, bench, services.store, services.samples)
+    try:
+        return asdict(known_standing(bench, None, last))
+    except BadRequestError as error:
+        raise NotFoundError(str(error), ("name",)) from error
 
 
 @router.post("/{name}/stop")

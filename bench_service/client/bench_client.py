@@ -100,6 +100,10 @@ class BenchClient:
         """One bench: state, capabilities, limits, last live values."""
         return self._connection.get(f"{API}/benches/{part(name)}")
 
+    def standing(self, name: str) -> Record:
+        """State of charge at which the cell on a bench stands, and where that is known from."""
+        return self._connection.get(f"{API}/benches/{part(name)}/standing")
+
     def stop_bench(self, name: str) -> Record:
         """Stop the bench's run, if there is one; past the service where this client has started one there."""
         return self._stop_ports.stop(name) or self._connection.post(f"{API}/benches/{part(name)}/stop")

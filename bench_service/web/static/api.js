@@ -72,6 +72,7 @@ export const api = {
   learnStopPorts,
   health: () => request("GET", "/healthz", undefined, 4),
   benches: async () => list(await get("/benches"), "benches"),
+  standing: (name) => get(`/benches/${id(name)}/standing`),
   // A stop is worth a quick verdict: the person at the bench needs to know whether to use the emergency stop.
   stopBench: async (name) => (await stopDirectly(name)) || post(`/benches/${id(name)}/stop`, undefined, 5),
   openSeal: (name) => post(`/benches/${id(name)}/seal/open`),

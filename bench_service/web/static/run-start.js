@@ -188,12 +188,9 @@ async function upload(file, state, list, say) {
   }
 }
 
-/** Where the cell stands as far as its last run tells. */
+/** Where the cell stands, as far as that is known. */
 async function believe(bench, soc) {
   if (!bench || soc.value) return;
-  const [run] = await api.runs({ bench: bench.name, limit: 1 }).catch(() => []);
-  if (!run) return;
-  const counted = await api.samples(run.id, { points: 2, columns: "charge_Ah" }).then(({ columns }) => columns.charge_Ah?.at(-1) ?? NaN, () => NaN);
-  const now = run.initial_soc + counted / run.capacity_Ah;
-  if (Number.isFinite(now) && !soc.value) soc.value = String(Math.round(1000 * Math.min(1, Math.max(0, now))) / 10);
+  const known = await api.standing(bench.name).catch(() => null);
+  if (known && !soc.value) soc.value = String(Math.round(1000 * known.soc) / 10);
 }

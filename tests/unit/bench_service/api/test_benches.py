@@ -3,9 +3,12 @@
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+import pytest
+
 from bench_service.api import benches
 from bench_service.errors import ConflictError, NotFoundError
-from tests.unit.bench_service.api.route_rig import AsyncPart, Part, client_of, error_of
+from tests.unit.bench_service.api.route_rig import AsyncPart, Part, Store, client_of, error_of, run_record
 
 
 def bench(name: str = "sim", state: str = "running") -> Any:
@@ -62,3 +65,18 @@ def test_looking_changes_nothing_and_stopping_is_no_reading() -> None:
     client = client_of(benches.router, benches=Benches([bench()]))
     assert client.get("/benches/sim/stop").status_code == 405
     assert client.post("/benches").status_code == 405
+
+
+@pytest.mark.parametrize(("simulated", "played", "soc"), [(True, True, 0.4), (True, False, 0.9), (False, False, None)])
+def test_where_a_cell_stands_is_told_as_far_as_it_is_known(simulated: bool, played: bool, soc: float | None) -> None:
+    config = SimpleNamespace(simulate=SimpleNamespace(initial_soc=0.9) if simulated else None)
+    one = SimpleNamespace(name="sim", config=config, runs_before_cell=0)
+    data = SimpleNamespace(n=2, columns={"time_s": np.array([0.0, 360.0]), "current_A": np.array([0.0, -2.0])})
+    store = Store(runs={"page": [run_record(n_samples=2)] if played else []})
+    client = client_of(benches.router, benches=Benches([one]), store=store, samples=Part(read=data))
+    answer = client.get("/benches/sim/standing")
+    if soc is None:
+        assert answer.status_code == 404
+        assert "not known" in error_of(answer)["message"]
+    else:
+        assert answer.json()["soc"] == pytest.approx(soc)
