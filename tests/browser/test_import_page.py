@@ -34,7 +34,7 @@ def test_a_file_is_dropped_corrected_and_stored(open_page: OpenPage, address: st
     page.get_by_role("link", name="Import").click()
     page.locator("#import-file").set_input_files(file)
     question = page.locator(".question")
-    expect(question).to_contain_text("which column holds voltage_V?")
+    expect(question).to_contain_text("which column holds voltage? Settle it below.")
     expect(question).not_to_contain_text("--")
     expect(page.locator("tr[data-asked=true] th")).to_have_text("Voltage")
     expect(page.locator("#import-store")).to_be_hidden()

@@ -67,10 +67,11 @@ function labelled(title, input) {
   return el("div", { class: "field" }, el("label", { for: input.id, text: title }), input);
 }
 
-/** A question without what a person types on a command line: the fields are below it. */
+/** A question in the words of the table, without what a person types on a command line: the fields are below it. */
 function plain(text) {
-  const at = text.indexOf(" --");
-  if (at < 0) return text;
-  const end = Math.max(...[";", "?", ":", ","].map((mark) => text.lastIndexOf(mark, at)));
-  return end > 0 ? `${text.slice(0, end)}${text[end] === "?" ? "?" : ""}. Settle it below.` : text;
+  const named = text.replace(/\b[A-Za-z]+(_[A-Za-z]+)+\b/g, (role) => TITLES[role]?.toLowerCase() ?? role);
+  const at = named.indexOf(" --");
+  if (at < 0) return named;
+  const end = Math.max(...[";", "?", ":", ","].map((mark) => named.lastIndexOf(mark, at)));
+  return end > 0 ? `${named.slice(0, end)}${named[end] === "?" ? "?" : "."} Settle it below.` : named;
 }
