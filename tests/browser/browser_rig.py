@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Page
+from playwright.sync_api import Page, WebSocketRoute
 
 from tests.patience import PATIENCE_S
 
@@ -30,6 +30,31 @@ def looked_at(page: Page, name: str) -> None:
         page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
         found = Axe().run(page)
         assert found.violations_count == 0, f"{name}, {scheme}: {found.generate_report()}"
+
+
+class LiveLink:
+    """The live connection of a page, which a test cuts and lets through again; `attach` before the page loads."""
+
+    def __init__(self) -> None:
+        self._through = True
+        self._sockets: list[WebSocketRoute] = []
+
+    def attach(self, page: Page) -> None:
+        page.route_web_socket("**/api/v1/live?*", self._relay)
+
+    def cut(self) -> None:
+        self._through = False
+        self._sockets[-1].close()
+
+    def mend(self) -> None:
+        self._through = True
+
+    def _relay(self, socket: WebSocketRoute) -> None:
+        if self._through:
+            socket.connect_to_server()
+            self._sockets.append(socket)
+        else:
+            socket.close()
 
 
 @contextmanager

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browser_rig import PHONE, OpenPage, looked_at, served
-from playwright.sync_api import Page, WebSocketRoute, expect
+from browser_rig import PHONE, LiveLink, OpenPage, looked_at, served
+from playwright.sync_api import Page, expect
 from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
 from tests.patience import LONG_S, PATIENCE_S
@@ -136,29 +136,19 @@ def test_campaign_runs_through_to_figures_and_pictures(open_page: OpenPage) -> N
 
 
 def test_values_are_marked_old_while_the_service_cannot_be_heard(open_page: OpenPage) -> None:
-    links: list[WebSocketRoute] = []
-    let_through = True
-
-    def relay(socket: WebSocketRoute) -> None:
-        if let_through:
-            socket.connect_to_server()
-            links.append(socket)
-        else:
-            socket.close()
-
-    page = open_page("slow", prepare=lambda page: page.route_web_socket("**/api/v1/live?*", relay))
+    link = LiveLink()
+    page = open_page("slow", prepare=link.attach)
     banner = page.locator("#offline-banner")
     expect(page.locator("#service")).to_have_text("Live, service ok")
     expect(banner).to_be_hidden()
     # Only a reading that has been there can grow old.
     expect(page.locator("[data-reading=voltage] .number")).not_to_have_text("–")
-    let_through = False
-    links[-1].close()
+    link.cut()
     expect(banner).to_contain_text("Disconnected, values are old")
     expect(page.locator(".age")).to_contain_text("Last reading")
     expect(page.locator(".bench-head .chip")).to_contain_text("was")
     looked_at(page, "bench-offline")
-    let_through = True
+    link.mend()
     # The page also tries by itself: it may have come back, and the button have gone, before the click.
     with contextlib.suppress(PlaywrightTimeoutError):
         page.get_by_role("button", name="Try now").click(timeout=3_000)

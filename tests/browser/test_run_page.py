@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser_rig import DESKTOP, PHONE, OpenPage, looked_at, served
+from browser_rig import DESKTOP, PHONE, LiveLink, OpenPage, looked_at, served
 from playwright.sync_api import Page, expect
 from stored_run import GAP_S, PAUSE_S, store_run
 
@@ -148,7 +148,8 @@ def test_cursors_notes_and_incremental_capacity(open_page: OpenPage, address: st
 def test_a_run_is_started_held_and_stopped_from_the_page_and_looked_at_meanwhile(
     open_page: OpenPage, address: str, run_id: str, tmp_path: Path
 ) -> None:
-    page = open_page("slow")
+    link = LiveLink()
+    page = open_page("slow", prepare=link.attach)
     page.get_by_text("Start a test", exact=True).click()
     strong, weak = tmp_path / "strong.csv", tmp_path / "weak.csv"
     strong.write_text("time_s,current_A\n0,50\n60,0\n")
@@ -182,6 +183,16 @@ def test_a_run_is_started_held_and_stopped_from_the_page_and_looked_at_meanwhile
     assert any(name.startswith("Voltage · from the page") for name in names) and len(names) == len(set(names))
     n = len(drawn(page, "Voltage · from the page"))
     page.wait_for_function(f"(n) => {_PLOT}.series[0].data.length > n", arg=n)
+    # The link is lost, which is said, and comes back: what was measured meanwhile is drawn.
+    link.cut()
+    expect(page.locator("#offline-banner")).to_contain_text("Disconnected, values are old")
+    page.wait_for_timeout(1000)
+    n = len(drawn(page, "Voltage · from the page"))
+    link.mend()
+    expect(page.locator("#offline-banner")).to_be_hidden()
+    page.wait_for_function(f"(n) => {_PLOT}.series[0].data.length > n + 5", arg=n)
+    points = drawn(page, "Voltage · from the page")
+    assert max(b[0] - a[0] for a, b in zip(points, points[1:], strict=False)) < 1.0
     page.get_by_role("button", name="STOP slow").click()
     expect(page.locator("#run-facts .chip").first).to_have_text("stopped")
     looked_at(page, "two-runs")
