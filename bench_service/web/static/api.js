@@ -113,6 +113,7 @@ export const api = {
   putImport: (importId, file) => request("PUT", `${BASE}/imports/${id(importId)}/content`, new Blob([file], { type: "application/octet-stream" }), 3600),
   lookImport: (importId, choices) => post(`/imports/${id(importId)}/look`, choices),
   storeImport: (importId, body) => post(`/imports/${id(importId)}/run`, body),
+  mappings: async () => list(await get("/mappings"), "mappings"),
   saveMapping: (mapping) => post("/mappings", mapping),
   formats: async () => list(await get("/formats"), "formats"),
   effects: async () => list(await get("/effects", 60), "effects"),

@@ -10,7 +10,7 @@ import { LiveLink } from "./live.js";
 import { State } from "./state.js";
 
 const byId = (name) => document.getElementById(name);
-const view = { upload: null, seen: null };
+const view = { upload: null, seen: null, mappings: [] };
 const table = importTable(byId("import-body"), () => lookAgain());
 const store = importStore(byId("import-form"), { stored: (runId) => { location.href = `/runs/${encodeURIComponent(runId)}`; }, choices: () => table.choices(), upload: () => view.upload, work });
 
@@ -34,6 +34,7 @@ async function take(file) {
     view.upload = await api.addImport(file.name);
     await api.putImport(view.upload.id, file);
     table.forget();
+    view.mappings = await api.mappings().catch(() => []);
     return follow(await api.lookImport(view.upload.id, {}), update);
   });
   if (seen) show(seen);
@@ -48,7 +49,7 @@ function show(seen) {
   view.seen = seen;
   byId("import-seen").hidden = false;
   byId("import-store").hidden = seen.state !== "ok";
-  table.show(seen);
+  table.show(seen, view.mappings);
   store.show(seen);
 }
 

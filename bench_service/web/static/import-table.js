@@ -13,7 +13,7 @@ const SHOWN_ROWS = 8;
 
 /** `changed()` after each correction. */
 export function importTable(node, changed) {
-  let [chosen, others, seen] = [{}, {}, null];
+  let [chosen, others, seen, remembered] = [{}, {}, null, []];
   const settle = (key, value) => { if (value) others[key] = value; else delete others[key]; changed(); };
   const options = (pairs, now) => pairs.map(([value, text]) => el("option", { value, text, selected: value === now }));
 
@@ -33,6 +33,12 @@ export function importTable(node, changed) {
     const input = el("input", { id: `import-${key}`, autocomplete: "off", placeholder, value: others[key] ?? "", on: { change: () => settle(key, input.value.trim()) } });
     return labelled(title, input);
   };
+  /** A mapping takes the place of what was corrected by hand. */
+  const known = () => {
+    const pick = el("select", { id: "import-known", on: { change: () => { chosen = {}; settle("mapping", pick.value); } } },
+      options([["", "guessed"], ...remembered.map(({ name }) => [name, name])], others.mapping ?? ""));
+    return labelled("Columns as remembered", pick);
+  };
   const columns = () => el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Columns" }, el("table", {},
     el("thead", {}, el("tr", {}, ["Is read as", "Column", "Unit", "Why"].map((text) => el("th", { scope: "col", text })))),
     el("tbody", {}, Object.entries(seen.roles).map(row))));
@@ -49,7 +55,7 @@ export function importTable(node, changed) {
       seen.question ? el("p", { class: "question", role: "alert", text: plain(seen.question) }) : null,
       el("p", { text: `${seen.file}: ${seen.mapping?.title ?? "its columns are not known"}${seen.samples ? `, ${seen.samples} samples` : ""}` }),
       el("div", { class: "import-columns" }, columns(), el("div", {}, plot, el("ul", { class: "remarks" }, (seen.remarks ?? []).map((text) => el("li", { text: plain(text) }))))),
-      el("div", { class: "fields" }, choice("current_sign", "Sign of the current", SIGNS), choice("date_order", "Dates", DATES),
+      el("div", { class: "fields" }, remembered.length ? known() : null, choice("current_sign", "Sign of the current", SIGNS), choice("date_order", "Dates", DATES),
         typed("time_zone", "Time zone of its clock", "Europe/Oslo"), typed("cell", "Which cell, of several", ""), labelled("Leave out rows out of time order", leave)),
       firstRows(),
     ].filter(Boolean));
@@ -57,7 +63,7 @@ export function importTable(node, changed) {
     if (focused) document.getElementById(focused)?.focus();
   };
   return {
-    show: (found) => { seen = found; draw(); },
+    show: (found, mappings) => { [seen, remembered] = [found, mappings]; draw(); },
     choices: () => ({ ...others, columns: chosen }),
     forget: () => { [chosen, others] = [{}, {}]; },
   };
