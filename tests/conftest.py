@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 
 import pytest
 
@@ -12,6 +13,10 @@ def pytest_configure(config: pytest.Config) -> None:
     """Keep numerical libraries to one thread: small problems are slower, not faster, on several; let workers work."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    # A suite that was started in the background may have been told to ignore Ctrl-C, and would hand that on to the
+    # programs that tests end by it.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     # Fits of a service under test give way to nobody: on a busy machine they would get hardly any time.
     os.environ.setdefault("BENCH_WORKER_NICE", "0")
 
