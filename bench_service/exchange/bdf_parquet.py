@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import io
-
 from bench_service.exchange.bdf import labelled
 from bench_service.exchange.format import Format, RunTable
+from bench_service.exchange.parquet import encode_parquet
 
 
 def _encode(run: RunTable) -> bytes:
-    # Lazy: pyarrow takes 40 ms.
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in labelled(run).items()})
-    sink = io.BytesIO()
-    pq.write_table(table, sink, compression="zstd")
-    return sink.getvalue()
+    return encode_parquet(labelled(run))
 
 
 FORMAT = Format(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from bench_service.exchange.columns import choose_columns
 from bench_service.exchange.errors import RunFileError
-from bench_service.exchange.format import Format, RawTable, RunTable
+from bench_service.exchange.format import Array, Format, RawTable, RunTable
 
 
 def _recognise(head: bytes) -> bool:
@@ -39,15 +40,20 @@ def _read(path: Path) -> RawTable:
     return RawTable(names, columns)
 
 
-def _encode(run: RunTable) -> bytes:
+def encode_parquet(columns: Mapping[str, Array]) -> bytes:
+    """Write equally long columns as Parquet; NaN becomes a missing value."""
     # Lazy: pyarrow takes 40 ms.
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in run.columns.items()})
+    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
     sink = io.BytesIO()
     pq.write_table(table, sink, compression="zstd")
     return sink.getvalue()
+
+
+def _encode(run: RunTable) -> bytes:
+    return encode_parquet(run.columns)
 
 
 FORMAT = Format(

@@ -6,7 +6,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,17 @@ class Service:
             self.process.send_signal(number)
         _, words = self.process.communicate(timeout=PATIENCE_S)
         return self.process.returncode, words
+
+
+@contextmanager
+def serving(directory: Path, benches: str) -> Iterator[Service]:
+    """A service whose bench `sim` is idle; Ctrl-C ends it at last, and it must have had nothing to complain of."""
+    service = Service(directory, benches)
+    try:
+        service.idle("sim")
+        yield service
+    finally:
+        assert service.end(signal.SIGINT) == (0, "")
 
 
 def until(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:

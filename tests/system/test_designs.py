@@ -1,13 +1,12 @@
 """Designs over REST: a request with a stored model becomes a stored profile that a bench can play."""
 
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from service_rig import Service
+from service_rig import serving
 
 from bench_service.client import BenchClient, ClientError
 from tests.patience import LONG_S
@@ -24,13 +23,8 @@ REQUEST: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BenchClient]:
-    service = Service(tmp_path_factory.mktemp("designs"), "[bench.sim]\nsimulate = { seed = 3 }\n")
-    try:
-        service.idle("sim")
+    with serving(tmp_path_factory.mktemp("designs"), "[bench.sim]\nsimulate = { seed = 3 }\n") as service:
         yield service.client
-    finally:
-        status, words = service.end(signal.SIGINT)
-        assert (status, words) == (0, "")
 
 
 @pytest.fixture(scope="module")

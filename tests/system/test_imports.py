@@ -1,12 +1,11 @@
 """A cycler's file over REST: uploaded in pieces, asked about, stored as a run that everything else can use."""
 
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from service_rig import Service
+from service_rig import serving
 
 from bench_service.client import BenchClient, ClientError
 from bench_service.exchange import read_run
@@ -18,13 +17,8 @@ RECORD = record()
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BenchClient]:
-    service = Service(tmp_path_factory.mktemp("imports"), "[bench.sim]\nsimulate = { seed = 3 }\n")
-    try:
-        service.idle("sim")
+    with serving(tmp_path_factory.mktemp("imports"), "[bench.sim]\nsimulate = { seed = 3 }\n") as service:
         yield service.client
-    finally:
-        status, words = service.end(signal.SIGINT)
-        assert (status, words) == (0, "")
 
 
 @pytest.fixture

@@ -1,12 +1,10 @@
 // A cycler's file comes in: dropped, looked at, its columns corrected, stored as a run.
-import { confirmRest } from "./actions.js";
 import { api } from "./api.js";
 import { el } from "./dom.js";
-import { header, stopButtons } from "./header.js";
 import { importStore } from "./import-store.js";
 import { importTable } from "./import-table.js";
 import { busyBox, follow } from "./jobs.js";
-import { LiveLink } from "./live.js";
+import { sidePage } from "./side-page.js";
 import { State } from "./state.js";
 
 const byId = (name) => document.getElementById(name);
@@ -66,25 +64,4 @@ function dropZone() {
 
 byId("import-drop").replaceChildren(dropZone());
 
-// The benches' stops are on every page.
-const state = new State();
-const link = new LiveLink((message) => {
-  state.lastHeard = Date.now();
-  if (message.type === "bench") state.mergeBench(message);
-  else if (message.type === "live") state.mergeLive(message);
-}, (change) => {
-  state.link = { retryAt: null, reason: "", ...change };
-  if (change.state !== "connecting") state.failed = change.state === "down";
-  if (change.state === "live") {
-    state.everConnected = true;
-    state.lastHeard = Date.now();
-    api.health().then((health) => { state.health = health; state.tell("health"); }, () => {});
-    api.benches().then((benches) => { state.setBenches(benches); api.learnStopPorts(benches.map((bench) => bench.name)); }, () => {});
-  }
-  state.tell("link");
-});
-state.on("benches", (changed) => { if (changed) confirmRest(state, changed.name); });
-header(state, { reconnect: () => link.open() });
-stopButtons(state);
-link.open();
-setInterval(() => state.tell("tick"), 1000);
+sidePage(new State());

@@ -1,33 +1,12 @@
 // The page of a cell's life: which runs are followed with which model, and what has become of the cell.
 import { api } from "./api.js";
 import { el, setText } from "./dom.js";
-import { header, stopButtons } from "./header.js";
 import { busyBox, follow } from "./jobs.js";
 import { drawLife } from "./life-charts.js";
-import { LiveLink } from "./live.js";
+import { sidePage } from "./side-page.js";
 import { State } from "./state.js";
 
 const place = (id) => document.getElementById(id);
-const state = new State();
-const link = new LiveLink(onMessage, onLink);
-
-function onMessage(message) {
-  state.lastHeard = Date.now();
-  if (message.type === "bench") state.mergeBench(message);
-  else if (message.type === "live") state.mergeLive(message);
-}
-
-function onLink(change) {
-  state.link = { retryAt: null, reason: "", ...change };
-  if (change.state !== "connecting") state.failed = change.state === "down";
-  if (change.state === "live") {
-    state.everConnected = true;
-    state.lastHeard = Date.now();
-    api.health().then((health) => { state.health = health; state.tell("health"); }, () => {});
-    api.benches().then((benches) => { state.setBenches(benches); api.learnStopPorts(benches.map((bench) => bench.name)); }, () => {});
-  }
-  state.tell("link");
-}
 
 /** The oldest first: that is the order of a life. */
 const inOrder = (runs) => [...runs].reverse();
@@ -78,8 +57,5 @@ function show(life, jobId, names) {
   document.body.dataset.drawn = "1";
 }
 
-header(state, { reconnect: () => link.open() });
-stopButtons(state);
-link.open();
-setInterval(() => state.tell("tick"), 1000);
+sidePage(new State());
 choose().catch((error) => place("life-choose").replaceChildren(el("p", { class: "form-message", text: error.message })));

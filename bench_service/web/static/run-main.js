@@ -1,9 +1,6 @@
 // The page of one run: everything that is shown of it follows from the address, so that a reload keeps its place.
 import { api } from "./api.js";
-import { confirmRest } from "./actions.js";
 import { el, setText } from "./dom.js";
-import { header, stopButtons } from "./header.js";
-import { LiveLink } from "./live.js";
 import { comparePanel, loadCompared } from "./run-compare.js";
 import { controlPanel } from "./run-control.js";
 import { cyclesPanel } from "./run-cycles.js";
@@ -16,6 +13,7 @@ import { RunPlot } from "./run-plot.js";
 import { rowsChooser } from "./run-rows.js";
 import { offered } from "./run-signals.js";
 import { plotGestures, zoomButtons } from "./run-zoom.js";
+import { sidePage } from "./side-page.js";
 import { State } from "./state.js";
 
 const NEWS_EVERY_MS = 1500;
@@ -36,30 +34,10 @@ const shown = {
   get whole() { return { from: 0, to: Math.max(0, ...this.runs.map((data) => data.end_s)) }; },
 };
 const state = new State();
-const link = new LiveLink(onMessage, onLink);
 let plot = null;
 let parts = [];
 let timer = 0;
 let busy = false;
-
-function onMessage(message) {
-  state.lastHeard = Date.now();
-  if (message.type === "bench") state.mergeBench(message);
-  else if (message.type === "live") state.mergeLive(message);
-  else if (message.type === "event" && message.run_id === runId) refreshEvents();
-}
-
-function onLink(change) {
-  state.link = { retryAt: null, reason: "", ...change };
-  if (change.state !== "connecting") state.failed = change.state === "down";
-  if (change.state === "live") {
-    state.everConnected = true;
-    state.lastHeard = Date.now();
-    api.health().then((health) => { state.health = health; state.tell("health"); }, () => {});
-    api.benches().then((benches) => { state.setBenches(benches); api.learnStopPorts(benches.map((bench) => bench.name)); }, () => {});
-  }
-  state.tell("link");
-}
 
 function remember() {
   const values = {
@@ -196,10 +174,6 @@ function build(first) {
   draw();
 }
 
-state.on("benches", (changed) => { if (changed) { confirmRest(state, changed.name); news(); } });
-header(state, { reconnect: () => link.open() });
-stopButtons(state);
-link.open();
-setInterval(() => state.tell("tick"), 1000);
+sidePage(state, { onEvent: (event) => { if (event.run_id === runId) refreshEvents(); }, onBench: news });
 setInterval(news, NEWS_EVERY_MS);
 start();
