@@ -9,6 +9,8 @@ from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
 
 if TYPE_CHECKING:
+    from argparse import Namespace
+
     from models.data.timeseries import TimeSeries
     from models.network.local_model_network import LocalModelNetwork
 
@@ -22,8 +24,9 @@ def initial_soc(
     given: tuple[float, ...] | None,
     network: LocalModelNetwork | None = None,
     output: Output | None = None,
+    option: str = "--initial-soc",
 ) -> list[float]:
-    """Return the SoC at the start of each run: `--initial-soc`, else the run's first `soc_ref`, else by a rest.
+    """Return the SoC at the start of each run: `option`, else the run's first `soc_ref`, else by a rest.
 
     With a model, a run that begins with a sufficient rest starts where its open-circuit voltage says.
 
@@ -43,8 +46,27 @@ def initial_soc(
         return [start_soc(run) for run in runs]
     if len(given) not in (1, len(runs)):
         wanted = "1 value" if len(runs) == 1 else f"1 value or {len(runs)}"
-        raise UsageError(f"--initial-soc has {len(given)} values for {len(runs)} run(s); give {wanted}")
+        raise UsageError(f"{option} has {len(given)} values for {len(runs)} run(s); give {wanted}")
     return list(given) if len(given) == len(runs) else [given[0]] * len(runs)
+
+
+def starts_apart(
+    train: Sequence[TimeSeries],
+    judged: Sequence[TimeSeries],
+    options: Namespace,
+    network: LocalModelNetwork,
+    output: Output,
+) -> tuple[list[float], list[float]]:
+    """Return the SoC at the start of runs to learn from, and of those that judge.
+
+    `--initial-soc` alone, with one value or one for every run, speaks of all of them, those to learn from first.
+    """
+    given, every = options.initial_soc, [*train, *judged]
+    if given is not None and options.train_initial_soc is None and len(given) in (1, len(every)):
+        soc = initial_soc(every, given)
+        return soc[: len(train)], soc[len(train) :]
+    learned = initial_soc(train, options.train_initial_soc, network, output, "--train-initial-soc")
+    return learned, initial_soc(judged, given, network, output)
 
 
 def known_starts(

@@ -45,6 +45,12 @@ async def import_page(request: Request) -> Response:
     return _page(request, "import.html")
 
 
+@router.get("/improve", response_class=HTMLResponse)
+async def improve_page(request: Request) -> Response:
+    """Return the page where a model is held against measurements and improved; the place in it is its address."""
+    return _page(request, "improve.html")
+
+
 @router.get("/life", response_class=HTMLResponse)
 async def life_page(request: Request) -> Response:
     """Return the page of a cell's life: its runs against a model of the cell as it was."""
