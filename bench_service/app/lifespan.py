@@ -18,7 +18,8 @@ from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.campaigns import CampaignRunner
-from bench_service.campaign.chambers import chamber_settings
+from bench_service.campaign.cell_on_bench import settings_with, with_cell
+from bench_service.campaign.cells import Cells, cell_on
 from bench_service.campaign.clock_watch import watched_clock
 from bench_service.campaign.commissioning import Commissioning
 from bench_service.campaign.designing import Designing
@@ -108,6 +109,7 @@ async def running_services(
             live=live,
             recorder_state=lambda: recorder.state,
             storage=storage,
+            cells=Cells(store, journal, benches, runs, campaigns),
             commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
             importing=Importing(store, jobs, storage, recorder.attach, (config.data_dir, code_version)),
         )
@@ -206,23 +208,23 @@ async def _bench(
             listener.on_event(name, event)
         runs_before_cell = 0 if soc is not None else await asyncio.to_thread(store.runs.last_number)
         seal = Seal.read(sealed_in) if sealed_in is not None else None
-    limits = Limits.from_json(config.limits.model_dump())
+    cell, since_utc = await asyncio.to_thread(cell_on, store, name)
+    chamber_url = None if simulator is None else simulator.chamber
     settings = BenchSettings(
         name=name,
         url=url or "",
         map=config.map,
-        limits=limits,
         timeout_s=config.timeout_s,
         watchdog_s=config.watchdog_s,
         external_interlock=config.external_interlock,
-        capacity_Ah=config.capacity_Ah,
-        resistance_Ohm=None if config.cell_type is None else config.cell_type.resistance_Ohm,
         latched=await asyncio.to_thread(unacknowledged, store, name),
-        chamber=chamber_settings(config, None if simulator is None else simulator.chamber),
+        **settings_with(with_cell(config, cell), chamber_url),
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))
     hardware = await asyncio.to_thread(Hardware.read, store, name, config)
-    bench = Bench(config, settings.url, limits, supervisor, runs_before_cell, seal, hardware)
+    limits = Limits.from_json(config.limits.model_dump())
+    bench = Bench(config, settings.url, limits, supervisor, runs_before_cell, seal, hardware, chamber_url)
+    bench.carry(cell, since_utc)
     if simulator is not None:
         simulator.keep(bench, store, samples, listener)
     return bench

@@ -21,7 +21,8 @@ from bench_service.store.records import (
 from bench_service.store.run_states import before
 
 _SEARCHED = tuple(
-    schema.run.c[name] for name in ("id", "name", "label", "operator", "notes", "bench", "reason", "created_utc")
+    schema.run.c[name]
+    for name in ("id", "name", "label", "operator", "notes", "bench", "reason", "created_utc", "cell_id")
 )
 
 
@@ -164,12 +165,13 @@ class RunTable:
         limit: int = 100,
         offset: int = 0,
         words: str | None = None,
+        cell_id: str | None = None,
     ) -> list[RunRecord]:
-        """Return runs, of one bench, state or campaign where that is given, in whose texts each of `words` occurs."""
+        """Return runs, of one bench, state, campaign or cell where that is given, in whose texts each word occurs."""
         query = select(schema.run)
         for word in (words or "").split():
             query = query.where(or_(*(column.icontains(word, autoescape=True) for column in _SEARCHED)))
-        for column, wanted in (("bench", bench), ("state", state), ("campaign_id", campaign_id)):
+        for column, wanted in (("bench", bench), ("state", state), ("campaign_id", campaign_id), ("cell_id", cell_id)):
             if wanted is not None:
                 query = query.where(schema.run.c[column] == wanted)
         return [rows.run(row) for row in self._file.page(schema.run, query, limit, offset)]
