@@ -11,6 +11,7 @@ from fastapi import APIRouter, FastAPI
 from bench_service.api import (
     benches,
     campaigns,
+    cells,
     commissioning,
     comparisons,
     designs,
@@ -42,6 +43,7 @@ from bench_service.web import routes as web
 
 _RESOURCES = (
     benches,
+    cells,
     profiles,
     protocols,
     runs,

@@ -81,9 +81,7 @@ async def running_services(
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
         stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
-        seen = (samples, recorder, benches, config.data_dir / _SEALS, stop)
-        benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
-        stack.push_async_callback(_close_all, benches)
+        await _add_benches(stack, config, store, (samples, recorder, benches, config.data_dir / _SEALS, stop))
         workshop = _workshop(store, samples, benches, runs, jobs, (config.data_dir, code_version))
         campaigns = CampaignRunner(workshop, journal, live, code_version)
         stack.push_async_callback(campaigns.close)
@@ -175,6 +173,17 @@ async def _end_what_was_left_open(store: MetadataStore, samples: SampleReader, j
     await close_left_open(store, journal)
     for run in await asyncio.to_thread(mark_interrupted_runs, store, samples):
         journal.note(run.bench, _interrupted_event(run.id, run.state))
+
+
+async def _add_benches(
+    stack: AsyncExitStack,
+    config: ServiceConfig,
+    store: MetadataStore,
+    seen: tuple[SampleReader, RecorderKeeper, Benches, Path, Callable[[str], StopEndpoint]],
+) -> None:
+    benches = seen[2]
+    benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
+    stack.push_async_callback(_close_all, benches)
 
 
 async def _bench(

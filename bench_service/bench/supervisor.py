@@ -62,14 +62,12 @@ class BenchSupervisor:
         self._process: subprocess.Popen[bytes] | None = None
         self._link: FrameLink | None = None
         self._run_id: str | None = None
-        self._died = asyncio.Event()
-        self._changed = asyncio.Event()
+        self._died, self._changed = asyncio.Event(), asyncio.Event()
         self._keeper: asyncio.Task[None] | None = None
         self._closing = False
         self._heard_s = 0.0
         self._commissioning = CommissionCall(settings.name)
-        self._acknowledged = Acknowledged()
-        self._renewing = False
+        self._acknowledged, self._renewing = Acknowledged(), False
 
     @property
     def name(self) -> str:
@@ -196,11 +194,11 @@ class BenchSupervisor:
                 reason = f"its control process cannot start: {error}"
             else:
                 reason = await self._watch()
-            reason = await self._bury("it takes other settings" if self._renewing else reason)
+            renewing, self._renewing = self._renewing, False
+            reason = await self._bury("it begins anew, with other limits" if renewing else reason)
             if self._closing:
                 return
-            if self._renewing:
-                self._renewing = False
+            if renewing:
                 continue
             if time.monotonic() - started_s > _LAST_RESTART_S:
                 pause_s, told = _FIRST_RESTART_S, ""

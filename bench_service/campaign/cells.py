@@ -115,8 +115,8 @@ class Cells:
 
     def all_to_json(self, cells: list[CellRecord]) -> list[Json]:
         """Give the JSON objects of several."""
-        counts = self._store.cells.counts([cell.id for cell in cells])
-        on = {bench.cell.id: bench.name for bench in self._benches if bench.cell is not None}
+        ids = [cell.id for cell in cells]
+        counts, on = self._store.cells.counts(ids), self._store.cells.benches(ids)
         return [asdict(cell) | counts[cell.id] | {"bench": on.get(cell.id)} for cell in cells]
 
     def _free(self, bench: Bench) -> contextlib.AbstractContextManager[None]:

@@ -52,11 +52,12 @@ class ImportCalls:
         initial_soc: float,
         *,
         name: str | None = None,
+        cell_id: str | None = None,
         choices: Record | None = None,
         **patience: Unpack[Patience],
     ) -> Record:
         """Store an uploaded file as a run, wait for it, and give ``{"run", "state", "samples", ...}``."""
-        body = {"capacity_Ah": float(capacity_Ah), "initial_soc": float(initial_soc), "name": name}
+        body = {"capacity_Ah": float(capacity_Ah), "initial_soc": float(initial_soc), "name": name, "cell_id": cell_id}
         address = f"{API}/imports/{part(import_id)}/run"
         job = self._connection.post(address, body | {"choices": choices or {}})
         return self._wait_job(job["id"], **patience)["result"]

@@ -174,11 +174,15 @@ class CellTable:
 
     def bench_of(self, cell_id: str) -> str | None:
         """Return the bench on which a cell is; None where it is on none."""
+        return self.benches([cell_id]).get(cell_id)
+
+    def benches(self, cell_ids: Sequence[str]) -> dict[str, str]:
+        """Return the benches on which cells are, by cell; those that are on none are left out."""
         table = schema.cell_place
         newest = select(func.max(table.c.id)).group_by(table.c.bench)
+        query = select(table.c.cell_id, table.c.bench).where(table.c.id.in_(newest), table.c.cell_id.in_(cell_ids))
         with self._file.read() as link:
-            found = link.execute(select(table.c.bench).where(table.c.id.in_(newest), table.c.cell_id == cell_id))
-            return found.scalars().first()
+            return {str(row.cell_id): str(row.bench) for row in link.execute(query)}
 
     def give_run(self, run_id: str, cell_id: str | None) -> None:
         """Let a run belong to a cell or to none, and what was made from it; raises `NotFoundError`."""
