@@ -38,6 +38,7 @@ from bench_service.campaign.seal import Seal
 from bench_service.campaign.services import Services
 from bench_service.campaign.storage import Storage
 from bench_service.campaign.trending import Trending
+from bench_service.campaign.webhook import Webhook
 from bench_service.campaign.workshop import Workshop
 from bench_service.config import BenchConfig, ServiceConfig
 from bench_service.jobs.runner import JobRunner
@@ -73,6 +74,7 @@ async def running_services(
     async with AsyncExitStack() as stack:
         live, samples = Broadcaster(), stack.enter_context(closing(SampleReader(config.data_dir)))
         journal = await _journal(stack, store, live)
+        await _webhook(stack, config, store, journal, {"version": code_version, "address": url})
         recorder = await _recorder(stack, config.data_dir, journal)
         storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
@@ -136,6 +138,16 @@ async def _journal(stack: AsyncExitStack, store: MetadataStore, live: Broadcaste
     stack.push_async_callback(journal.close)
     await stack.enter_async_context(watched_clock(journal))
     return journal
+
+
+async def _webhook(
+    stack: AsyncExitStack, config: ServiceConfig, store: MetadataStore, journal: Journal, told: dict[str, str | None]
+) -> None:
+    if config.webhook is not None:
+        said = told | {"institution": config.institution}
+        webhook = Webhook(config.webhook, config.data_dir, store, journal, said)
+        await webhook.start()
+        stack.push_async_callback(webhook.close)
 
 
 def _workshop(

@@ -259,6 +259,15 @@ class BenchClient:
         """Give the run as the bytes of a file."""
         return self._connection.send("GET", f"{API}/runs/{part(run_id)}/export", params={"format": format}).content
 
+    def export_named(self, run_id: str, format: str = "bdf") -> tuple[str, bytes]:  # noqa: A002
+        """Give the run as a file: its name, as Institution__Cell__YYYYMMDD_XXX where it is of a cell, and its bytes."""
+        answer = self._connection.send("GET", f"{API}/runs/{part(run_id)}/export", params={"format": format})
+        return answer.headers["content-disposition"].partition('filename="')[2].rstrip('"'), answer.content
+
+    def metadata(self, run_id: str) -> Record:
+        """What belongs beside the run's file of the Battery Data Format, as `x.bdf.metadata.json`."""
+        return self._connection.get(f"{API}/runs/{part(run_id)}/metadata")
+
     def events(self, run_id: str | None = None, limit: int | None = None) -> list[Record]:
         """Events of a run, or the latest of all."""
         address = f"{API}/events" if run_id is None else f"{API}/runs/{part(run_id)}/events"

@@ -40,7 +40,8 @@ export function runsPanel(state, { more, look }) {
   };
   state.on("runs", render);
   state.on("benches-listed", filter.benches);
-  api.formats().then((found) => { formats = found; render(); }, () => {}); // Without them the runs are shown all the same.
+  // Names of an older version are for programs.
+  api.formats().then((found) => { formats = found.filter((format) => !/-0\.1\.0$/.test(format.name)); render(); }, () => {}); // Without them the runs are shown all the same.
 }
 
 function searchTools(state, tools, together, look) {
