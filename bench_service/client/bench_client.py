@@ -13,6 +13,7 @@ from bench_service.client.connection import API, Connection, Record, part
 from bench_service.client.import_calls import ImportCalls
 from bench_service.client.model_calls import ModelCalls
 from bench_service.client.protocol_calls import ProtocolCalls
+from bench_service.client.result_calls import ResultCalls
 from bench_service.client.run_options import RunOptions
 from bench_service.client.stop_ports import StopPorts
 from bench_service.client.waiting import ENDED_RUN_STATES, LOOK_S, Look, wait_until
@@ -58,7 +59,17 @@ class BenchClient:
         self.add_effect = models.add_effect
         self.refit = models.refit
         self.model_chain = models.model_chain
+        results = ResultCalls(self._connection)
+        self.comparisons = results.comparisons
+        self.diagnoses = results.diagnoses
+        self.diagnosis = results.diagnosis
+        self.design_experiment = results.design_experiment
+        self.trend_table = results.trend_table
+        self.job = results.job
+        self.cancel_job = results.cancel_job
+        self.formats = results.formats
         imports = ImportCalls(self._connection)
+        self.get_import = imports.get_import
         self.upload_file = imports.upload_file
         self.look_at_import = imports.look_at_import
         self.store_import = imports.store_import

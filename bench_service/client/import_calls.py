@@ -36,6 +36,10 @@ class ImportCalls:
         offset = begun["n_bytes"]
         return self._connection.send("PUT", address, params={"offset": offset}, content=_pieces(path, offset)).json()
 
+    def get_import(self, import_id: str) -> Record:
+        """An upload: its name, and how many bytes of it are there."""
+        return self._connection.get(f"{API}/imports/{part(import_id)}")
+
     def look_at_import(self, import_id: str, *, patience: Patience | None = None, **choices: Any) -> Record:
         """Look at an uploaded file: what its columns are taken for, why, and the question where something is unclear.
 
