@@ -38,7 +38,11 @@ class BenchClient:
         self.url = url.rstrip("/")
         self._connection = Connection(self.url, timeout_s, token or os.environ.get("BENCH_TOKEN"))
         self._stop_ports = StopPorts(self.url, self._connection)
-        # One flat list of calls for whoever writes a script; these are in a file of their own.
+        # One flat list of calls for whoever writes a script; these are in files of their own.
+        self._take_models()
+        self._take_others()
+
+    def _take_models(self) -> None:
         models = ModelCalls(self._connection)
         self.fit = models.fit
         self.wait_job = models.wait_job
@@ -68,6 +72,8 @@ class BenchClient:
         self.job = results.job
         self.cancel_job = results.cancel_job
         self.formats = results.formats
+
+    def _take_others(self) -> None:
         imports = ImportCalls(self._connection)
         self.get_import = imports.get_import
         self.upload_file = imports.upload_file
