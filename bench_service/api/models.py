@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import (
     JSON_TYPE,
     Body,
@@ -69,18 +69,19 @@ async def import_model(
     request: Request,
     services: ServicesOf,
     name: Annotated[str, Query(min_length=1, max_length=200)] = "imported",
+    cell_id: CellFilter = None,
 ) -> Answer:
     """Store a MODEL.json."""
     require_content_type(request, JSON_TYPE)
     request.scope["screened_as"] = MODEL
     document = await read_object(request)
-    return asdict(await asyncio.to_thread(services.modelling.import_model, document, name))
+    return asdict(await asyncio.to_thread(services.modelling.import_model, document, name, cell_id))
 
 
 @router.get("")
-def list_models(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
-    """List models, newest first, without their documents."""
-    return {"models": [asdict(model) for model in services.store.models.page(limit, offset)]}
+def list_models(services: ServicesOf, cell_id: CellFilter = None, limit: Limit = 100, offset: Offset = 0) -> Answer:
+    """List models, newest first, without their documents; those of one cell where it is given."""
+    return {"models": [asdict(model) for model in services.store.models.page(limit, offset, cell_id)]}
 
 
 @router.get("/{model_id}")

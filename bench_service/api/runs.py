@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
+from bench_service.campaign.cell_of_run import give_run
 from bench_service.campaign.describing import describe_run
 from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.run_models import BandWish
@@ -56,14 +57,16 @@ class RunBody(Body):
     band: BandBody | None = None
     continues: Id | None = None
     on_interruption: Literal["stop", "resume"] | None = None
+    cell_id: Id | None = None
 
 
 class DescriptionBody(Body):
-    """What a person says of a run."""
+    """What a person says of a run; ``cell_id`` is the cell that it belongs to."""
 
     label: Name | None = None
     operator: Name | None = None
     notes: Annotated[str, Field(min_length=1, max_length=20_000)] | None = None
+    cell_id: Id | None = None
 
 
 @router.post("", status_code=201)
@@ -84,11 +87,12 @@ def list_runs(
     state: RunState | None = None,
     campaign_id: Annotated[str | None, Query(max_length=64)] = None,
     q: Annotated[str | None, Query(max_length=200)] = None,
+    cell_id: CellFilter = None,
     limit: Limit = 100,
     offset: Offset = 0,
 ) -> Answer:
     """List runs, newest first; with ``q`` those in whose name, label, operator, notes, bench or date each word is."""
-    found = services.store.runs.page(bench, state, campaign_id, limit, offset, q)
+    found = services.store.runs.page(bench, state, campaign_id, limit, offset, q, cell_id)
     return {"runs": [asdict(run) for run in found]}
 
 
@@ -100,8 +104,15 @@ def get_run(run_id: PathId, services: ServicesOf) -> Answer:
 
 @router.patch("/{run_id}")
 async def describe(run_id: PathId, body: DescriptionBody, services: ServicesOf) -> Answer:
-    """Write label, operator or notes of a run; what is left out stays, null takes it away. Kept as an event."""
+    """Write label, operator, notes or cell of a run; what is left out stays, null takes it away. Kept as an event.
+
+    Models, comparisons and diagnoses that were made from the run go with it to another cell.
+    """
     told = body.model_dump(exclude_unset=True)
+    if "cell_id" in told:
+        run = await give_run(services.store, services.journal, run_id, told.pop("cell_id"))
+        if not told:
+            return asdict(run)
     return asdict(await describe_run(services.store, services.journal, run_id, told))
 
 

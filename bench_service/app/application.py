@@ -11,6 +11,7 @@ from fastapi import APIRouter, FastAPI
 from bench_service.api import (
     benches,
     campaigns,
+    cells,
     commissioning,
     comparisons,
     designs,
@@ -33,6 +34,7 @@ from bench_service.api import (
 from bench_service.api.compression import Compression
 from bench_service.api.errors import install_error_handlers
 from bench_service.api.gate import Gate
+from bench_service.api.response_schemas import described
 from bench_service.app.lifespan import running_services
 from bench_service.app.memory import GivesBack
 from bench_service.campaign.services import Services
@@ -42,6 +44,7 @@ from bench_service.web import routes as web
 
 _RESOURCES = (
     benches,
+    cells,
     profiles,
     protocols,
     runs,
@@ -95,6 +98,8 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
+    bare = app.openapi
+    app.openapi = lambda: described(bare())
     app.state.services = services
     app.add_middleware(Compression)
     app.add_middleware(Gate, host=host, token=token)

@@ -10,6 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from bench_service.campaign.cell_of_run import known_cell
 from bench_service.campaign.comparison_curves import MOST_ROWS, ComparisonCurves, CurvePart
 from bench_service.campaign.inputs import run_input
 from bench_service.errors import BadRequestError
@@ -114,8 +115,8 @@ class Modelling:
             store=keep,
         )
 
-    def import_model(self, document: Json, name: str) -> ModelRecord:
-        """Store a MODEL.json from elsewhere; raises `ModelError` if it is none."""
+    def import_model(self, document: Json, name: str, cell_id: str | None = None) -> ModelRecord:
+        """Store a MODEL.json from elsewhere, of a cell where one is named; raises `ModelError` if it is none."""
         # Lazy: numba and scipy take 870 ms; the first use in a service's life pays for it, not its start.
         from bench_service.jobs.screening import checked_model
 
@@ -129,6 +130,7 @@ class Modelling:
                 code_version=self._code_version,
                 # Its figures are of runs that are not in this store; how far it can be used goes with it.
                 metrics=None if network.record.usability is None else {"usability": network.record.usability},
+                cell_id=known_cell(self._store, cell_id),
             ),
         )
 

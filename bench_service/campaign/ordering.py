@@ -14,6 +14,7 @@ from bench_service.bench.protocol_window import window_of
 from bench_service.bench.request import ObserverOrder, ProtocolOrder, RunRequest
 from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench
+from bench_service.campaign.cell_of_run import check_cell
 from bench_service.campaign.chambers import chamber_window
 from bench_service.campaign.run_models import BandWish, band_order
 from bench_service.campaign.storage import Storage
@@ -39,7 +40,7 @@ class RunOrder:
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
     at ``observer_initial_soc`` (default: ``initial_soc``). With ``finish_alone`` it plays on where the service is gone.
     ``continues`` names the run whose profile or protocol is taken up again; ``standing`` is where the protocol stood.
-    ``band`` names a model whose band the voltage must not leave.
+    ``band`` names a model whose band the voltage must not leave. ``cell_id`` names the cell that must be on the bench.
     """
 
     bench: str
@@ -58,6 +59,7 @@ class RunOrder:
     on_interruption: str | None = None
     standing: Json | None = None
     band: BandWish | None = None
+    cell_id: str | None = None
 
 
 def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Storage) -> RunRequest:
@@ -69,9 +71,12 @@ def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Sto
         Unknown profile, protocol or model.
     BadRequestError
         Profile, protocol or limits are not admitted.
+    ConflictError
+        Another cell is on the bench than the one that is meant, or that what it goes on with was played on.
     NoRoomError, StoreError
         It could not be stored.
     """
+    check_cell(order.cell_id, bench, store, continues=order.continues, campaign_id=order.campaign_id)
     if (order.profile_id is None) == (order.protocol_id is None):
         raise BadRequestError("a run plays a profile or a protocol: give exactly one of both", ("profile_id",))
     if order.band is not None and order.protocol_id is not None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from bench_service.campaign.benches import Benches
 from bench_service.campaign.campaigns import CampaignRunner
+from bench_service.campaign.cells import Cells
 from bench_service.campaign.commissioning import Commissioning
 from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
@@ -50,5 +51,6 @@ class Services:
     live: Broadcaster
     recorder_state: Callable[[], str]
     storage: Storage
+    cells: Cells
     commissioning: Commissioning
     importing: Importing

@@ -139,8 +139,9 @@ class ModelCalls:
     def trend(
         self,
         model_id: str,
-        run_ids: Sequence[str],
+        run_ids: Sequence[str] | None = None,
         *,
+        cell_id: str | None = None,
         initial_soc: Sequence[float] | None = None,
         at: Sequence[float] | None = None,
         unit: str = "run",
@@ -150,8 +151,10 @@ class ModelCalls:
         """Follow a cell through runs in time's order, wait for it, and give the ``trend`` object.
 
         `initial_soc`: one for each run, a fraction of what the cell holds then. `at`: places along the life in `unit`.
+        With `cell_id` in place of `run_ids` all that the cell has completed is followed.
         """
-        body = {"model_id": model_id, "run_ids": list(run_ids), "unit": unit, "end": float(end)}
+        body = {"model_id": model_id, "unit": unit, "end": float(end), "cell_id": cell_id}
+        body |= {} if run_ids is None else {"run_ids": list(run_ids)}
         given = {"initial_soc": initial_soc, "at": at}
         body |= {name: [float(each) for each in values] for name, values in given.items() if values is not None}
         return self._worked("trends", body, patience)

@@ -15,6 +15,7 @@ class RunOptions(TypedDict, total=False):
     ``band`` names a model whose band the voltage must not leave: ``model_id``, ``margin_V``, ``for_s``.
     ``protocol_id`` is played in place of a profile; ``continues`` names the run of it that is taken up again where it
     was cut off, and ``on_interruption="resume"`` lets that happen by itself when the service starts.
+    ``cell_id`` names the cell that must be on the bench; where another one is there the run is refused.
     """
 
     limits: Record | None
@@ -27,3 +28,4 @@ class RunOptions(TypedDict, total=False):
     protocol_id: str | None
     continues: str | None
     on_interruption: str | None
+    cell_id: str | None

@@ -12,6 +12,9 @@ _EXAMPLE = """\
 # Where runs, samples and models are kept. The environment variable BENCH_DATA_DIR wins over this line.
 data_dir = "bench-data"
 
+# Whose service this is: the first part of the names of files that go out, as Institution__Cell__20260102_001.bdf.csv.
+institution = "laboratory"
+
 # Room in MB that must be left on the disk when a run has been stored; a run that would leave less is refused.
 free_floor_MB = 200.0
 
@@ -19,6 +22,17 @@ free_floor_MB = 200.0
 # machine that others keep busy, 19 gets them hardly any time. The environment variable BENCH_WORKER_NICE wins.
 workers = 1
 worker_nice = 19
+
+# An address that is told of each run that has ended, such as that of an electronic notebook (docs/notebook.md).
+# [webhook]
+# url = "https://notebook.example/hooks/bench"
+# Signs what is sent: header X-Bench-Signature, "sha256=" and the HMAC-SHA256 of the body. Absent: no signature.
+# secret = "at least sixteen letters"
+# Sent as "Authorization: Bearer ...". Absent: no such header.
+# token = "..."
+# Longest wait for an answer, and how long it is tried again where none comes.
+# timeout_s = 10.0
+# retry_h = 24.0
 
 # One table per bench. "sim" is simulated: the service starts its simulator itself.
 [bench.sim]

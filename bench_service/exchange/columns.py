@@ -18,8 +18,9 @@ BDF_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "ambient_degC": ("Ambient Temperature / degC", ("ambient_temperature_celsius",)),
 }
 # The first of several sensors, as batterydf 0.1.0 and its examples name it: read where no cell temperature is.
+SURFACE_1_3, FIRST_SENSOR_0_1 = BDF_NAMES["temperature_degC"][0], "Surface Temperature T1 / degC"
 _FIRST_SENSOR = (
-    "Surface Temperature T1 / degC",
+    FIRST_SENSOR_0_1,
     "surface_temperature_t1_celsius",
     "Temperature T1 / degC",
     "temperature_t1_celsius",

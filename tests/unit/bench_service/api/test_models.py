@@ -87,7 +87,7 @@ def test_an_import_may_be_large_and_is_called_as_the_query_says() -> None:
     document = {"theta": "0" * (MAX_BODY_BYTES + 1)}
     assert client.post("/models/import?name=mine", json=document).status_code == 201
     client.post("/models/import", json={})
-    assert [arguments for _, arguments, _ in modelling.calls] == [(document, "mine"), ({}, "imported")]
+    assert [arguments for _, arguments, _ in modelling.calls] == [(document, "mine", None), ({}, "imported", None)]
 
 
 def test_what_is_no_model_is_refused_with_its_reason() -> None:
@@ -111,7 +111,7 @@ def test_stored_ones_are_listed_given_and_read_out() -> None:
     assert client.get("/models/m1/document").json() == {"kind": "network"}
     assert client.get("/models/m1/tables").json() == {"ocv": {}}
     assert [(name, arguments) for name, arguments, _ in store.calls] == [
-        ("models.page", (2, 0)),
+        ("models.page", (2, 0, None)),
         ("models.get", ("m1",)),
         ("models.document", ("m1",)),
     ]
