@@ -50,6 +50,7 @@ class RunBody(Body):
     limits: LimitsBody | None = None
     model_id: Id | None = None
     observer_initial_soc: Soc | None = None
+    observer_gain: Literal["kalman", "steady"] | None = None
     name: Name | None = None
     seed: Seed | None = None
     finish_alone: bool = False

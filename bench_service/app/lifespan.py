@@ -30,6 +30,7 @@ from bench_service.campaign.journal import Journal
 from bench_service.campaign.latches import unacknowledged
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.observing import Observing
 from bench_service.campaign.protocol_resumer import ProtocolResumer
 from bench_service.campaign.resuming import resumed_soc
 from bench_service.campaign.runs import Runs
@@ -58,8 +59,7 @@ async def running_services(
 
     Parameters
     ----------
-    config, store
-        The store is open, and closed by the caller.
+    config, store : the store is open, and closed by the caller
     url : str or None
         At which the service's page is opened; it may use the benches' stop ports.
 
@@ -101,6 +101,7 @@ async def running_services(
             jobs=jobs,
             screen=stack.enter_context(closing(Screen())),
             modelling=workshop.modelling,
+            observing=Observing(store, jobs, workshop.modelling, config.data_dir),
             diagnosing=workshop.diagnosing,
             designing=workshop.designing,
             trending=Trending(store, jobs, workshop.modelling, config.data_dir),

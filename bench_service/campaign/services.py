@@ -14,6 +14,7 @@ from bench_service.campaign.importing import Importing
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.observing import Observing
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.storage import Storage
 from bench_service.campaign.trending import Trending
@@ -43,6 +44,7 @@ class Services:
     jobs: JobRunner
     screen: Screen
     modelling: Modelling
+    observing: Observing
     diagnosing: Diagnosing
     designing: Designing
     trending: Trending

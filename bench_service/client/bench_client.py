@@ -46,6 +46,7 @@ class BenchClient:
         self.import_model = models.import_model
         self.design = models.design
         self.compare = models.compare
+        self.observe = models.observe
         self.comparison = models.comparison
         self.comparison_series = models.comparison_series
         self.comparison_table = models.comparison_table

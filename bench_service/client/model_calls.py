@@ -93,6 +93,23 @@ class ModelCalls:
         body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc}
         return self._connection.post(f"{API}/comparisons", body, at_work=True)
 
+    def observe(
+        self,
+        model_id: str,
+        run_ids: Sequence[str],
+        *,
+        initial_soc: float | None = None,
+        gain: str | None = None,
+        **patience: Unpack[Patience],
+    ) -> Record:
+        """Replay runs through a model's observer, wait for it, and give what `observe --json` prints.
+
+        `initial_soc`: where the observer begins; by default where each run is said to begin, from where the reference
+        is counted. `gain`: "kalman" or "steady"; by default as the model has it.
+        """
+        body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc, "gain": gain}
+        return self._worked("observations", body, patience)
+
     def comparison(self, comparison_id: str) -> Record:
         """One comparison."""
         return self._connection.get(f"{API}/comparisons/{part(comparison_id)}")

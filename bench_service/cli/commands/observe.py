@@ -21,9 +21,9 @@ from bench_service.cli.tables import usability_lines
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bench_service.cli.observation import Observation
     from models.data.timeseries import TimeSeries
     from models.observer import FuzzyObserver
+    from models.observer.observation import Observation
 
 _FIGURES = (
     ("soc_rmse", "SoC RMSE %", 100.0),
@@ -51,6 +51,12 @@ def _arguments(parser: ArgumentParser) -> None:
         help="standard deviation among the module's cells of soc (0.01), capacity (0.02), resistance (0.05), and of "
         "connectors beside them (0.15), as fractions",
     )
+    parser.add_argument(
+        "--gain",
+        choices=("kalman", "steady"),
+        help="kalman: from the covariance of the moment; steady: the local models' gains from the discrete Riccati "
+        "equation, blended; default: as the model has it, which is kalman where nobody has chosen",
+    )
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page: estimates, convergence")
     parser.add_argument("--out", type=Path, metavar="SOC.csv", help="also write the estimates")
     add_current_sign(parser)
@@ -58,17 +64,16 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: numba and scipy take 1.2 s.
-    from bench_service.cli.observation import observe
     from bench_service.exchange.atomic import check_writable
-    from models.observer import FuzzyObserver
     from models.observer.module.module_errors import CellSpread
     from models.observer.module.module_observer import ModuleObserver
+    from models.observer.observation import answer_of, observe, observer_of
 
     for path in (options.out, options.report):
         if path is not None:
             check_writable(path)
     network = read_model(options.model)
-    cell = FuzzyObserver(network)
+    cell = observer_of(network, options.gain)
     if options.module is None and options.cell_spread is not None:
         raise UsageError("--cell-spread is of the cells of a module: give --module MODULE.json too")
     spread = CellSpread.declared(options.cell_spread or {})
@@ -81,7 +86,7 @@ def _run(options: Namespace, output: Output) -> int:
         for done, (run, (soc, soc_std)) in enumerate(zip(runs, starts, strict=True)):
             report(done / len(runs), run.name)
             observed.append(observe(observer, run, soc, soc_std))
-    answer = _answer(observed) | {"usability": network.record.usability}
+    answer = answer_of(observer, observed)
     if options.out is not None:
         _write(options.out, observed)
         answer["file"] = str(options.out)
@@ -90,20 +95,6 @@ def _run(options: Namespace, output: Output) -> int:
         answer["report"] = str(options.report)
     output.result(answer, lambda console: _show(console, answer))
     return 0
-
-
-def _answer(observed: Sequence[Observation]) -> dict[str, Any]:
-    # Lazy: numpy takes 50 ms.
-    import numpy as np
-
-    innovation_V = np.concatenate([each.innovation_V for each in observed])
-    known = innovation_V[~np.isnan(innovation_V)]
-    n = sum(len(each.time_s) for each in observed)
-    return {
-        "runs": [{"run": each.name, **each.figures, "alarms": each.alarms, **each.sensors} for each in observed],
-        "innovation_rms_mV": 1e3 * float(np.sqrt(np.mean(known**2))) if len(known) else None,
-        "us_per_step": 1e6 * sum(each.seconds for each in observed) / n,
-    }
 
 
 def _report(options: Namespace, cell: FuzzyObserver, runs: Sequence[TimeSeries], observed: list[Observation]) -> None:
@@ -152,7 +143,7 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
         console.print(line)
     if answer["innovation_rms_mV"] is not None:
         console.print(f"innovation: {answer['innovation_rms_mV']:.2f} mV RMS")
-    console.print(f"{answer['us_per_step']:.2f} us per step")
+    console.print(f"{answer['gain']} gain, {answer['us_per_step']:.2f} us per step")
     for key in ("file", "report"):
         if key in answer:
             console.print(f"wrote {answer[key]}")

@@ -1,23 +1,27 @@
-"""One run through the observer, and how good its state of charge was."""
+"""One run through the observer, how good its state of charge was, and the answer over all runs."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from models.data.errors import ModelError
 from models.data.resampling import to_grid
 from models.data.timeseries import FloatArray
 from models.effects.input_correction import as_read
 from models.observer.constancy import with_honest_bands
+from models.observer.filter.fuzzy_observer import FuzzyObserver
+from models.observer.filter.settings import GAINS, default_settings
 from models.observer.health import alarms_of, watch
 from models.observer.tuning.accuracy import soc_figures
 
 if TYPE_CHECKING:
     from models.data.timeseries import TimeSeries
-    from models.observer import FuzzyObserver
+    from models.network.local_model_network import LocalModelNetwork
     from models.observer.module.module_observer import ModuleObserver
 
 
@@ -46,6 +50,27 @@ class Observation:
     seconds: float
     alarms: list[str]
     sensors: dict[str, dict[str, float] | None]
+
+
+def observer_of(network: LocalModelNetwork, gain: str | None = None) -> FuzzyObserver:
+    """Build the observer of a model with a gain of somebody's choice.
+
+    Parameters
+    ----------
+    network : the model of a cell
+    gain : "kalman": from the covariance of the moment; "steady": the local models' steady-state gains from the discrete
+        Riccati equation, blended by the validity functions (eq. 2.42 to 2.46 of the method, put right as
+        `filter.gains` says), once the start is over; None: as the model's own settings have it
+
+    Raises
+    ------
+    ModelError
+        There is no such gain, or the network has no observer.
+    """
+    if gain is not None and gain not in GAINS:
+        raise ModelError(f"gain {gain!r} is not known; use one of {', '.join(GAINS)}")
+    settings = default_settings(network)
+    return FuzzyObserver(network, settings if gain is None else replace(settings, gain=gain))
 
 
 def observe(
@@ -83,3 +108,20 @@ def observe(
         [*alarms_of(watch(rows, grid.voltage_V)), *remarks],
         told,
     )
+
+
+def answer_of(observer: FuzzyObserver | ModuleObserver, observed: Sequence[Observation]) -> dict[str, Any]:
+    """Return the `observe` object of the public contract over all runs.
+
+    Errors of the state of charge are null where a run has no reference.
+    """
+    innovation_V = np.concatenate([each.innovation_V for each in observed])
+    known = innovation_V[~np.isnan(innovation_V)]
+    n = sum(len(each.time_s) for each in observed)
+    return {
+        "runs": [{"run": each.name, **each.figures, "alarms": each.alarms, **each.sensors} for each in observed],
+        "innovation_rms_mV": 1e3 * float(np.sqrt(np.mean(known**2))) if len(known) else None,
+        "us_per_step": 1e6 * sum(each.seconds for each in observed) / n,
+        "gain": (observer if isinstance(observer, FuzzyObserver) else observer.cell).settings.gain,
+        "usability": observer.network.record.usability,
+    }
