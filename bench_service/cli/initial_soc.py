@@ -10,7 +10,10 @@ from bench_service.cli.output import Output
 
 if TYPE_CHECKING:
     from models.data.timeseries import TimeSeries
+    from models.module.network import ModuleNetwork
     from models.network.local_model_network import LocalModelNetwork
+
+    Model = LocalModelNetwork | ModuleNetwork
 
 
 # Anywhere between empty and full is as likely: the standard deviation of that is 0.29.
@@ -20,7 +23,7 @@ _GUESS = (0.5, 0.29)
 def initial_soc(
     runs: Sequence[TimeSeries],
     given: tuple[float, ...] | None,
-    network: LocalModelNetwork | None = None,
+    network: Model | None = None,
     output: Output | None = None,
 ) -> list[float]:
     """Return the SoC at the start of each run: `--initial-soc`, else the run's first `soc_ref`, else by a rest.
@@ -48,7 +51,7 @@ def initial_soc(
 
 
 def known_starts(
-    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: LocalModelNetwork, output: Output | None
+    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: Model, output: Output | None
 ) -> list[tuple[float, float | None]]:
     """Return the same with its standard deviation where it was read from a rest; else None: it is somebody's word."""
     if given is not None:
@@ -57,7 +60,7 @@ def known_starts(
 
 
 def guessed_soc(
-    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: LocalModelNetwork, output: Output
+    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: Model, output: Output
 ) -> list[tuple[float, float | None]]:
     """Return where an observer starts in each run, with the standard deviation where it is a mere guess."""
     # Lazy: numpy takes 60 ms.
@@ -75,17 +78,20 @@ def guessed_soc(
     return starts
 
 
-def _known_soc(run: TimeSeries, network: LocalModelNetwork, output: Output | None) -> tuple[float, float | None]:
+def _known_soc(run: TimeSeries, network: Model, output: Output | None) -> tuple[float, float | None]:
     """SoC from the run's reference, else from the rest that it begins with and then with its standard deviation."""
     # Lazy: numba and scipy take 930 ms.
     from models.data.errors import ModelError
     from models.data.start_soc import start_soc
+    from models.module.network import ModuleNetwork
     from models.readouts.rest_start import soc_from_rest
 
     try:
         return start_soc(run), None
     except ModelError:
-        soc, std = soc_from_rest(run, network)
+        module = isinstance(network, ModuleNetwork)
+        seen, cell = (network.mean_cell_series(run), network.network) if module else (run, network)
+        soc, std = soc_from_rest(seen, cell)
     if output is not None:
         output.warn(f"{run.name}: SoC at its start from the open-circuit voltage after a rest: {soc:.3f} +- {std:.3f}")
     return soc, std

@@ -32,16 +32,19 @@ class ModelCalls:
         initial_soc_std: float = 0.0,
         coulombic_efficiency: float = 1.0,
         seed: int = 0,
+        module: Record | None = None,
         **patience: Unpack[Patience],
     ) -> Record:
         """Fit a model to runs, wait for it, and give the model's record.
 
         `initial_soc_std`: how far off the states of charge may be at which the training runs are said to begin; they
-        are then estimated with the fit. `without`: effects that are left out of a bounded network.
+        are then estimated with the fit. `without`: effects that are left out of a bounded network. `module`: the runs
+        are of a module: ``in_series``, ``parallel``, and ``cell_model_id`` of a cell's model, each where it is known.
         """
         body = {"name": name, "train": list(train), "validate": list(validate)}
         body |= {"capacity_Ah": float(capacity_Ah), "structure": structure, "without": list(without), "seed": seed}
         body |= {"initial_soc_std": float(initial_soc_std), "coulombic_efficiency": float(coulombic_efficiency)}
+        body |= {"module": module}
         return self.model(self._worked("models", body, patience)["model_id"])
 
     def wait_job(

@@ -39,20 +39,21 @@ def observe_runs(
     initial_soc : float or None
         Where the observer begins; None: where the run does.
     gain : str or None
-        See `models.observer.observation.observer_of`.
+        See `models.observer.observation.observer_of`; of a module that of its mean cell.
     """
     # Lazy: numba and scipy take 1.0 s.
-    from models.network.local_model_network import LocalModelNetwork
+    from models.module.network import ModuleNetwork, model_from_json
+    from models.observer.module.tuning import module_observer
     from models.observer.observation import answer_of, observe, observer_of
 
     report(0.0, "reading samples")
-    network = LocalModelNetwork.from_json(document)
-    observer, observed = observer_of(network, gain), []
+    model, observed = model_from_json(document), []
+    observer = module_observer(model, gain) if isinstance(model, ModuleNetwork) else observer_of(model, gain)
     series = read_series(data_dir, runs)
     for done, (each, run) in enumerate(zip(series, runs, strict=True)):
         report((done + 0.1) / len(series), f"observing run {each.name}")
         start = run.initial_soc if initial_soc is None else initial_soc
-        observed.append(observe(observer, _counted(each, run, network.cell.capacity_Ah), start, None))
+        observed.append(observe(observer, _counted(each, run, model.cell.capacity_Ah), start, None))
     return plain(answer_of(observer, observed))
 
 

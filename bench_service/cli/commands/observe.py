@@ -13,7 +13,7 @@ from rich.table import Table
 from bench_service.cli.arguments import fractions, named_numbers
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
-from bench_service.cli.files import add_current_sign, read_model, read_module, read_runs
+from bench_service.cli.files import add_current_sign, read_any_model, read_module, read_runs
 from bench_service.cli.initial_soc import guessed_soc
 from bench_service.cli.output import Output
 from bench_service.cli.tables import usability_lines
@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from models.data.timeseries import TimeSeries
+    from models.module.network import ModuleNetwork
+    from models.network.local_model_network import LocalModelNetwork
     from models.observer import FuzzyObserver
+    from models.observer.module.module_observer import ModuleObserver
     from models.observer.observation import Observation
 
 _FIGURES = (
@@ -35,7 +38,7 @@ _FIGURES = (
 
 
 def _arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL.json")
+    parser.add_argument("model", type=Path, metavar="MODEL.json", help="of a cell, or of a module (fit --module)")
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="CSV, gzipped CSV or Parquet")
     parser.add_argument(
         "--initial-soc",
@@ -65,19 +68,16 @@ def _arguments(parser: ArgumentParser) -> None:
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: numba and scipy take 1.2 s.
     from bench_service.exchange.atomic import check_writable
-    from models.observer.module.module_errors import CellSpread
+    from models.module.network import cell_network
     from models.observer.module.module_observer import ModuleObserver
-    from models.observer.observation import answer_of, observe, observer_of
+    from models.observer.observation import answer_of, observe
 
     for path in (options.out, options.report):
         if path is not None:
             check_writable(path)
-    network = read_model(options.model)
-    cell = observer_of(network, options.gain)
-    if options.module is None and options.cell_spread is not None:
-        raise UsageError("--cell-spread is of the cells of a module: give --module MODULE.json too")
-    spread = CellSpread.declared(options.cell_spread or {})
-    observer = cell if options.module is None else ModuleObserver(cell, read_module(options.module), spread)
+    model = read_any_model(options.model)
+    network, observer = cell_network(model), _observer(options, model)
+    cell = observer.cell if isinstance(observer, ModuleObserver) else observer
     runs = read_runs(options.runs, options.current_sign, output)
     as_cells = [observer.mean_cell_run(run) for run in runs] if isinstance(observer, ModuleObserver) else runs
     starts = guessed_soc(as_cells, options.initial_soc, network, output)
@@ -95,6 +95,28 @@ def _run(options: Namespace, output: Output) -> int:
         answer["report"] = str(options.report)
     output.result(answer, lambda console: _show(console, answer))
     return 0
+
+
+def _observer(options: Namespace, model: LocalModelNetwork | ModuleNetwork) -> FuzzyObserver | ModuleObserver:
+    """Observer of a cell, or of a module: by the model's own module model, or by that of `--module`."""
+    # Lazy: numba and scipy take 1.2 s.
+    from models.module.network import ModuleNetwork
+    from models.observer.module.module_errors import CellSpread
+    from models.observer.module.module_observer import ModuleObserver
+    from models.observer.module.tuning import module_observer
+    from models.observer.observation import observer_of
+
+    declared = None if options.cell_spread is None else CellSpread.declared(options.cell_spread)
+    if isinstance(model, ModuleNetwork):
+        if options.module is not None:
+            raise UsageError(f"{options.model}: is the model of a module already: leave --module out")
+        return module_observer(model, options.gain, declared)
+    cell = observer_of(model, options.gain)
+    if options.module is not None:
+        return ModuleObserver(cell, read_module(options.module), declared or CellSpread())
+    if declared is not None:
+        raise UsageError("--cell-spread is of the cells of a module: give --module MODULE.json too")
+    return cell
 
 
 def _report(options: Namespace, cell: FuzzyObserver, runs: Sequence[TimeSeries], observed: list[Observation]) -> None:
