@@ -28,6 +28,7 @@ from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.importing import Importing
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.latches import unacknowledged
+from bench_service.campaign.learning import Learning
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.observing import Observing
@@ -65,8 +66,7 @@ async def running_services(
 
     Raises
     ------
-    StoreError, SimulationError
-        Recorder or simulator cannot start.
+    StoreError, SimulationError : recorder or simulator cannot start
     """
     code_version = version("bench-service")
     async with AsyncExitStack() as stack:
@@ -102,6 +102,7 @@ async def running_services(
             screen=stack.enter_context(closing(Screen())),
             modelling=workshop.modelling,
             observing=Observing(store, jobs, workshop.modelling, config.data_dir),
+            learning=_learning(stack, workshop, journal, (config.data_dir, code_version)),
             diagnosing=workshop.diagnosing,
             designing=workshop.designing,
             trending=Trending(store, jobs, workshop.modelling, config.data_dir),
@@ -112,6 +113,12 @@ async def running_services(
             commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
             importing=Importing(store, jobs, storage, recorder.attach, (config.data_dir, code_version)),
         )
+
+
+def _learning(stack: AsyncExitStack, workshop: Workshop, journal: Journal, made: tuple[Path, str]) -> Learning:
+    learning = Learning(workshop.store, workshop.jobs, workshop.modelling, workshop.runs, journal, made)
+    stack.push_async_callback(learning.close)
+    return learning
 
 
 async def _resume_protocols(

@@ -12,6 +12,7 @@ from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.importing import Importing
 from bench_service.campaign.journal import Journal
+from bench_service.campaign.learning import Learning
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.observing import Observing
@@ -45,6 +46,7 @@ class Services:
     screen: Screen
     modelling: Modelling
     observing: Observing
+    learning: Learning
     diagnosing: Diagnosing
     designing: Designing
     trending: Trending

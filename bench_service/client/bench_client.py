@@ -55,6 +55,7 @@ class BenchClient:
         self.diagnose = models.diagnose
         self.add_effect = models.add_effect
         self.refit = models.refit
+        self.learn = models.learn
         self.model_chain = models.model_chain
         imports = ImportCalls(self._connection)
         self.upload_file = imports.upload_file

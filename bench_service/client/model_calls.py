@@ -91,6 +91,16 @@ class ModelCalls:
         """
         return self._worked("designs", {"name": name, "request": request}, patience)
 
+    def learn(
+        self, model_id: str, run_ids: Sequence[str], validate: Sequence[str] = (), **patience: Unpack[Patience]
+    ) -> Record:
+        """Let a model learn from runs in time's order, wait for it, and give the new versions' figures.
+
+        ``model`` of the result is the last version; every run of `validate` judges each of them.
+        """
+        body = {"run_ids": list(run_ids), "validate_run_ids": list(validate)}
+        return self._worked(f"models/{part(model_id)}/learn", body, patience)
+
     def compare(self, model_id: str, run_ids: Sequence[str], initial_soc: float | None = None) -> Record:
         """Compare a model with runs."""
         body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc}

@@ -12,7 +12,8 @@ class RunOptions(TypedDict, total=False):
 
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting at
     ``observer_initial_soc``, with ``observer_gain`` ("kalman" or "steady"). With ``finish_alone`` the run plays on
-    where the service is gone; else it comes to rest.
+    where the service is gone; else it comes to rest. With ``learn`` the newest version of the model is used, and it
+    learns from the run when that is completed.
     ``band`` names a model whose band the voltage must not leave: ``model_id``, ``margin_V``, ``for_s``.
     ``protocol_id`` is played in place of a profile; ``continues`` names the run of it that is taken up again where it
     was cut off, and ``on_interruption="resume"`` lets that happen by itself when the service starts.
@@ -25,6 +26,7 @@ class RunOptions(TypedDict, total=False):
     name: str | None
     seed: int | None
     finish_alone: bool
+    learn: bool
     band: Record | None
     protocol_id: str | None
     continues: str | None

@@ -157,11 +157,12 @@ def fit_module(request: ModuleFitRequest) -> ModuleFit:
 
 
 def _given_cell(request: ModuleFitRequest) -> LocalModelNetwork:
-    """Network from tests of cells, without what was put right in those tests' own logs."""
+    """Network from tests of cells, of the module's capacity, without what was put right in those tests' own logs."""
     assert request.cell is not None  # the caller asked for it
     record = request.cell.record
     effects = tuple(each for each in record.effects if not each["correction"])
-    return replace(request.cell, record=replace(record, effects=effects))
+    cell = replace(request.cell.cell, capacity_Ah=request.capacity_Ah / request.parallel)
+    return replace(request.cell, cell=cell, record=replace(record, effects=effects))
 
 
 def _mean_cell(request: ModuleFitRequest, layout: tuple[int, int], soc: list[float], report: Progress) -> FitResult:

@@ -136,3 +136,12 @@ def test_runs_are_looked_for_by_words() -> None:
     store = Store(runs={"page": [run_record()]})
     assert client_of(runs.router, store=store).get("/runs?q=formation%20b&state=completed").status_code == 200
     assert store.calls[0][1] == (None, "completed", None, 100, 0, "formation b")
+
+
+def test_a_run_that_is_learned_from_goes_another_way() -> None:
+    learning, plain = AsyncPart(start_run=run_record(state="running")), AsyncPart(start=run_record(state="running"))
+    client = client_of(runs.router, runs=plain, learning=learning, benches=BENCHES)
+    assert client.post("/runs", json=BODY | {"model_id": "m1", "learn": True}).status_code == 201
+    ((_, (benches, order), _),) = learning.calls
+    assert benches is BENCHES and order.model_id == "m1" and plain.calls == []
+    assert client.post("/runs", json=BODY | {"learn": "yes"}).status_code == 422
