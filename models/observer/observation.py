@@ -17,6 +17,7 @@ from models.observer.constancy import with_honest_bands
 from models.observer.filter.fuzzy_observer import FuzzyObserver
 from models.observer.filter.settings import GAINS, default_settings
 from models.observer.health import alarms_of, watch
+from models.observer.smoothing import Smoothed, smoothed_soc
 from models.observer.tuning.accuracy import soc_figures
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ class Observation:
     alarms : what was wrong on the way, in words
     sensors : `current_offset_A` and `capacity_Ah` at the end with their standard deviation; None where the run cannot
         tell them
+    smoothed : state of charge with all of the run known
+    smoothed_figures : the same figures of it; with all known there is no convergence to wait for
     """
 
     name: str
@@ -50,6 +53,8 @@ class Observation:
     seconds: float
     alarms: list[str]
     sensors: dict[str, dict[str, float] | None]
+    smoothed: Smoothed
+    smoothed_figures: dict[str, float | None]
 
 
 def observer_of(network: LocalModelNetwork, gain: str | None = None) -> FuzzyObserver:
@@ -91,10 +96,13 @@ def observe(
     arrays = (grid.current_A, grid.voltage_V, temperature_degC)
     observer.replay(state, *(values[:1] for values in arrays))  # the first call may compile
     started = time.perf_counter()
-    _, rows = observer.replay(state, *arrays)
+    end, rows = observer.replay(state, *arrays)
     seconds = time.perf_counter() - started
     told, remarks = with_honest_bands(observer.told_sensors(rows[-1]), rows)
     figures = soc_figures(grid.time_s, rows[:, 0], rows[:, 1], grid.soc_ref)
+    whole = isinstance(observer, FuzzyObserver)
+    cell, as_cell = (observer, grid) if whole else (observer.cell, observer.mean_cell_grid(grid))
+    smoothed = smoothed_soc(cell, as_cell, end)
     return Observation(
         run.name,
         grid.time_s,
@@ -107,7 +115,20 @@ def observe(
         seconds,
         [*alarms_of(watch(rows, grid.voltage_V)), *remarks],
         told,
+        smoothed,
+        soc_figures(grid.time_s, smoothed.soc, smoothed.soc_std, grid.soc_ref),
     )
+
+
+def _run_answer(observed: Observation) -> dict[str, Any]:
+    start = {"value": float(observed.smoothed.soc[0]), "std": float(observed.smoothed.soc_std[0])}
+    return {
+        "run": observed.name,
+        **observed.figures,
+        "alarms": observed.alarms,
+        **observed.sensors,
+        "smoothed": observed.smoothed_figures | {"initial_soc": start},
+    }
 
 
 def answer_of(observer: FuzzyObserver | ModuleObserver, observed: Sequence[Observation]) -> dict[str, Any]:
@@ -119,7 +140,7 @@ def answer_of(observer: FuzzyObserver | ModuleObserver, observed: Sequence[Obser
     known = innovation_V[~np.isnan(innovation_V)]
     n = sum(len(each.time_s) for each in observed)
     return {
-        "runs": [{"run": each.name, **each.figures, "alarms": each.alarms, **each.sensors} for each in observed],
+        "runs": [_run_answer(each) for each in observed],
         "innovation_rms_mV": 1e3 * float(np.sqrt(np.mean(known**2))) if len(known) else None,
         "us_per_step": 1e6 * sum(each.seconds for each in observed) / n,
         "gain": (observer if isinstance(observer, FuzzyObserver) else observer.cell).settings.gain,

@@ -61,7 +61,12 @@ def _arguments(parser: ArgumentParser) -> None:
         "equation, blended; default: as the model has it, which is kalman where nobody has chosen",
     )
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page: estimates, convergence")
-    parser.add_argument("--out", type=Path, metavar="SOC.csv", help="also write the estimates")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="SOC.csv",
+        help="also write the estimates, and the state of charge with all of a run known",
+    )
     add_current_sign(parser)
 
 
@@ -145,6 +150,8 @@ def _write(path: Path, observed: Sequence[Observation]) -> None:
     columns: dict[str, Any] = {"run": np.concatenate([np.full(len(each.time_s), each.name) for each in observed])}
     for name in ("time_s", "soc", "soc_std", "model_voltage_V", "innovation_V"):
         columns[name] = np.concatenate([getattr(each, name) for each in observed])
+    for name in ("soc", "soc_std"):
+        columns[f"smoothed_{name}"] = np.concatenate([getattr(each.smoothed, name) for each in observed])
     write_results(path, columns)
 
 
@@ -158,6 +165,11 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
         cells = ["-" if each[key] is None else f"{scale * each[key]:.2f}" for key, _, scale in _FIGURES]
         table.add_row(each["run"], *cells)
     console.print(table)
+    for each in answer["runs"]:
+        after, start = each["smoothed"], each["smoothed"]["initial_soc"]
+        error = "" if after["soc_rmse"] is None else f", RMSE {100 * after['soc_rmse']:.2f} %"
+        began = f"it began at {100 * start['value']:.1f} +- {100 * start['std']:.1f} %"
+        console.print(f"{each['run']}: with all of the run known {began}{error}")
     for each in answer["runs"]:
         for alarm in each["alarms"]:
             console.print(f"{each['run']}: {alarm}")
