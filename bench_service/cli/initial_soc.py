@@ -12,7 +12,10 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from models.data.timeseries import TimeSeries
+    from models.module.network import ModuleNetwork
     from models.network.local_model_network import LocalModelNetwork
+
+    Model = LocalModelNetwork | ModuleNetwork
 
 
 # Anywhere between empty and full is as likely: the standard deviation of that is 0.29.
@@ -22,7 +25,7 @@ _GUESS = (0.5, 0.29)
 def initial_soc(
     runs: Sequence[TimeSeries],
     given: tuple[float, ...] | None,
-    network: LocalModelNetwork | None = None,
+    network: Model | None = None,
     output: Output | None = None,
     option: str = "--initial-soc",
 ) -> list[float]:
@@ -70,7 +73,7 @@ def starts_apart(
 
 
 def known_starts(
-    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: LocalModelNetwork, output: Output | None
+    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: Model, output: Output | None
 ) -> list[tuple[float, float | None]]:
     """Return the same with its standard deviation where it was read from a rest; else None: it is somebody's word."""
     if given is not None:
@@ -79,7 +82,7 @@ def known_starts(
 
 
 def guessed_soc(
-    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: LocalModelNetwork, output: Output
+    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: Model, output: Output
 ) -> list[tuple[float, float | None]]:
     """Return where an observer starts in each run, with the standard deviation where it is a mere guess."""
     # Lazy: numpy takes 60 ms.
@@ -97,17 +100,20 @@ def guessed_soc(
     return starts
 
 
-def _known_soc(run: TimeSeries, network: LocalModelNetwork, output: Output | None) -> tuple[float, float | None]:
+def _known_soc(run: TimeSeries, network: Model, output: Output | None) -> tuple[float, float | None]:
     """SoC from the run's reference, else from the rest that it begins with and then with its standard deviation."""
     # Lazy: numba and scipy take 930 ms.
     from models.data.errors import ModelError
     from models.data.start_soc import start_soc
+    from models.module.network import ModuleNetwork
     from models.readouts.rest_start import soc_from_rest
 
     try:
         return start_soc(run), None
     except ModelError:
-        soc, std = soc_from_rest(run, network)
+        module = isinstance(network, ModuleNetwork)
+        seen, cell = (network.mean_cell_series(run), network.network) if module else (run, network)
+        soc, std = soc_from_rest(seen, cell)
     if output is not None:
         output.warn(f"{run.name}: SoC at its start from the open-circuit voltage after a rest: {soc:.3f} +- {std:.3f}")
     return soc, std
