@@ -43,7 +43,11 @@ class Tried:
     @property
     def contribution(self) -> FloatArray:
         """(N,) its part of both channels."""
-        part = self.columns @ self.weighed.mean
+        return self.part(self.weighed.mean)
+
+    def part(self, sizes: FloatArray) -> FloatArray:
+        """(N,) the same for other sizes."""
+        part = self.columns @ sizes
         return part if self.moved is None else part + self.moved
 
 
