@@ -9,6 +9,8 @@ from models.effects.half_cells import HalfCells
 
 # Before it shows as much in the capacity as lost lithium does, more of it has to be lost.
 _USUAL = 0.08
+# A curve whose steps draw together changes the more slowly the further it goes.
+_STARTS = (0.0, 0.5, 1.0, 1.6, 2.3, 3.1, 4.0, 5.0)
 
 _NEGATIVE = loss_shift(HalfCells.less_negative, " of the negative electrode")
 _POSITIVE = loss_shift(HalfCells.less_positive, " of the positive electrode")
@@ -27,5 +29,5 @@ EFFECT = Effect(
     absorbed=True,
     renews=(CURVE,),
     part_of=("ocv_shape",),
-    expected=Expected(width=lambda _view: _USUAL, share=0.3, learned=False),
+    expected=Expected(width=lambda _view: _USUAL, starts=_STARTS, from_best=True, share=0.3, learned=False),
 )

@@ -17,9 +17,13 @@ def _soc(view: View, gain: float) -> FloatArray:
     return view.initial_soc + (view.soc - view.initial_soc) / (1.0 + gain)
 
 
+def _true_A(view: View, gain: float) -> FloatArray:
+    return view.run.current_A / (1.0 + gain)
+
+
 def _voltage(view: View, gain: float) -> FloatArray:
     """Simulated with the true current: charge and load are less than was read, both by the same share."""
-    return view.moved(soc=_soc(view, gain), current_A=view.run.current_A / (1.0 + gain))
+    return view.moved(soc=_soc(view, gain), current_A=_true_A(view, gain))
 
 
 def _regressors(view: View) -> FloatArray:
@@ -39,7 +43,7 @@ EFFECT = Effect(
     parameters=(Parameter("gain", "1", "share that the sensor reads too much"),),
     slow=True,
     regressors=_regressors,
-    shift=Shift(_voltage, lambda _view: _STEP, lambda _view: (-_LIMIT, _LIMIT), soc=_soc),
+    shift=Shift(_voltage, lambda _view: _STEP, lambda _view: (-_LIMIT, _LIMIT), soc=_soc, current_A=_true_A),
     absorbed=True,
     correction=InputCorrection(_without, possible=lambda values: values["gain"] > -1.0),
     # A cell that has aged is more usual than a sensor that has, and in many a log the two look alike.

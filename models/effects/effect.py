@@ -46,6 +46,7 @@ class Shift:
     limits : view -> (low, high) values that are tried
     physical : (view, value) -> what a person is told, in the unit of the effect's first parameter
     soc : (view, value) -> (n,) state of charge that the effect makes of the counted one; None: it leaves it alone
+    current_A : (view, value) -> (n,) current that truly warms the cell; None: the measured one
     searched : whether the steps start from the best of a grid; else from nothing
     of : what the name of the parameter is followed by, where an effect has several of them
     """
@@ -55,6 +56,7 @@ class Shift:
     limits: Callable[[View], tuple[float, float]]
     physical: Callable[[View, float], float] = lambda _view, value: value
     soc: Callable[[View, float], FloatArray] | None = None
+    current_A: Callable[[View, float], FloatArray] | None = None
     searched: bool = True
     of: str = ""
 

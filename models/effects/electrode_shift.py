@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Shift
@@ -10,7 +11,7 @@ from models.effects.half_cells import HalfCells, half_cells
 from models.effects.view import View
 
 # Of a share that is lost; a little less than nothing, so that a search may begin on either side of it.
-_STEP, _LIMITS = 2e-3, (-0.1, 0.4)
+_STEP, _LIMITS = 2e-3, (-0.02, 0.4)
 
 Loss = Callable[[HalfCells, float], HalfCells]
 
@@ -35,10 +36,13 @@ def loss_shift(loss: Loss, of: str = "") -> Shift:
         fresh = half_cells(view.model)
         if fresh is None:
             return 0.0 * view.voltage_V
-        counted = soc(view, share)
-        at = counted[view.index] + view.inputs.surface
-        bent_V = loss(fresh, share).open_circuit_V(at) - fresh.open_circuit_V(at)
-        return view.moved(soc=counted) + bent_V
+        aged = loss(fresh, share)
+        counted = soc(view, share)[view.index]
+        # By as much charge as before the surface of the particles runs ahead: more of what is left.
+        inputs = replace(view.inputs, surface=view.inputs.surface * (fresh.capacity / aged.capacity))
+        at = counted + inputs.surface
+        bent_V = aged.open_circuit_V(at) - fresh.open_circuit_V(at)
+        return view.model.voltage_V(inputs, counted) - view.voltage_V + bent_V
 
     return Shift(voltage, lambda _view: _STEP, lambda _view: _LIMITS, soc=soc, of=of)
 

@@ -9,6 +9,8 @@ from models.effects.half_cells import HalfCells
 
 # As large as a usual change of the capacity, which it makes.
 _USUAL = 0.05
+# A curve with steps that slips changes the more slowly the further it goes: a search needs more places to begin.
+_STARTS = (0.0, 0.5, 1.0, 1.6, 2.3, 3.1, 4.0, 5.0, 6.5)
 
 _SHIFT = loss_shift(HalfCells.less_lithium)
 
@@ -26,5 +28,5 @@ EFFECT = Effect(
     renews=(CURVE,),
     part_of=("ocv_shape",),
     # The plain capacity is asked first: in a record that is short of rests both look alike.
-    expected=Expected(width=lambda _view: _USUAL, share=0.3, learned=False),
+    expected=Expected(width=lambda _view: _USUAL, starts=_STARTS, from_best=True, share=0.3, learned=False),
 )

@@ -74,12 +74,22 @@ class Analysis:
     def rivals(self) -> tuple[Tried, ...]:
         """Effects that explain the runs nearly as well as the first that is named, where one alone is."""
         if len(self.named) != 1:
-            return ()
+            return tuple(each for each in self.tried if self.named and self._stands_for(each))
         best = self.verdict.single[0][0]
         others = [each for p, each in self.verdict.single[1:] if p * THRESHOLDS.rival >= best]
         name = self.named[0].effect
         twin = [each for _, each in self.verdict.single[1:] if each.effect.name == name.twin and each not in others]
         return tuple(twin + others)
+
+    def _stands_for(self, general: Tried) -> bool:
+        """Whether a named pair would be as good with a free curve in the place of a special case of it."""
+        names = {each.effect.name for each in self.named}
+        inner = names & set(general.effect.contains)
+        if general.effect.local is None or not general.effect.absorbed or len(inner) != 1:
+            return False
+        wanted, best = {general.effect.name, *(names - inner)}, self.verdict.pairs[0][0]
+        chance = next((p for p, *both in self.verdict.pairs if {each.effect.name for each in both} == wanted), 0.0)
+        return chance * THRESHOLDS.rival >= best
 
     @property
     def confidence(self) -> float:

@@ -59,6 +59,7 @@ class Moving:
     physical : (k,) sizes -> values of the effect's parameters, as many as are known
     voltage : (k,) sizes, view -> (m,) change of a run's voltage
     of : what the name of the first parameter is followed by
+    from_best : whether a search begins from the best of the starts alone
     soc : (k,) sizes, view -> (n,) state of charge that it makes of the counted one; None: it leaves it alone
     """
 
@@ -69,6 +70,7 @@ class Moving:
     physical: Callable[[FloatArray], tuple[float, ...]]
     voltage: Callable[[FloatArray, View], FloatArray]
     of: str = ""
+    from_best: bool = False
     soc: Callable[[FloatArray, View], FloatArray] | None = None
 
     def columns(self, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -190,7 +192,7 @@ def _shifted(sight: Sight, one: Effect, shift: Shift, width: float) -> Moving:
     soc_of = shift.soc
     soc = None if soc_of is None else lambda sizes, view: soc_of(view, float(width * sizes[0]))
     starts = tuple((start,) for start in one.expected.starts)
-    return Moving(simulate, 1, starts, limits, physical, voltage, shift.of, soc)
+    return Moving(simulate, 1, starts, limits, physical, voltage, shift.of, one.expected.from_best, soc)
 
 
 def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width: float) -> FloatArray:
@@ -203,6 +205,9 @@ def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width
         heat_W = width * one.inner_heat_W(cell.open_circuit_V(view.soc[view.index]))
     elif one.overpotential:
         heat_W = current_A * shift.voltage(view, width)
+    elif shift.current_A is not None and shift.soc is not None:
+        was_W = _loss_W(sight, view, view.run.current_A, view.soc)
+        heat_W = _loss_W(sight, view, shift.current_A(view, width), shift.soc(view, width)) - was_W
     elif shift.soc is not None:
         signals, surface = view.inputs.signals, view.inputs.surface
         was, moved = (
@@ -213,6 +218,14 @@ def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width
     else:
         return np.zeros(len(run.warm_place))
     return sight.warmed(run, heat_W[:, None])[:, 0]
+
+
+def _loss_W(sight: Sight, view: View, current_A: FloatArray, soc: FloatArray) -> FloatArray:
+    """(m,) heat of a current through the model's resistances."""
+    cell = sight.known.cell
+    inputs = cell.inputs(view.run, view.index, current_A, view.run.temperature_degC)
+    loss_V = cell.through(inputs.signals, soc[view.index] + inputs.surface, cell.resistive)
+    return current_A[view.index] * loss_V
 
 
 def _warm(sight: Sight, one: Effect, warmth: Warmth, usual: tuple[float, ...]) -> Moving:
