@@ -21,7 +21,7 @@ _SAMPLES = 8000
 _TRIED = (0.12, 0.25, 0.5, 1.0, 2.0, 4.0)
 # A change of the state costs more than one wild sample can bring at the most: a spike that comes and goes at once is no
 # interval, and a model's errors at steps are not independent from one to the next. In units of the log likelihood.
-_CHANGE, _WILD, _WORTH = 15.0, 20.0, 40.0
+_CHANGE, _WILD, _WORTH = 15.0, 20.0, 10.0
 _SHORTEST = 5
 # Resolution of a converter, V; steps of the current from which the model's own error at a step is told, over capacity.
 _LEAST_V, _STEP_C_RATE = 2e-4, 0.1
