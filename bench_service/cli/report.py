@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_service.cli.incremental_page import incremental_parts
 from bench_service.cli.readout_page import readout_parts
 from bench_service.cli.tables import start_line
 from bench_service.store.decimation import kept_rows
@@ -76,6 +77,7 @@ def comparison_page(
     found = bands(network, [each.run for each in compared], [each.start for each in compared])
     for number, each in enumerate(compared):
         parts += curves(each, None if found is None else found[number])
+        parts += incremental_parts(each, network.cell.capacity_Ah)
     parts += readout_parts(cell_network(network))
     return page(f"{model}: comparison", parts)
 
