@@ -14,8 +14,10 @@ from models.design.constraints.voltage_band import recorded_band
 from models.design.information.experiment import Evaluator, Experiment
 from models.design.optimise.ascent import Optimum, optimise
 from models.design.optimise.reference_model import predicted_temperature
-from models.design.sequence.excitation_sequence import BlockDesigner, SequencePlan, fitted_to
+from models.design.sequence.excitation_sequence import BlockDesigner, fitted_to
 from models.design.sequence.load_cycle import amplitude_bounds, load_cycle_bounds, load_histogram, mean_current_range
+from models.design.sequence.sequence_builder import LEAST_SHARE
+from models.design.sequence.sequence_plan import SequencePlan
 from models.network.local_model_network import LocalModelNetwork
 
 OPTIMAL = "optimal"
@@ -24,6 +26,12 @@ _BLOCK_STARTS = 10
 _LEAST_LONGEST_S = 50.0
 # How long the largest current is taken to be held where the voltage limits it.
 _LIMITATION_S = 300.0
+# Left to the window's ends, relative to its width: sums of charge are rounded.
+_EDGE = 1e-6
+# The window of the state of charge where none is given.
+_NO_WINDOW = (0.0, 1.0)
+# Levels that had to be moved are kept if they lie further from the others than this share of the levels' spacing.
+_CLOSEST = 0.25
 # Of the range of the mean current that the intervals of a load cycle leave.
 _RANGE_SHARE = 0.7
 # Rest at the end of a sequence, of its time and at most; its pulses have rests of their own.
@@ -140,20 +148,42 @@ def cycle_bounds(experiment: Experiment, request: DesignRequest, n_samples: int,
 
 def plan_of(experiment: Experiment, request: DesignRequest) -> SequencePlan:
     """Plan of a sequence whose blocks fill the time asked for."""
-    network = experiment.network
+    network, ratio = experiment.network, _ratio(experiment, request)
+    reached = ratio.reach(experiment.initial_soc, LEAST_SHARE)
     plan = SequencePlan(
         limits=request.limits,
         capacity_Ah=network.cell.capacity_Ah,
         initial_soc=experiment.initial_soc,
         dt_s=network.structure.dt_s,
-        soc_levels=request.soc_levels,
+        soc_levels=_within(request.soc_levels, reached),
         block_s=network.structure.dt_s,
         longest_s=longest_time_constant_s(network),
-        ratio=_ratio(experiment, request),
+        ratio=ratio,
         rest_ratio=request.rest_ratio,
+        ends=_ends(request, reached),
         mean_A=_mean_A(request),
     )
     return fitted_to(plan, request.active_s)
+
+
+def _within(levels: tuple[float, ...], reached: Window) -> tuple[float, ...]:
+    """Levels beyond what can be reached are moved to where that ends; those that would be all but the same are one."""
+    spacing = min(np.diff(levels).tolist(), default=0.0)
+    moved = np.clip(levels, min(reached[0], levels[-1]), max(reached[1], levels[0]))
+    kept = [float(moved[0])]
+    for level in moved[1:].tolist():
+        if level - kept[-1] >= _CLOSEST * spacing:
+            kept.append(level)
+    return tuple(kept)
+
+
+def _ends(request: DesignRequest, reached: Window) -> Window | None:
+    """Ends of the window that was asked for, as far as they can be reached; a single level is no sequence over it."""
+    low, high = request.limits.soc
+    if len(request.soc_levels) < 2 or (low, high) == _NO_WINDOW:
+        return None
+    margin = _EDGE * (high - low)
+    return max(low + margin, reached[0]), min(high - margin, reached[1])
 
 
 def _mean_A(request: DesignRequest) -> Window | None:
