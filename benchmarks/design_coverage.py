@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from foreign_cells import KINDS, TRUTHS, Plan, Rig, logged, profile_A, random_rig, true_columns
+from foreign_cells import KINDS, TRUTHS, Plan, Rig, logged, profile_A, random_rig, segment_A, true_columns
 from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
@@ -48,7 +48,9 @@ _WINDOW_V = {"nmc": (2.6, 4.25), "lfp": (2.3, 3.7)}
 _ROOM_V = 0.3
 # Inside this the former sequences of eight levels went, whatever the window's ends.
 _INNER = (0.18, 0.85)
-_JUDGED, _JUDGED_S = 2, 10_000
+_JUDGED = 2
+# What the segments of the judging runs are given on top, of the capacity: they must get on.
+_ON = 0.1
 # Families that replay a load cycle get one of the kind "drive".
 _CYCLE_S = 1800
 
@@ -198,33 +200,25 @@ def fitted(rig: Rig, run: TimeSeries) -> LocalModelNetwork:
 
 
 def judging(rig: Rig, limits: Limits, seed: int, number: int) -> Judge:
-    """A run of all kinds through the whole window: down from its upper end, and up from its lower end."""
-    capacity_Ah = rig.constants.capacity_Ah
-    rng = np.random.default_rng([seed, number, 70])
-    soc, parts = INITIAL_SOC, [_constant(SOC[1] - INITIAL_SOC, 0.5, capacity_Ah), np.zeros(600)]
-    soc += float(sum(part.sum() for part in parts)) * DT_S / (3600.0 * capacity_Ah)
-    for end in (SOC[0], SOC[1]):
-        while abs(soc - end) > 1e-3:
+    """A run of all kinds through the whole window: to its upper end, down to the lower one, and up again."""
+    capacity_Ah, rng = rig.constants.capacity_Ah, np.random.default_rng([seed, number, 70])
+    per_As, soc, parts = 1.0 / (3600.0 * capacity_Ah), INITIAL_SOC, list[FloatArray]()
+    for sign, end in ((1.0, SOC[1]), (-1.0, SOC[0]), (1.0, SOC[1])):
+        while sign * (end - soc) > 1e-3:
             kind = str(rng.choice(KINDS))
-            part = np.clip(profile_A(kind, capacity_Ah, soc, rng, 1500), *limits.current_A)
-            part += (end - soc) / abs(end - soc) * 0.15 * capacity_Ah
-            part = np.clip(part, *limits.current_A)
-            path = soc + np.cumsum(part) * DT_S / (3600.0 * capacity_Ah)
-            out = (path < SOC[0]) | (path > SOC[1])
-            stop = int(np.argmax(out)) if out.any() else len(part)
-            if stop < 30:
-                part, stop = _constant(end - soc, 0.3, capacity_Ah), 10**9
-            parts += [part[:stop], np.zeros(60)]
-            soc += float(part[:stop].sum()) * DT_S / (3600.0 * capacity_Ah)
-    current_A = np.concatenate(parts)
-    plan = Plan(INITIAL_SOC, np.zeros(1), np.append(0.0, current_A), 0.0)
+            part = np.clip(segment_A(kind, capacity_Ah, sign, rng) + _ON * sign * capacity_Ah, *limits.current_A)
+            path = soc + np.cumsum(part) * DT_S * per_As
+            inside = (path >= SOC[0]) & (path <= SOC[1])
+            if not inside[0]:
+                # One sample would already leave the window: the rest of the way in smaller ones.
+                part = np.full(60, (end - soc) / (60 * DT_S * per_As))
+            elif not inside.all():
+                part = part[: int(np.argmin(inside))]
+            parts += [part, np.zeros(int(rng.integers(0, 600)))]
+            soc += float(part.sum()) * DT_S * per_As
+    plan = Plan(INITIAL_SOC, np.zeros(1), np.append(0.0, np.concatenate(parts)), 0.0)
     columns = true_columns(rig, plan)
     return Judge(logged(rig, plan, columns, 1000 * seed + 800 + number), columns[0])
-
-
-def _constant(soc: float, rate: float, capacity_Ah: float) -> FloatArray:
-    count = max(1, round(abs(soc) * 3600.0 / rate / DT_S))
-    return np.full(count, soc * 3600.0 * capacity_Ah / count / DT_S)
 
 
 def free_run_error_V(network: LocalModelNetwork, judge: Judge) -> tuple[FloatArray, FloatArray]:

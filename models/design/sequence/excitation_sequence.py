@@ -144,7 +144,7 @@ def visit(builder: SequenceBuilder, plan: SequencePlan, number: int, design_bloc
     rest_s, end = plan.rest_ratio * plan.pulse_s, plan.end_before(number)
     if end is not None:
         builder.reach(end)
-        builder.rest(rest_s)
+        builder.rest(max(rest_s, plan.end_rest_s))
     builder.approach(plan.visits()[number], plan.direction(number))
     builder.rest(rest_s)
     soc = builder.soc

@@ -15,8 +15,8 @@ LEAST_REST_RATIO, REST_RATIO = 6.0, 8.0
 # A pulse lasts this share of the longest time constant: with the rest of eight pulses, relaxation is seen for one and a
 # half time constants.
 PULSE_SHARE_OF_TIME = 0.2
-# The largest mean current that a block is given to carry the charge on with, of the limits'. The rest is left to long
-# pulses: slow relaxation and hysteresis show in constant currents, not in what a block can hold.
+# The largest mean current that a block is given to carry the charge on with, of the limits', where a plan says nothing.
+# The rest is left to long pulses: slow relaxation and hysteresis show in constant currents.
 _CARRY_SHARE = 0.2
 
 
@@ -36,6 +36,8 @@ class SequencePlan:
     rest_ratio : rest after a pulse over the pulse's duration
     ends : lowest and highest state of charge, gone to beyond the levels before the way up and the way down; None: the
         levels are all
+    end_rest_s : rest at these ends: the cell cools and comes to rest where its open-circuit curve is to begin
+    carry_share : largest mean current of a block, of the limits', that carries the charge on to the next level
     mean_A : range of the mean current of a block, where its bounds leave no more; None: whatever the limits do
     conditioning, repeat : whether the short-time history is cleared first, and one block repeated at the end
     """
@@ -50,6 +52,8 @@ class SequencePlan:
     ratio: LimitationRatio = field(default_factory=no_limitation)
     rest_ratio: float = REST_RATIO
     ends: Window | None = None
+    end_rest_s: float = 0.0
+    carry_share: float = _CARRY_SHARE
     mean_A: Window | None = None
     conditioning: bool = True
     repeat: bool = True
@@ -95,7 +99,7 @@ class SequencePlan:
         if change * (target - soc) <= 0.0:
             return self._possible(0.0)
         low_A, high_A = self.limits.current_A
-        most = _CARRY_SHARE * (high_A if change > 0.0 else -low_A) * self.block_s / 3600.0 / self.capacity_Ah
+        most = self.carry_share * (high_A if change > 0.0 else -low_A) * self.block_s / 3600.0 / self.capacity_Ah
         return self._possible(float(np.clip(change, -most, most)))
 
     def _possible(self, change: float) -> float:
