@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +17,9 @@ from bench_service.streams import CELLS
 from models.data.metrics import noise_floor_V
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
-from models.module.log import ModuleLog
+
+if TYPE_CHECKING:
+    from models.module.log import ModuleLog
 
 _FEWEST_SAMPLES = 2
 
@@ -52,6 +55,8 @@ def read_logs(data_dir: Path, runs: Sequence[RunInput]) -> list[ModuleLog]:
 
 
 def _log(reader: SampleReader, run: RunInput) -> ModuleLog:
+    from models.module.log import ModuleLog  # lazy: numba and scipy take 1.0 s
+
     series, cells = _series(reader, run), reader.read(run.run_id, CELLS)
     if not cells.n:
         return ModuleLog(series)
