@@ -45,6 +45,7 @@ class CanCycler:
         self._identity: dict[str, str] = {}  # what the device has said of itself
         self._output = False
         self._current_A = 0.0
+        self._hold_V: float | None = None  # that the device was told to hold
         self._voltage_V: tuple[float, float] | None = None  # limits of the run
         self._settings: list[Outgoing] = []  # that the device repeats when asked
 
@@ -120,6 +121,7 @@ class CanCycler:
         for outgoing in [*before, *(o for o in settings if o not in before)]:
             await self._dialogue.command(outgoing)
         self._settings = [outgoing for outgoing in settings if outgoing.command.ask is not None]
+        await self._tell_hold(None)
         self._tick = None if lock_step_period_s is None else 0
         await self._run("tick")
         self._sequence = (await self._dialogue.sample(self._sequence)).sequence
@@ -160,9 +162,9 @@ class CanCycler:
         plan = self._dialogue.connected_plan()
         if self._watch is None:
             raise CyclerProtocolError(f"{self._link.address}: no set-point without control: acquire first")
-        if hold_V is not None:
-            raise SetPointRefusedError(f"{self._link.address}: no voltage to hold over CAN; {hold_V:g} V was not sent")
         plan.check_current(current_A)
+        if hold_V != self._hold_V:
+            await self._tell_hold(hold_V)  # before the current that may lead there
         before, tick = self._current_A, self._tick
         self._current_A = current_A
         self._tick = None if tick is None else (tick + 1) % TICK_SPAN
@@ -233,6 +235,11 @@ class CanCycler:
         plan = self._dialogue.connected_plan()
         for outgoing in plan.outgoing(sequence, self._arguments(arguments)):
             await self._dialogue.command(outgoing)
+
+    async def _tell_hold(self, hold_V: float | None) -> None:
+        if argument := self._dialogue.connected_plan().hold(hold_V):
+            await self._run("hold", argument)
+        self._hold_V = hold_V
 
     def _arguments(self, more: Mapping[str, float] | None = None) -> dict[str, float]:
         """What the driver itself knows, and what the caller adds."""

@@ -18,7 +18,7 @@ from drivers.expression import Expression
 # charging and its lower one while discharging; `direction` is 0 while charging or at rest, 1 while discharging.
 ARGUMENTS = frozenset(
     ("set_current", "charge", "discharge", "output", "remote", "clear_alarms", "heartbeat", "lock_step",
-     "lock_step_period", "watchdog", "ramp", "token", "voltage_limit", "direction", *LIMIT_ROLES)
+     "lock_step_period", "watchdog", "ramp", "token", "voltage_limit", "direction", "hold_voltage", *LIMIT_ROLES)
 )  # fmt: skip
 CURRENT_ARGUMENTS = frozenset(("set_current", "limit_current_high", "limit_current_low"))
 SAMPLE_ROLES = (
@@ -26,7 +26,7 @@ SAMPLE_ROLES = (
 )  # fmt: skip
 ROLES = frozenset((*SAMPLE_ROLES, "serial", "firmware", "lock_step_available", "lock_step"))
 CURRENT_ROLES = frozenset(("actual_current", "setpoint_in_force"))
-SEQUENCES = ("acquire", "settings", "tick", "output", "safe", "release", "clear_fault")
+SEQUENCES = ("acquire", "settings", "hold", "tick", "output", "safe", "release", "clear_fault")
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +157,8 @@ class CanMap:
         Oldest cyclic message that a sample may be made of.
     execution_s : float
         So long after a command the device may still answer with what was before.
+    unlimited_ramp, no_hold : float or None
+        What to send for no ramp limit, and for no voltage to be held.
     identity : tuple
         A signal and the numbers that it may read; none: the number of the node.
     views : Mapping
@@ -190,6 +192,7 @@ class CanMap:
     sequences: Mapping[str, tuple[Step, ...]]
     execution_s: float = 0.0
     unlimited_ramp: float | None = None
+    no_hold: float | None = None
     refusal: Refusal | None = None
     token: Mapping[str, str] = field(default_factory=dict)
     shared: tuple[str, ...] = ()

@@ -120,17 +120,22 @@ def _checked_constant(can_map: CanMap, codec: CanCodec, key: str, message: str, 
 
 
 def _check_sequences(can_map: CanMap) -> None:
-    """Steps name commands; every tick sets the current, and safe switches the output off."""
+    """Steps name commands; every tick sets the current, safe switches the output off, and what is held can be ended."""
     for sequence, steps in can_map.sequences.items():
         for index, step in enumerate(steps):
             if step.command not in can_map.commands:
                 _fail(can_map, f"sequence.{sequence}[{index}].command", f"there is no command '{step.command}'")
-    for sequence, needed in (("tick", SETPOINTS), ("output", {"output"}), ("safe", {"output"})):
+    needs = {"tick": set(SETPOINTS), "output": {"output"}, "safe": {"output"}}
+    if can_map.sequences["hold"]:
+        needs["hold"] = {"hold_voltage"}
+        if can_map.no_hold is None:
+            _fail(can_map, "no_hold", "is missing: what to send in sequence.hold for no voltage to be held")
+    for sequence, needed in needs.items():
         used: set[str] = set()
         for step in can_map.sequences[sequence]:
             values = can_map.commands[step.command].send.values.values()
             used |= {name for expression in values for name in expression.names}
-        if not used & set(needed):
+        if not used & needed:
             reason = f"must send {' or '.join(sorted(needed))}, or the device would not be told"
             _fail(can_map, f"sequence.{sequence}", reason)
     if any(step.arguments.get("output", 0.0) != 0.0 for step in can_map.sequences["safe"]):

@@ -69,6 +69,7 @@ def read_can_map(file: Path, content: Mapping[str, object]) -> CanMap:
         alarms=_flags(top.table("alarms")),
         sequences={key: tuple(_step(table) for table in sequence.tables(key)) for key in SEQUENCES},
         unlimited_ramp=top.take("unlimited_ramp", float, None),
+        no_hold=top.take("no_hold", float, None),
         refusal=_refusal(refusal),
         token=MappingProxyType(cast(dict[str, str], top.table("token").values())),
         shared=top.names("shared"),

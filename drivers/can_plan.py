@@ -101,6 +101,24 @@ class CanPlan:
             result.append(Outgoing(command, command.send.message, data, needed))
         return result
 
+    def hold(self, voltage_V: float | None) -> dict[str, float]:
+        """Argument that has the device hold a voltage, or none any more; empty where it has nothing to be told.
+
+        Raises
+        ------
+        SetPointRefusedError
+            It can hold none, or none as high or as low.
+        """
+        none_V = self.map.no_hold
+        if not self.map.sequences["hold"] or none_V is None:
+            if voltage_V is not None:
+                raise SetPointRefusedError(f"map '{self.map.name}' has no voltage to hold; {voltage_V:g} V not sent")
+            return {}
+        low_V, high_V = self._interval("voltage", (-math.inf, math.inf))
+        if voltage_V is not None and not low_V <= voltage_V <= high_V:  # also true for NaN
+            raise SetPointRefusedError(f"{voltage_V:g} V to hold is outside {low_V:g} .. {high_V:g} V; not sent")
+        return {"hold_voltage": none_V if voltage_V is None else voltage_V}
+
     def check_current(self, current_A: float) -> None:
         """Refuse a set-point that the device cannot have.
 
@@ -204,7 +222,7 @@ class CanPlan:
             has_sequence="sequence" in self.map.roles,
             has_device_limits=set(LIMIT_ROLES) <= told,
             has_ramp="ramp" in told,
-            has_hold=False,
+            has_hold=bool(self.map.sequences["hold"]),
             has_temperature="temperature" in self.map.roles,
         )
 

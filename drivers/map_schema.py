@@ -165,6 +165,7 @@ def _can() -> Schema:
         max_age_s=_TIME,
         execution_s=_TIME,
         unlimited_ramp=_NUMBER,
+        no_hold=_NUMBER,
         shared=_list(_TEXT),
         view=_table_of(view),
         identity=_object(

@@ -115,5 +115,7 @@ class CanCommands:
             self._clock.set_period(value)
         elif name == "ramp":
             cycler.ramp_A_per_s = None if value in (0.0, self._map.unlimited_ramp) else value
+        elif name == "hold_voltage":
+            cycler.hold_V = None if value == self._map.no_hold else value
         elif name.startswith("limit_"):
             cycler.set_limit(name.removeprefix("limit_"), value)

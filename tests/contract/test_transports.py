@@ -113,6 +113,28 @@ async def test_a_set_point_beyond_the_limits_in_the_device(transport):
 
 
 @every
+async def test_the_device_holds_a_voltage_that_it_was_told(transport):
+    async with rig(transport) as held:
+        before = await held.running(2.0)
+        assert (await held.driver.connect()).has_hold
+        await held.running(2.0)
+        hold_V = round(before.voltage_V + 0.005, 4)
+        for _ in range(20):
+            await held.driver.apply(9.0, hold_V)
+            seen = await held.driver.sample()
+        assert seen.voltage_V == pytest.approx(hold_V, abs=0.006) and 0.5 < seen.current_A < 9.0
+        assert "voltage_held" in seen.status and seen.setpoint_in_force_A == pytest.approx(9.0, rel=1e-6)
+        assert held.device.cycler.hold_V == pytest.approx(hold_V, abs=1e-6)
+        await held.driver.apply(2.0)
+        assert held.device.cycler.hold_V is None, "what is told no more is held no more"
+        with pytest.raises(SetPointRefusedError):
+            await held.driver.apply(2.0, 99.0)
+        await held.driver.apply(2.0, hold_V)
+        await held.acquired()
+        assert held.device.cycler.hold_V is None
+
+
+@every
 async def test_the_clock_must_be_one_that_both_have(transport):
     for lock_step in (True, False):
         async with rig(transport, lock_step=lock_step) as made:

@@ -66,28 +66,6 @@ async def test_on_the_wall_clock_no_lock_step_register_is_written(wall):
     assert wall.proxy.requests[0][:6] == struct.pack(">BHHB", 16, 100, 3, 6)
 
 
-@pytest.mark.parametrize("transport", ["modbus-tcp", "modbus-rtu"])
-async def test_the_device_holds_a_voltage_that_it_was_told(transport):
-    async with rig(transport) as held:
-        before = await held.running(2.0)
-        assert (await held.driver.connect()).has_hold
-        await held.running(2.0)
-        hold_V = round(before.voltage_V + 0.005, 4)
-        for _ in range(20):
-            await held.driver.apply(9.0, hold_V)
-            seen = await held.driver.sample()
-        assert seen.voltage_V == pytest.approx(hold_V, abs=0.006) and 0.5 < seen.current_A < 9.0
-        assert "voltage_held" in seen.status and seen.setpoint_in_force_A == 9.0
-        assert held.device.cycler.hold_V == pytest.approx(hold_V, abs=1e-6)
-        await held.driver.apply(2.0)
-        assert held.device.cycler.hold_V is None, "what is told no more is held no more"
-        with pytest.raises(SetPointRefusedError):
-            await held.driver.apply(2.0, 99.0)
-        await held.driver.apply(2.0, hold_V)
-        await held.acquired()
-        assert held.device.cycler.hold_V is None
-
-
 @pytest.mark.parametrize("current_A", [math.nan, math.inf, 30.1, -1e9])
 async def test_impossible_set_points_are_never_sent(tcp, current_A):
     await tcp.running()
