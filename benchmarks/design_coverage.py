@@ -46,6 +46,7 @@ LEVELS = 8
 _WINDOW_V = {"nmc": (2.6, 4.25), "lfp": (2.3, 3.7)}
 # Left between the open-circuit voltage at the window's ends and the limits, at the least.
 _ROOM_V = 0.3
+_WARMEST_DEGC = 60.0
 # Inside this the former sequences of eight levels went, whatever the window's ends.
 _INNER = (0.18, 0.85)
 _JUDGED = 2
@@ -133,7 +134,7 @@ def judge(
 def rig_of(chemistry: str, truth: str, seed: int) -> Rig:
     """A cell of a chemistry on a bench whose sensors have noise and steps only."""
     drawn = (random_rig(truth, np.random.default_rng([seed, number, 31])) for number in itertools.count())
-    rig = next(each for each in drawn if _is_flat(each) == (chemistry == "lfp"))
+    rig = next(each for each in drawn if _is_flat(each) == (chemistry == "lfp") and _stands(each))
     capacity_Ah = rig.constants.capacity_Ah
     return replace(
         rig,
@@ -143,6 +144,18 @@ def rig_of(chemistry: str, truth: str, seed: int) -> Rig:
         amperes=(0.0, 1.0, 3e-4 * capacity_Ah, 1e-4 * capacity_Ah),
         kelvins=(0.0, 1.0, 0.05, 0.01),
     )
+
+
+def _stands(rig: Rig) -> bool:
+    """Whether a cell takes the largest currents through the whole window without running away."""
+    cell = TRUTHS[rig.family].make(rig.constants, SOC[1], AMBIENT_DEGC)
+    for rate in C_RATES:
+        seconds = round((SOC[1] - SOC[0]) * 3600.0 / abs(rate))
+        for _ in range(seconds):
+            degC = cell.step(rate * rig.constants.capacity_Ah, 1.0).temperature_degC
+            if not -20.0 < degC < _WARMEST_DEGC:
+                return False
+    return True
 
 
 def _is_flat(rig: Rig) -> bool:

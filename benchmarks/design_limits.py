@@ -1,11 +1,12 @@
 """Random limits on simulated cells: whether any designed current leaves one, and whether the cell's voltage does.
 
-``python benchmarks/design_limits.py [--cases 1000] [--seed 0] [--cells nmc lfp] [--json]``
+``python benchmarks/design_limits.py [--cases 500] [--seed 0] [--cells nmc lfp] [--out ROWS] [--json]``
 
-Each case draws a cell, a reference network (one local model, or six along the SoC; both fitted to a pre-test), a kind
-of signal, current, ramp, SoC window, net charge and voltage window, and a start. What is designed is played on the
-simulated cell without noise. Refused cases are counted; an ascent has two starts, since it is the limits that are
-judged.
+Each case draws a cell, a reference network (one local model, six along the SoC, or a bounded network; all fitted to a
+pre-test), a kind of signal, one in four a sequence over four levels and the ends of the window, current, ramp, SoC
+window, net charge and voltage window, and a start. What is designed is played on the simulated cell without noise.
+Refused cases are counted; an ascent has two starts, since it is the limits that are judged. Rows are kept in a file one
+by one; what is there already is not done again.
 """
 
 import argparse
@@ -13,7 +14,8 @@ import json
 import sys
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +29,7 @@ from models.data.timeseries import FloatArray
 from models.design.constraints.limits import InfeasibleError, Limits
 from models.design.design import design
 from models.design.optimise.block_design import DesignRequest
-from models.design.optimise.reference_model import experiment_with, first_reference, pre_test
+from models.design.optimise.reference_model import bounded_reference, experiment_with, first_reference, pre_test
 from models.network.local_model_network import LocalModelNetwork
 from models.pipeline.fit import fit_network
 from simulators.catalogue import cell_type
@@ -36,7 +38,8 @@ from simulators.cell import Cell
 DT_S, AMBIENT_DEGC = 1.0, 25.0
 SIGNALS = ("optimal", "aprbs", "prbs", "multisine")
 _PRE_TEST_S, _PRE_TEST_SOC = 14_000.0, 0.5
-_DURATION_S = (200.0, 1500.0)
+_DURATION_S, _SEQUENCE_S = (200.0, 1500.0), (8000.0, 14_000.0)
+_SEQUENCES, _LEVELS = 0.25, (0.2, 0.4, 0.6, 0.8)
 # Rounding of sums over a run.
 _ROUNDING = 1e-7
 # Open-circuit voltages that the ends of the window are drawn around.
@@ -60,10 +63,15 @@ def main() -> int:
     with threadpool_limits(1, user_api="blas"):
         for cell in arguments.cells:
             networks |= references(cell, arguments.seed)
-        began, rows = time.process_time(), []
+        began, known = time.process_time(), _known(arguments.out, arguments.seed)
+        rows = [known[number] for number in sorted(known) if number < arguments.cases]
         for number in range(arguments.cases):
+            if number in known:
+                continue
             case = draw(np.random.default_rng([arguments.seed, number]), arguments.cells, number)
-            rows.append(judge(case, networks[case.cell, case.reference]))
+            row = {"number": number, "draw": arguments.seed}
+            rows.append(row | judge(case, networks[case.cell, case.reference]))
+            _keep(arguments.out, rows[-1])
             if number % 100 == 99:
                 print(f"{number + 1} of {arguments.cases}", file=sys.stderr, flush=True)
     result = summary(rows) | {"seed": arguments.seed, "cpu_seconds": time.process_time() - began}
@@ -75,12 +83,13 @@ def main() -> int:
 
 
 def references(cell: str, seed: int) -> dict[tuple[str, str], LocalModelNetwork]:
-    """Networks of one and of six local models, fitted to a pre-test."""
+    """Networks of one and of six local models and a bounded one, fitted to a pre-test."""
     capacity_Ah = cell_type(cell).parameters.capacity_Ah
     profile = pre_test(limits_of(cell), capacity_Ah, _PRE_TEST_SOC, _PRE_TEST_S, DT_S, seed)
     run = play(cell, profile, (seed, 90)).series
     six = fit_network([run], capacity_Ah=capacity_Ah, structure=SIX, dt_s=DT_S).network
-    return {(cell, "one"): first_reference([run], capacity_Ah, DT_S), (cell, "six"): six}
+    bounded = bounded_reference([run], capacity_Ah, DT_S, [_PRE_TEST_SOC])
+    return {(cell, "one"): first_reference([run], capacity_Ah, DT_S), (cell, "six"): six, (cell, "bounded"): bounded}
 
 
 def draw(rng: np.random.Generator, cells: list[str], number: int) -> Case:
@@ -93,11 +102,16 @@ def draw(rng: np.random.Generator, cells: list[str], number: int) -> Case:
     voltage_V = (rng.uniform(window_V[0], _REST_V[cell][0]), rng.uniform(_LEAST_HIGH_V[cell], window_V[1]))
     ramp = None if rng.uniform() < 0.6 else (-rng.uniform(0.2, 5.0), rng.uniform(0.2, 5.0))
     net = None if rng.uniform() < 0.7 else (-rng.uniform(0.0, 0.05) * capacity_Ah, rng.uniform(0.0, 0.05) * capacity_Ah)
+    is_sequence = rng.uniform() < _SEQUENCES
+    net = None if is_sequence else net
     limits = Limits(current_A, soc, voltage_V=voltage_V, ramp_A_per_s=ramp, net_charge_Ah=net)
-    request = DesignRequest(
-        limits, float(rng.uniform(*_DURATION_S)), signal=str(rng.choice(SIGNALS)), n_starts=2, seed=number
-    )
-    return Case(cell, str(rng.choice(["one", "six"])), float(start), request)
+    signal, duration_s = str(rng.choice(SIGNALS)), float(rng.uniform(*_DURATION_S))
+    request = DesignRequest(limits, duration_s, signal=signal, n_starts=2, seed=number)
+    if is_sequence:
+        levels = tuple(float(soc[0] + share * (soc[1] - soc[0])) for share in _LEVELS)
+        duration_s = float(rng.uniform(*_SEQUENCE_S))
+        request = replace(request, signal="optimal", soc_levels=levels, duration_s=duration_s)
+    return Case(cell, str(rng.choice(["one", "six", "bounded"])), float(start), request)
 
 
 def judge(case: Case, network: LocalModelNetwork) -> dict[str, Any]:
@@ -126,6 +140,19 @@ def judge(case: Case, network: LocalModelNetwork) -> dict[str, Any]:
     if limits.net_charge_Ah is not None:
         row["net_charge_Ah"] = _over(np.array([current.sum() * DT_S / 3600.0]), limits.net_charge_Ah)
     return row
+
+
+def _known(path: Path | None, seed: int) -> dict[int, dict[str, Any]]:
+    if path is None or not path.exists():
+        return {}
+    rows = [json.loads(line) for line in path.read_text().splitlines() if line]
+    return {row["number"]: row for row in rows if row["draw"] == seed}
+
+
+def _keep(path: Path | None, row: dict[str, Any]) -> None:
+    if path is not None:
+        with path.open("a") as file:
+            file.write(json.dumps(row) + "\n")
 
 
 def _over(values: FloatArray, window: tuple[float, float]) -> float:
@@ -165,9 +192,10 @@ def _print(result: dict[str, Any]) -> None:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=1000)
+    parser.add_argument("--cases", type=int, default=500)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--cells", nargs="+", default=["nmc", "lfp"])
+    parser.add_argument("--out", type=Path, help="rows so far, one JSON object a line; read, and added to")
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     return parser.parse_args()
 

@@ -13,11 +13,12 @@ from models.design.constraints.feasible import Feasible
 from models.design.constraints.limits import InfeasibleError
 from models.design.coverage import coverage_of
 from models.design.design import Design, design, judged
+from models.design.information.constants import constants_std
 from models.design.information.experiment import Experiment
 from models.design.information.rival_experiment import RivalEvaluator
 from models.design.optimise.ascent import Progress, optimise
 from models.design.optimise.block_design import DesignRequest, demands_of
-from models.design.optimise.reference_model import experiment_with, first_reference, pre_test
+from models.design.optimise.reference_model import bounded_reference, experiment_with, pre_test
 from models.design.request import DISCRIMINATE, RequestError, WrittenRequest
 from models.design.rivals import rival_models
 from models.design.sequence.profile import Profile
@@ -96,13 +97,13 @@ def answer(request: WrittenRequest, material: Material, progress: Progress | Non
     if network is None and material.runs:
         if request.capacity_Ah is None:
             raise RequestError("capacity_Ah is missing; without a model it is needed to count charge, in Ah")
-        network = first_reference(
+        network = bounded_reference(
             list(material.runs), request.capacity_Ah, request.dt_s, list(material.runs_soc) or None
         )
     if network is None:
         return _first_day(request, soc, began)
     _check_model(request, network)
-    experiment = experiment_with(network, soc)
+    experiment = experiment_with(network, soc, temperature_degC=request.ambient_degC)
     asked = DesignRequest(
         limits=request.limits,
         duration_s=request.duration_s,
@@ -117,7 +118,8 @@ def answer(request: WrittenRequest, material: Material, progress: Progress | Non
     )
     found = design(experiment, asked, progress)
     found = replace(found, seconds=time.perf_counter() - began)
-    said = figures(found, network) | _accuracy(found, asked.target_std)
+    constants = {"constants_std": constants_std(experiment, found.current_A)}
+    said = figures(found, network) | constants | _accuracy(found, asked.target_std)
     return Answer(found.profile(), said, found, (experiment, asked))
 
 
@@ -188,7 +190,9 @@ def _discriminating(
     )
     for network in networks:
         _check_model(request, network)
-    first, second = (experiment_with(network, soc, coarse=False) for network in networks)
+    first, second = (
+        experiment_with(network, soc, coarse=False, temperature_degC=request.ambient_degC) for network in networks
+    )
     n_samples = round(request.duration_s / first.network.structure.dt_s)
     demands = demands_of(first, request.limits)
     feasible = Feasible(first, demands, n_samples)

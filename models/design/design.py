@@ -26,6 +26,7 @@ from models.design.optimise.block_design import (
     plan_of,
 )
 from models.design.optimise.reference_model import predicted_temperature
+from models.design.optimise.robust import robust_criterion
 from models.design.sequence.excitation_sequence import (
     Block,
     ExcitationSequence,
@@ -196,7 +197,7 @@ def _single(experiment: Experiment, request: DesignRequest, n_samples: int, repo
         experiment,
         demands_of(experiment, request.limits, cycle_bounds(experiment, request, n_samples, 0)),
         n_samples,
-        criterion=request.criterion,
+        criterion=robust_criterion(experiment, n_samples, request.criterion, request.seed),
         n_starts=request.n_starts or _SINGLE_STARTS,
         seed=request.seed,
         progress=report,

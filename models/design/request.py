@@ -22,6 +22,7 @@ _KEYS = (
     "runs",
     "capacity_Ah",
     "initial_soc",
+    "ambient_degC",
     "duration_s",
     "dt_s",
     "criterion",
@@ -54,6 +55,7 @@ class WrittenRequest:
     ----------
     limits, duration_s, criterion, signal, soc_levels, rest_ratio, final_rest_s, target_std, seed : see `DesignRequest`
     capacity_Ah, dt_s, initial_soc : None where not given
+    ambient_degC : temperature that the cell begins at and gives its heat to; None: the middle of the model's range
     model, load_cycle : names of files or stored things, None where not given
     runs, rivals : the same, empty where not given
     """
@@ -70,6 +72,7 @@ class WrittenRequest:
     capacity_Ah: float | None = None
     dt_s: float | None = None
     initial_soc: float | None = None
+    ambient_degC: float | None = None
     model: str | None = None
     load_cycle: str | None = None
     runs: tuple[str, ...] = ()
@@ -118,6 +121,7 @@ def read_request(document: Mapping[str, Any]) -> WrittenRequest:
         capacity_Ah=capacity_Ah,
         dt_s=dt_s,
         initial_soc=_optional(document, "initial_soc", ""),
+        ambient_degC=_optional(document, "ambient_degC", "degC"),
         model=_text(document, "model"),
         load_cycle=_text(document, "load_cycle"),
         runs=_texts(document, "runs"),

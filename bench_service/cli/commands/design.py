@@ -115,6 +115,9 @@ def _show(console: Console, figures: dict[str, Any]) -> None:
         least, most = figures["predicted"]["voltage_with_band_V"]
         text += f", voltage {least:.3f} to {most:.3f} V with its band"
     console.print(text)
+    if "constants_std" in figures:
+        known = (f"{name} {100.0 * std:.2g} %" for name, std in figures["constants_std"].items())
+        console.print(f"constants that a fit takes as given, known after it to: {', '.join(known)}")
     if "coverage" in figures:
         _show_coverage(console, figures["coverage"])
     if "accuracy" in figures:

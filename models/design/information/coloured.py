@@ -30,8 +30,22 @@ def told_over_time(experiment: Experiment, current_A: FloatArray, ends: np.ndarr
         yield from evaluator.information_over_time(current_A, ends)
         return
     rows = evaluator.predict(current_A).sensitivity_V
-    weighed = rows * evaluator.level_V()[:, None]
-    prior, s, before = experiment.prior_information(), experiment.working_V**2, 0
+    yield from _told(experiment, rows, evaluator.level_V(), experiment.prior_information(), ends)
+
+
+def told_of(experiment: Experiment, rows: FloatArray, level_V: FloatArray, prior: FloatArray) -> FloatArray:
+    """(P, P) information of (N, P) sensitivities in V to any parameters, of which something may be known before."""
+    return next(_told(experiment, rows, level_V, prior, np.array([len(rows)])))
+
+
+def _told(
+    experiment: Experiment, rows: FloatArray, level_V: FloatArray, prior: FloatArray, ends: np.ndarray
+) -> Iterator[FloatArray]:
+    weighed, s, before = rows * level_V[:, None], experiment.working_V**2, 0
+    if experiment.memory is None:
+        for end in ends:
+            yield prior + rows[:end].T @ rows[:end] / s
+        return
     plain, paired = np.zeros_like(prior), PairedProducts(experiment.memory, len(prior))
     for end in ends:
         part = slice(before, int(end))

@@ -14,8 +14,9 @@ from models.design.constraints.limitation import LimitationRatio, default_ratio,
 from models.design.constraints.limits import CurrentBounds, InfeasibleError, Limits, Window
 from models.design.constraints.voltage_band import recorded_band
 from models.design.information.experiment import Evaluator, Experiment
-from models.design.optimise.ascent import Optimum, optimise
+from models.design.optimise.ascent import Objective, Optimum, optimise
 from models.design.optimise.reference_model import predicted_temperature
+from models.design.optimise.robust import robust_criterion
 from models.design.sequence.excitation_sequence import BlockDesigner, fitted_to
 from models.design.sequence.load_cycle import amplitude_bounds, load_cycle_bounds, load_histogram, mean_current_range
 from models.design.sequence.sequence_builder import LEAST_SHARE
@@ -248,6 +249,9 @@ def block_designer(
     def block(soc: float, number: int, change: float) -> FloatArray:
         here = replace(experiment, initial_soc=soc, prior=known[0])
         bounds, limits = bounds_of(here, number), near(soc, change)
+        criterion: str | Objective = request.criterion
+        if experiment.prior is not None:
+            criterion = robust_criterion(here, n_samples, request.criterion, number)
         # Near the window's ends the voltage leaves less than it takes to carry the charge on, and the limitation ratio
         # less of a cycle's currents than its histogram has.
         free = replace(limits, soc=request.limits.soc, net_charge_Ah=None)
@@ -257,7 +261,7 @@ def block_designer(
                 here,
                 demands_of(here, kept, bounds),
                 n_samples,
-                criterion=request.criterion,
+                criterion=criterion,
                 n_starts=request.n_starts or _BLOCK_STARTS,
                 seed=request.seed + 1000 * number,
             ),

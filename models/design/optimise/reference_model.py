@@ -1,7 +1,7 @@
 """The reference model of a design: where an experiment with a network begins, and what is known already.
 
-No model yet is the normal first day: a bounded pre-test is played, a network of one local model is fitted to it, and
-the design goes on from there.
+No model yet is the normal first day: a bounded pre-test is played, a bounded network is fitted to it, and the design
+goes on from there.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.data.errors import ModelError
+from models.data.errors import ModelError, NotIdentifiableError
 from models.data.timeseries import FloatArray, TimeSeries
 from models.design.constraints.feasible import TemperatureOf
 from models.design.constraints.limits import InfeasibleError, Limits
@@ -153,6 +153,18 @@ def pre_test(
         raise
     except ModelError as error:
         raise InfeasibleError(f"pre-test: {error}") from None
+
+
+def bounded_reference(
+    runs: list[TimeSeries], capacity_Ah: float, dt_s: float | None = None, initial_soc: list[float] | None = None
+) -> LocalModelNetwork:
+    """Bounded network of whatever was measured so far; one local model where the runs tell too little for it."""
+    try:
+        return fit_network(
+            runs, capacity_Ah=capacity_Ah, structure="bounded", dt_s=dt_s, initial_soc=initial_soc
+        ).network
+    except NotIdentifiableError:
+        return first_reference(runs, capacity_Ah, dt_s, initial_soc)
 
 
 def first_reference(

@@ -6,7 +6,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.design.constraints.limitation import LimitationRatio
-from models.design.constraints.limits import InfeasibleError, Limits
+from models.design.constraints.limits import Limits
 
 # Of the largest current: moves of the charge, and the pulses that they begin with.
 PULSE_SHARE_OF_LIMIT = 0.8
@@ -14,7 +14,7 @@ PULSE_SHARE_OF_LIMIT = 0.8
 FULL_PULSE = 1.0
 # A move with less than this share of the current would take the time of the whole test.
 LEAST_SHARE = 0.05
-# Towards an end of the window the current falls in such steps as the voltage leaves less of it.
+# Where the voltage leaves less of the current, moves are made in such steps of it.
 _TAPER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, LEAST_SHARE)
 _TAPER_SOC = 0.01
 
@@ -70,16 +70,18 @@ class SequenceBuilder:
         self.append(shapes[way] * min(1.0, max(rooms[way], 0.0) / max(needed, 1e-300)))
 
     def approach(self, level: float, direction: float) -> None:
-        """Move to a level so that it is reached in a direction, by a pulse at the least."""
+        """Move to a level so that it is reached in a direction, by a pulse at the least, as near as can be."""
         low, high = self._limits.soc
         count = max(1, round(self._pulse_s / self._dt_s))
         least = PULSE_SHARE_OF_LIMIT * self._limit_A(direction) * self._per_A * count
         if (level - self.soc) * direction < 0.5 * least:
-            self._move(min(max(level - direction * least, low), high))
-        self._move(level)
+            self.reach(min(max(level - direction * least, low), high))
+        self.reach(level)
 
     def reach(self, soc: float) -> None:
-        """Go towards an end of the window, by smaller currents where the voltage leaves no more, as near as it lets."""
+        """Go to a state of charge, by smaller currents where the voltage leaves no more, as near as it lets."""
+        if abs(soc - self.soc) < 1e-6 * self._per_A * max(self._limit_A(1.0), self._limit_A(-1.0)):
+            return
         sign = 1.0 if soc > self.soc else -1.0
         steps = np.linspace(self.soc, soc, max(1, int(np.ceil(abs(soc - self.soc) / _TAPER_SOC))) + 1)
         shares = [self._tapered(sign, float(a), float(b)) for a, b in zip(steps[:-1], steps[1:], strict=True)]
@@ -108,21 +110,6 @@ class SequenceBuilder:
     def _limit_A(self, sign: float) -> float:
         low_A, high_A = self._limits.current_A
         return high_A if sign > 0.0 else -low_A
-
-    def _move(self, soc: float) -> None:
-        """Hold the pulses' current for as long as it takes, a little less so that whole samples meet the charge."""
-        needed = (soc - self.soc) / self._per_A
-        full_A = PULSE_SHARE_OF_LIMIT * self._limit_A(needed)
-        if abs(needed) < 1e-6 * full_A:
-            return
-        size_A = PULSE_SHARE_OF_LIMIT * self._allowed_A(needed, soc)
-        if size_A < LEAST_SHARE * full_A:
-            raise InfeasibleError(
-                f"limit voltage_V and soc_levels are in conflict: between SoC {self.soc:.3f} and {soc:.3f} the "
-                f"predicted voltage, its uncertainty included, leaves less than {100.0 * LEAST_SHARE:.0f} % of the "
-                "current. Take levels further from the ends, widen the window, or refine the model first"
-            )
-        self._hold_until(soc, size_A)
 
     def _hold_until(self, soc: float, size_A: float) -> None:
         """Hold a current, or a little less, for as many whole samples as it takes to a state of charge."""

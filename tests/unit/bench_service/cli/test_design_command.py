@@ -53,7 +53,8 @@ def test_a_profile_within_its_limits_is_written(directory: Path, signal: str) ->
     assert (status, complaints) == (0, "")
     answer = json.loads(text)
     contract = {"profile", "duration_s", "n_samples", "log_det_information", "parameter_std"}
-    assert contract | {"constraints_active_share", "seconds"} <= set(answer)
+    assert contract | {"constraints_active_share", "seconds", "coverage", "constants_std"} <= set(answer)
+    assert 0.0 < answer["coverage"]["share"] <= 1.0
     profile = read_profile(out)
     assert profile.time_s[-1] == answer["duration_s"] == 3000.0
     assert np.abs(profile.current_A).max() <= 4.0 + 1e-9
@@ -74,7 +75,14 @@ def test_a_page_shows_the_test(directory: Path) -> None:
     status, text, complaints = call(written(directory), "--out", directory / "profile.csv", "--report", page, "--json")
     assert (status, complaints) == (0, "") and json.loads(text)["report"] == str(page)
     shown = page.read_text()
-    for words in ("limit 4.2 V", "Load cycle", "State of charge", "Where the time is spent", "multisine"):
+    for words in (
+        "limit 4.2 V",
+        "Load cycle",
+        "State of charge",
+        "Where the time is spent",
+        "is gone through",
+        "multisine",
+    ):
         assert words in shown
     # Self-contained: nothing is fetched.
     assert "http" not in shown and "<script" not in shown
@@ -91,6 +99,7 @@ def test_a_pre_test_has_no_page(directory: Path) -> None:
 def test_a_person_reads_what_to_expect(directory: Path) -> None:
     status, text, _ = call(written(directory), "--out", directory / "profile.csv")
     assert status == 0 and "predicted: SoC" in text and "log det" in text
+    assert "of the asked SoC and current" in text and "capacity" in text
 
 
 def test_without_a_model_a_pre_test_is_written(directory: Path) -> None:

@@ -95,6 +95,8 @@ def test_without_a_model_a_bounded_pre_test_comes_first() -> None:
     assert np.abs(found.profile.current_A).max() <= 4.0
     soc = found.profile.soc(0.5, 2.0)
     assert soc.min() >= 0.1 - 1e-9 and soc.max() <= 0.9 + 1e-9
+    said = found.figures["coverage"]
+    assert said["soc"] == pytest.approx([soc.min(), soc.max()], abs=1e-9) and max(said["soc_short"]) < 0.03
     with pytest.raises(InfeasibleError, match="pre-test.*do not suffice"):
         answer(read_request(DOCUMENT | {"duration_s": 300, "dt_s": 1.0}), Material())
     without = {key: value for key, value in DOCUMENT.items() if key != "capacity_Ah"}
@@ -103,17 +105,28 @@ def test_without_a_model_a_bounded_pre_test_comes_first() -> None:
 
 
 def test_the_pre_tests_run_makes_the_first_reference_model() -> None:
-    first = answer(read_request(DOCUMENT | {"duration_s": 20_000, "dt_s": 1.0}), Material()).profile
-    time_s = np.arange(int(first.duration_s) + 1.0)
+    first = answer(read_request(DOCUMENT | {"duration_s": 20_000, "dt_s": 10.0}), Material()).profile
+    time_s = np.arange(0.0, first.duration_s + 1.0, 10.0)
     held = first.current_A[np.searchsorted(first.time_s, time_s[:-1] + 0.5, side="right") - 1]
     current = np.concatenate([[0.0], held])
-    soc = 0.5 + np.cumsum(current) / 7200.0
+    soc = 0.5 + np.cumsum(current) / 720.0
     noise = 1e-3 * np.random.default_rng(0).standard_normal(len(current))
     run = TimeSeries(time_s, current, 3.3 + 0.5 * soc + 0.03 * current + noise, np.full(len(current), 25.0))
-    request = read_request(DOCUMENT | {"duration_s": 3000, "dt_s": 1.0, "signal": "optimal"})
+    request = read_request(DOCUMENT | {"duration_s": 3000, "dt_s": 10.0, "signal": "optimal"})
     found = answer(request, Material(runs=(run,), runs_soc=(0.5,)))
-    assert found.design is not None and len(found.figures["parameter_std"]) == 5
+    assert found.design is not None and found.asked is not None
+    # A bounded network: no output feedback, and its parameters stand at states of charge.
+    assert found.asked[0].network.structure.output_order == 0
+    assert all(name.startswith("SoC") for name in found.figures["parameter_std"])
     assert found.figures["duration_s"] == 3000.0
+    assert {"capacity", "initial_soc"} <= set(found.figures["constants_std"])
+
+
+def test_a_cell_may_stand_in_a_declared_ambient() -> None:
+    found = answer(read_request(DOCUMENT | {"ambient_degC": 5.0}), Material(network=resistive()))
+    assert found.asked is not None and found.asked[0].temperature_degC == 5.0
+    with pytest.raises(RequestError, match="ambient_degC is 'cold'; a finite number in degC"):
+        read_request(DOCUMENT | {"ambient_degC": "cold"})
 
 
 @pytest.mark.parametrize(
