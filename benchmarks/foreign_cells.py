@@ -152,6 +152,11 @@ def profile_A(kind: str, capacity_Ah: float, soc: float, rng: np.random.Generato
     return np.concatenate(parts)[:n]
 
 
+def segment_A(kind: str, capacity_Ah: float, sign: float, rng: np.random.Generator) -> FloatArray:
+    """(n,) one segment of a kind; its mean current charges (sign 1) or discharges (-1), as a rule."""
+    return capacity_Ah * _SEGMENTS[kind](sign, rng)
+
+
 def _pulses(sign: float, rng: np.random.Generator) -> FloatArray:
     parts = [np.repeat([s * rng.uniform(0.5, 2.0), 0.0], [int(rng.integers(8, 40)), 40]) for s in (-1.0, 1.0)]
     rate = sign * rng.uniform(0.4, 1.0)

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import Field
 
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import JSON_TYPE, Body, Id, Soc, StrictRoute
 from bench_service.campaign.comparison_curves import CurvePart
 from bench_service.errors import BadRequestError
@@ -52,11 +52,13 @@ async def compare(body: ComparisonBody, services: ServicesOf) -> Answer:
 def list_comparisons(
     services: ServicesOf,
     model_id: Annotated[str | None, Query(max_length=64)] = None,
+    cell_id: CellFilter = None,
     limit: Limit = 100,
     offset: Offset = 0,
 ) -> Answer:
-    """List comparisons, newest first."""
-    return {"comparisons": [_as_json(record) for record in services.store.comparisons.page(model_id, limit, offset)]}
+    """List comparisons, newest first; of one model or one cell where that is given."""
+    found = services.store.comparisons.page(model_id, limit, offset, cell_id)
+    return {"comparisons": [_as_json(record) for record in found]}
 
 
 @router.get("/{comparison_id}")

@@ -21,4 +21,5 @@ def services_of(connection: HTTPConnection) -> Services:
 ServicesOf = Annotated[Services, Depends(services_of)]
 PathId = Annotated[str, Path(min_length=1, max_length=64)]
 Limit = Annotated[int, Query(ge=1, le=1000)]
+CellFilter = Annotated[str | None, Query(max_length=64)]
 Offset = Annotated[int, Query(ge=0, le=10**9)]

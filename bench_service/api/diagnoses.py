@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Soc, StrictRoute
 from bench_service.campaign.diagnosing import DiagnosisOrder
 from bench_service.campaign.request import known_standing
@@ -43,11 +43,13 @@ async def start_diagnosis(body: DiagnosisBody, services: ServicesOf) -> Answer:
 def list_diagnoses(
     services: ServicesOf,
     model_id: Annotated[str | None, Query(max_length=64)] = None,
+    cell_id: CellFilter = None,
     limit: Limit = 100,
     offset: Offset = 0,
 ) -> Answer:
-    """List diagnoses, newest first."""
-    return {"diagnoses": [_as_json(each) for each in services.store.diagnoses.page(model_id, limit, offset)]}
+    """List diagnoses, newest first; of one model or one cell where that is given."""
+    found = services.store.diagnoses.page(model_id, limit, offset, cell_id)
+    return {"diagnoses": [_as_json(each) for each in found]}
 
 
 @router.get("/diagnoses/{diagnosis_id}")

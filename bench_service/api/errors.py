@@ -1,16 +1,19 @@
-"""Every error answer has one form: ``{"error": {"code", "message", "where"}}``."""
+"""Every error answer has one form: ``{"error": {"code", "message", "where"}}``; who asks for it gets RFC 9457's."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from http import HTTPStatus
 from typing import Any, cast
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.types import Receive, Scope, Send
 
 from bench_service.campaign.live import TooManyReadersError
 from bench_service.errors import (
@@ -27,6 +30,7 @@ from bench_service.errors import (
 from bench_service.exchange.errors import ExchangeError
 from models.data.errors import ModelError
 
+_PROBLEM = "application/problem+json"
 _log = logging.getLogger(__name__)
 
 # The first class that fits counts.
@@ -48,10 +52,27 @@ _HTTP_CODES = {400: "bad_request", 403: "forbidden", 404: "not_found", 405: "met
 _HTTP_CODES |= {415: "wrong_content_type", 422: "bad_request"}
 
 
-def error_response(status: int, code: str, message: str, where: Sequence[Any] | None = None) -> JSONResponse:
+class ErrorResponse(JSONResponse):
+    """An error in the service's own form, or as ``application/problem+json`` for whoever accepts that (RFC 9457)."""
+
+    def __init__(self, status: int, told: dict[str, Any]) -> None:
+        super().__init__({"error": told}, status_code=status)
+        self._told = told
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it."""
+        if _PROBLEM in Headers(scope=scope).get("accept", ""):
+            title = HTTPStatus(self.status_code).phrase
+            told = {"type": "about:blank", "title": title, "status": self.status_code, "detail": self._told["message"]}
+            self.body = self.render(told | {"code": self._told["code"], "where": self._told["where"]})
+            self.headers["content-type"], self.headers["content-length"] = _PROBLEM, str(len(self.body))
+        await super().__call__(scope, receive, send)
+
+
+def error_response(status: int, code: str, message: str, where: Sequence[Any] | None = None) -> ErrorResponse:
     """Build an error answer; text that is not UTF-8 able is shown with replacement characters."""
     places = [part if isinstance(part, int) else _plain(str(part)) for part in where] if where else None
-    return JSONResponse({"error": {"code": code, "message": _plain(message), "where": places}}, status_code=status)
+    return ErrorResponse(status, {"code": code, "message": _plain(message), "where": places})
 
 
 def install_error_handlers(app: FastAPI) -> None:

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
+from bench_service.campaign.crating import CRATE, TITLE
+from bench_service.exchange.ro_crate import MEDIA_TYPE, SUFFIX
 from bench_service.exchange.write import export_formats
 
 router = APIRouter(tags=["samples"])
 
 
+def known_formats() -> list[dict[str, str]]:
+    """Return name, title, suffix and media type of all that a run can be exported in."""
+    fields = ("name", "title", "suffix", "media_type")
+    found = [{field: getattr(each, field) for field in fields} for each in export_formats().values()]
+    return [*found, {"name": CRATE, "title": TITLE, "suffix": SUFFIX, "media_type": MEDIA_TYPE}]
+
+
 @router.get("/formats")
 def list_formats() -> dict[str, list[dict[str, str]]]:
     """List the formats that a run can be exported in: name, title, suffix and media type."""
-    fields = ("name", "title", "suffix", "media_type")
-    return {"formats": [{field: getattr(each, field) for field in fields} for each in export_formats().values()]}
+    return {"formats": known_formats()}

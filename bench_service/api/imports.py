@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
-from bench_service.api.strict import Body, Name, Positive, Soc, StrictRoute
+from bench_service.api.strict import Body, Id, Name, Positive, Soc, StrictRoute
 from bench_service.campaign.importing import MOST_BYTES
 
 router = APIRouter(prefix="/imports", tags=["imports"], route_class=StrictRoute)
@@ -50,6 +50,7 @@ class StoreBody(Body):
     capacity_Ah: Positive
     initial_soc: Soc
     name: Name | None = None
+    cell_id: Id | None = None
     choices: ChoicesBody = ChoicesBody()
 
 
@@ -97,7 +98,7 @@ async def look(import_id: PathId, body: ChoicesBody, services: ServicesOf) -> An
 @router.post("/{import_id}/run", status_code=202)
 async def store(import_id: PathId, body: StoreBody, services: ServicesOf) -> Answer:
     """Store an upload as a run: a job, whose result has its id in ``run``."""
-    told = {"capacity_Ah": body.capacity_Ah, "initial_soc": body.initial_soc, "name": body.name}
+    told = body.model_dump(include={"capacity_Ah", "initial_soc", "name", "cell_id"})
     return asdict(services.importing.store(import_id, _plain(body.choices), told))
 
 

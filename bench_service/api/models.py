@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import (
     JSON_TYPE,
     Body,
@@ -23,11 +23,22 @@ from bench_service.api.strict import (
     read_object,
     require_content_type,
 )
-from bench_service.campaign.modelling import FitOrder
+from bench_service.campaign.modelling import FitOrder, ModuleOrder
 from bench_service.jobs.screening import MODEL
 
 router = APIRouter(prefix="/models", tags=["models"], route_class=StrictRoute)
 bulk_router = APIRouter(prefix="/models", tags=["models"], route_class=BulkRoute)
+
+
+Count = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+
+
+class ModuleBody(Body):
+    """The runs are of a module; ``in_series`` by default as many as the runs have voltages of."""
+
+    in_series: Count | None = None
+    parallel: Count = 1
+    cell_model_id: Id | None = None
 
 
 class FitBody(Body):
@@ -42,6 +53,7 @@ class FitBody(Body):
     initial_soc_std: Soc = 0.0
     coulombic_efficiency: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = 1.0
     seed: Seed | None = None
+    module: ModuleBody | None = None
 
 
 @router.post("", status_code=202)
@@ -57,6 +69,7 @@ async def start_fit(body: FitBody, services: ServicesOf) -> Answer:
         initial_soc_std=body.initial_soc_std,
         coulombic_efficiency=body.coulombic_efficiency,
         seed=body.seed,
+        module=body.module and ModuleOrder(**body.module.model_dump()),
     )
     return asdict(await services.modelling.start_fit(order))
 
@@ -69,18 +82,19 @@ async def import_model(
     request: Request,
     services: ServicesOf,
     name: Annotated[str, Query(min_length=1, max_length=200)] = "imported",
+    cell_id: CellFilter = None,
 ) -> Answer:
     """Store a MODEL.json."""
     require_content_type(request, JSON_TYPE)
     request.scope["screened_as"] = MODEL
     document = await read_object(request)
-    return asdict(await asyncio.to_thread(services.modelling.import_model, document, name))
+    return asdict(await asyncio.to_thread(services.modelling.import_model, document, name, cell_id))
 
 
 @router.get("")
-def list_models(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
-    """List models, newest first, without their documents."""
-    return {"models": [asdict(model) for model in services.store.models.page(limit, offset)]}
+def list_models(services: ServicesOf, cell_id: CellFilter = None, limit: Limit = 100, offset: Offset = 0) -> Answer:
+    """List models, newest first, without their documents; those of one cell where it is given."""
+    return {"models": [asdict(model) for model in services.store.models.page(limit, offset, cell_id)]}
 
 
 @router.get("/{model_id}")

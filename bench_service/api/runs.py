@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
+from bench_service.campaign.cell_of_run import give_run
 from bench_service.campaign.describing import describe_run
 from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.run_models import BandWish
@@ -50,20 +51,24 @@ class RunBody(Body):
     limits: LimitsBody | None = None
     model_id: Id | None = None
     observer_initial_soc: Soc | None = None
+    observer_gain: Literal["kalman", "steady"] | None = None
     name: Name | None = None
     seed: Seed | None = None
     finish_alone: bool = False
     band: BandBody | None = None
+    learn: bool = Field(default=False, strict=True)
     continues: Id | None = None
     on_interruption: Literal["stop", "resume"] | None = None
+    cell_id: Id | None = None
 
 
 class DescriptionBody(Body):
-    """What a person says of a run."""
+    """What a person says of a run; ``cell_id`` is the cell that it belongs to."""
 
     label: Name | None = None
     operator: Name | None = None
     notes: Annotated[str, Field(min_length=1, max_length=20_000)] | None = None
+    cell_id: Id | None = None
 
 
 @router.post("", status_code=201)
@@ -71,10 +76,11 @@ async def start_run(body: RunBody, services: ServicesOf) -> Answer:
     """Start a run, after every check that needs no cycler."""
     if body.protocol_id is None and (body.continues is not None or body.on_interruption is not None):
         raise BadRequestError("only a protocol goes on after an interruption", ("protocol_id",), remedy="give one")
-    given = body.model_dump(exclude={"limits", "band"})
+    given = body.model_dump(exclude={"limits", "band", "learn"})
     band = body.band and BandWish(**body.band.model_dump())
     order = RunOrder(**given, limits=body.limits and body.limits.model_dump(), band=band)
-    return asdict(await services.runs.start(services.benches, order))
+    start = services.learning.start_run if body.learn else services.runs.start
+    return asdict(await start(services.benches, order))
 
 
 @router.get("")
@@ -84,11 +90,12 @@ def list_runs(
     state: RunState | None = None,
     campaign_id: Annotated[str | None, Query(max_length=64)] = None,
     q: Annotated[str | None, Query(max_length=200)] = None,
+    cell_id: CellFilter = None,
     limit: Limit = 100,
     offset: Offset = 0,
 ) -> Answer:
     """List runs, newest first; with ``q`` those in whose name, label, operator, notes, bench or date each word is."""
-    found = services.store.runs.page(bench, state, campaign_id, limit, offset, q)
+    found = services.store.runs.page(bench, state, campaign_id, limit, offset, q, cell_id)
     return {"runs": [asdict(run) for run in found]}
 
 
@@ -100,8 +107,15 @@ def get_run(run_id: PathId, services: ServicesOf) -> Answer:
 
 @router.patch("/{run_id}")
 async def describe(run_id: PathId, body: DescriptionBody, services: ServicesOf) -> Answer:
-    """Write label, operator or notes of a run; what is left out stays, null takes it away. Kept as an event."""
+    """Write label, operator, notes or cell of a run; what is left out stays, null takes it away. Kept as an event.
+
+    Models, comparisons and diagnoses that were made from the run go with it to another cell.
+    """
     told = body.model_dump(exclude_unset=True)
+    if "cell_id" in told:
+        run = await give_run(services.store, services.journal, run_id, told.pop("cell_id"))
+        if not told:
+            return asdict(run)
     return asdict(await describe_run(services.store, services.journal, run_id, told))
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,11 +12,15 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from bench_service.api.compression import compressed
-from bench_service.api.dependencies import PathId, Services, ServicesOf
+from bench_service.api.dependencies import Answer, PathId, Services, ServicesOf
+from bench_service.api.formats import known_formats
+from bench_service.campaign.crating import CRATE, crate_of
+from bench_service.campaign.exporting import Export
 from bench_service.campaign.hardware import WARNED
 from bench_service.errors import BadRequestError, ConflictError, GivenUpError
+from bench_service.exchange.bdf_metadata import SUFFIX as METADATA_SUFFIX
 from bench_service.exchange.errors import UnknownFormatError
-from bench_service.exchange.write import encode_run, export_formats
+from bench_service.exchange.write import encode_run
 from bench_service.store.decimation import kept_rows
 from bench_service.store.integrity import Expected, read_part
 from bench_service.store.integrity import damaged as damaged_run
@@ -125,24 +128,40 @@ def export_run(
     format_name: Annotated[str, Query(alias="format", max_length=20)] = "bdf",
     damaged: Damaged = "refuse",
 ) -> Response:
-    """Give a run as a file; a damaged one only with ``damaged=include``, as 206 and with a name that says so."""
+    """Give a run as a file; a damaged one only with ``damaged=include``, as 206 and with a name that says so.
+
+    With ``ro-crate`` it is a bundle of the run and all that was made from it, which no damaged run becomes.
+    """
     run = services.store.runs.get(run_id)
-    formats = export_formats()
-    if format_name not in formats:
-        raise UnknownFormatError(f"format {format_name!r} is not known; choose from {', '.join(sorted(formats))}")
-    data, damage = _read(services, run, SAMPLES, Part(damaged=damaged))
+    kinds = {each["name"]: each for each in known_formats()}
+    if format_name not in kinds:
+        raise UnknownFormatError(f"format {format_name!r} is not known; choose from {', '.join(sorted(kinds))}")
+    whole = format_name == CRATE
+    data, damage = _read(services, run, SAMPLES, Part(damaged="refuse" if whole else damaged))
     if data.n == 0:
         raise ConflictError(f"run {run_id} has no samples to export", ("run", run_id))
-    started = None if run.started_utc is None else datetime.fromisoformat(run.started_utc).timestamp()
-    chosen = formats[format_name]
-    # The name is made here: nothing a client sent reaches a header or a file.
+    export = _export(services, run)
+    chosen = kinds[format_name]
+    content = crate_of(export, data.columns) if whole else encode_run(data.columns, format_name, export.started_unix_s)
     hardware = (run.commissioning or {}).get("state")
     marks = ("" if damage is None else "-damaged") + ("-unverified" if hardware in WARNED else "")
-    headers = {"Content-Disposition": f'attachment; filename="run-{run.id}{marks}{chosen.suffix}"'}
+    # The name is made here: nothing a client sent reaches a header or a file.
+    headers = {"Content-Disposition": f'attachment; filename="{export.name}{marks}{chosen["suffix"]}"'}
     if hardware is not None:
         headers["X-Bench-Commissioning"] = hardware
-    content = encode_run(data.columns, format_name, started)
-    return Response(content, _status(damage), headers, chosen.media_type)
+    return Response(content, _status(damage), headers, chosen["media_type"])
+
+
+@router.get("/{run_id}/metadata")
+def get_metadata(run_id: PathId, services: ServicesOf, response: Response) -> Answer:
+    """Give the metadata file that belongs beside a run's file of the Battery Data Format."""
+    export = _export(services, services.store.runs.get(run_id))
+    response.headers["Content-Disposition"] = f'attachment; filename="{export.name}{METADATA_SUFFIX}"'
+    return export.metadata()
+
+
+def _export(services: Services, run: RunRecord) -> Export:
+    return Export(services.store, run, services.config.institution, services.version)
 
 
 def _columns(services: Services, request: Request, run_id: str, stream: str, part: Part) -> Response:

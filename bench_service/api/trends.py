@@ -10,11 +10,9 @@ from pydantic import Field
 
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import CSV_TYPE, Body, Id, Soc, StrictRoute
-from bench_service.campaign.trending import TrendOrder
+from bench_service.campaign.trending import MOST_RUNS, TrendOrder
 
 router = APIRouter(prefix="/trends", tags=["trends"], route_class=StrictRoute)
-
-MOST_RUNS = 2000
 
 
 class TrendBody(Body):
@@ -22,11 +20,13 @@ class TrendBody(Body):
 
     ``initial_soc`` is a fraction of what the cell holds then: 1 is full, however aged. ``at`` are places along the
     life in ``unit``, such as cycles; without them the runs are counted. ``end`` is the share of the capacity that is
-    the end of life. Without ``train_run_ids`` the model's own runs are the cell as it was.
+    the end of life. Without ``train_run_ids`` the model's own runs are the cell as it was. With ``cell_id`` in place of
+    ``run_ids`` all that the cell has completed is followed.
     """
 
     model_id: Id
-    run_ids: Annotated[list[Id], Field(min_length=1, max_length=MOST_RUNS)]
+    run_ids: Annotated[list[Id], Field(min_length=1, max_length=MOST_RUNS)] | None = None
+    cell_id: Id | None = None
     train_run_ids: Annotated[list[Id], Field(max_length=100)] | None = None
     initial_soc: Annotated[list[Soc], Field(max_length=MOST_RUNS)] | None = None
     initial_soc_std: Soc | None = None

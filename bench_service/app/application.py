@@ -11,6 +11,7 @@ from fastapi import APIRouter, FastAPI
 from bench_service.api import (
     benches,
     campaigns,
+    cells,
     commissioning,
     comparisons,
     designs,
@@ -23,6 +24,7 @@ from bench_service.api import (
     jobs,
     live,
     models,
+    observations,
     profiles,
     protocols,
     run_steps,
@@ -33,6 +35,7 @@ from bench_service.api import (
 from bench_service.api.compression import Compression
 from bench_service.api.errors import install_error_handlers
 from bench_service.api.gate import Gate
+from bench_service.api.response_schemas import described
 from bench_service.app.lifespan import running_services
 from bench_service.app.memory import GivesBack
 from bench_service.campaign.services import Services
@@ -42,6 +45,7 @@ from bench_service.web import routes as web
 
 _RESOURCES = (
     benches,
+    cells,
     profiles,
     protocols,
     runs,
@@ -52,6 +56,7 @@ _RESOURCES = (
     models,
     jobs,
     comparisons,
+    observations,
     diagnoses,
     trends,
     effects,
@@ -95,6 +100,8 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
+    bare = app.openapi
+    app.openapi = lambda: described(bare())
     app.state.services = services
     app.add_middleware(Compression)
     app.add_middleware(Gate, host=host, token=token)

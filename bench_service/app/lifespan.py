@@ -18,7 +18,8 @@ from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.campaigns import CampaignRunner
-from bench_service.campaign.chambers import chamber_settings
+from bench_service.campaign.cell_on_bench import settings_with, with_cell
+from bench_service.campaign.cells import Cells, cell_on
 from bench_service.campaign.clock_watch import watched_clock
 from bench_service.campaign.commissioning import Commissioning
 from bench_service.campaign.designing import Designing
@@ -28,8 +29,10 @@ from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.importing import Importing
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.latches import unacknowledged
+from bench_service.campaign.learning import Learning
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.observing import Observing
 from bench_service.campaign.protocol_resumer import ProtocolResumer
 from bench_service.campaign.resuming import resumed_soc
 from bench_service.campaign.runs import Runs
@@ -37,6 +40,7 @@ from bench_service.campaign.seal import Seal
 from bench_service.campaign.services import Services
 from bench_service.campaign.storage import Storage
 from bench_service.campaign.trending import Trending
+from bench_service.campaign.webhook import Webhook
 from bench_service.campaign.workshop import Workshop
 from bench_service.config import BenchConfig, ServiceConfig
 from bench_service.jobs.runner import JobRunner
@@ -58,20 +62,19 @@ async def running_services(
 
     Parameters
     ----------
-    config, store
-        The store is open, and closed by the caller.
+    config, store : the store is open, and closed by the caller
     url : str or None
         At which the service's page is opened; it may use the benches' stop ports.
 
     Raises
     ------
-    StoreError, SimulationError
-        Recorder or simulator cannot start.
+    StoreError, SimulationError : recorder or simulator cannot start
     """
     code_version = version("bench-service")
     async with AsyncExitStack() as stack:
         live, samples = Broadcaster(), stack.enter_context(closing(SampleReader(config.data_dir)))
         journal = await _journal(stack, store, live)
+        await _webhook(stack, config, store, journal, {"version": code_version, "address": url})
         recorder = await _recorder(stack, config.data_dir, journal)
         storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
@@ -80,9 +83,7 @@ async def running_services(
         stack.push_async_callback(runs.close)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
         stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
-        seen = (samples, recorder, benches, config.data_dir / _SEALS, stop)
-        benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
-        stack.push_async_callback(_close_all, benches)
+        await _add_benches(stack, config, store, (samples, recorder, benches, config.data_dir / _SEALS, stop))
         workshop = _workshop(store, samples, benches, runs, jobs, (config.data_dir, code_version))
         campaigns = CampaignRunner(workshop, journal, live, code_version)
         stack.push_async_callback(campaigns.close)
@@ -101,6 +102,8 @@ async def running_services(
             jobs=jobs,
             screen=stack.enter_context(closing(Screen())),
             modelling=workshop.modelling,
+            observing=Observing(store, jobs, workshop.modelling, config.data_dir),
+            learning=_learning(stack, workshop, journal, (config.data_dir, code_version)),
             diagnosing=workshop.diagnosing,
             designing=workshop.designing,
             trending=Trending(store, jobs, workshop.modelling, config.data_dir),
@@ -108,9 +111,16 @@ async def running_services(
             live=live,
             recorder_state=lambda: recorder.state,
             storage=storage,
+            cells=Cells(store, journal, benches, runs, campaigns),
             commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
             importing=Importing(store, jobs, storage, recorder.attach, (config.data_dir, code_version)),
         )
+
+
+def _learning(stack: AsyncExitStack, workshop: Workshop, journal: Journal, made: tuple[Path, str]) -> Learning:
+    learning = Learning(workshop.store, workshop.jobs, workshop.modelling, workshop.runs, journal, made)
+    stack.push_async_callback(learning.close)
+    return learning
 
 
 async def _resume_protocols(
@@ -136,6 +146,16 @@ async def _journal(stack: AsyncExitStack, store: MetadataStore, live: Broadcaste
     stack.push_async_callback(journal.close)
     await stack.enter_async_context(watched_clock(journal))
     return journal
+
+
+async def _webhook(
+    stack: AsyncExitStack, config: ServiceConfig, store: MetadataStore, journal: Journal, told: dict[str, str | None]
+) -> None:
+    if config.webhook is not None:
+        said = told | {"institution": config.institution}
+        webhook = Webhook(config.webhook, config.data_dir, store, journal, said)
+        await webhook.start()
+        stack.push_async_callback(webhook.close)
 
 
 def _workshop(
@@ -175,6 +195,17 @@ async def _end_what_was_left_open(store: MetadataStore, samples: SampleReader, j
         journal.note(run.bench, _interrupted_event(run.id, run.state))
 
 
+async def _add_benches(
+    stack: AsyncExitStack,
+    config: ServiceConfig,
+    store: MetadataStore,
+    seen: tuple[SampleReader, RecorderKeeper, Benches, Path, Callable[[str], StopEndpoint]],
+) -> None:
+    benches = seen[2]
+    benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
+    stack.push_async_callback(_close_all, benches)
+
+
 async def _bench(
     stack: AsyncExitStack,
     name: str,
@@ -206,23 +237,23 @@ async def _bench(
             listener.on_event(name, event)
         runs_before_cell = 0 if soc is not None else await asyncio.to_thread(store.runs.last_number)
         seal = Seal.read(sealed_in) if sealed_in is not None else None
-    limits = Limits.from_json(config.limits.model_dump())
+    cell, since_utc = await asyncio.to_thread(cell_on, store, name)
+    chamber_url = None if simulator is None else simulator.chamber
     settings = BenchSettings(
         name=name,
         url=url or "",
         map=config.map,
-        limits=limits,
         timeout_s=config.timeout_s,
         watchdog_s=config.watchdog_s,
         external_interlock=config.external_interlock,
-        capacity_Ah=config.capacity_Ah,
-        resistance_Ohm=None if config.cell_type is None else config.cell_type.resistance_Ohm,
         latched=await asyncio.to_thread(unacknowledged, store, name),
-        chamber=chamber_settings(config, None if simulator is None else simulator.chamber),
+        **settings_with(with_cell(config, cell), chamber_url),
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))
     hardware = await asyncio.to_thread(Hardware.read, store, name, config)
-    bench = Bench(config, settings.url, limits, supervisor, runs_before_cell, seal, hardware)
+    limits = Limits.from_json(config.limits.model_dump())
+    bench = Bench(config, settings.url, limits, supervisor, runs_before_cell, seal, hardware, chamber_url)
+    bench.carry(cell, since_utc)
     if simulator is not None:
         simulator.keep(bench, store, samples, listener)
     return bench

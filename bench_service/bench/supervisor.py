@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from bench_service.bench.acknowledged import Acknowledged
 from bench_service.bench.commissioning.call import CommissionCall
 from bench_service.bench.commissioning.check import ProofOrder
 from bench_service.bench.control_process import end_of, start_control
@@ -61,13 +62,12 @@ class BenchSupervisor:
         self._process: subprocess.Popen[bytes] | None = None
         self._link: FrameLink | None = None
         self._run_id: str | None = None
-        self._died = asyncio.Event()
-        self._changed = asyncio.Event()
+        self._died, self._changed = asyncio.Event(), asyncio.Event()
         self._keeper: asyncio.Task[None] | None = None
         self._closing = False
         self._heard_s = 0.0
         self._commissioning = CommissionCall(settings.name)
-        self._acknowledged: tuple[str | None, subprocess.Popen[bytes] | None] | None = None
+        self._acknowledged, self._renewing = Acknowledged(), False
 
     @property
     def name(self) -> str:
@@ -138,11 +138,18 @@ class BenchSupervisor:
     def acknowledge(self) -> None:
         """Clear a latched fault; the bench stays in fault where its cause is still there."""
         if self._link is not None:
-            self._acknowledged = (self._status.reason, self._process)
+            self._acknowledged.told(self._status.reason, self._process)
             self._link.send({"op": "acknowledge"})
         elif self._settings.latched is not None:
             self._settings = replace(self._settings, latched=None)
             self._set_status(BenchStatus("offline", self._status.reason))
+
+    def renew(self, **changes: Any) -> None:
+        """Take other settings: the control process brings the cycler to rest and ends, a new one begins with them."""
+        self._settings = replace(self._settings, **changes)
+        if self._link is not None:
+            self._renewing = True
+            self._link.send({"op": "quit"})
 
     async def wait_for(self, *states: str, timeout_s: float) -> BenchStatus:
         """Wait until the bench is in one of `states`.
@@ -187,9 +194,12 @@ class BenchSupervisor:
                 reason = f"its control process cannot start: {error}"
             else:
                 reason = await self._watch()
-            reason = await self._bury(reason)
+            renewing, self._renewing = self._renewing, False
+            reason = await self._bury("it begins anew, with other limits" if renewing else reason)
             if self._closing:
                 return
+            if renewing:
+                continue
             if time.monotonic() - started_s > _LAST_RESTART_S:
                 pause_s, told = _FIRST_RESTART_S, ""
             if reason != told:
@@ -235,8 +245,9 @@ class BenchSupervisor:
             # What the cycler went through is unknown; a person or the campaign looks before the next run.
             self._settings = replace(self._settings, latched=f"run {run_id} was interrupted: {reason}")
             counts = {"n_samples": None, "missed_ticks": None, "sha256": None}
-            ended = EndedMessage(run_id=run_id, state="interrupted", reason=reason, **counts)
-            self._listener.on_ended(self.name, ended)
+            self._listener.on_ended(
+                self.name, EndedMessage(run_id=run_id, state="interrupted", reason=reason, **counts)
+            )
         elif self._status.state == "fault":
             self._settings = replace(self._settings, latched=self._status.reason)
         if self._settings.latched is not None and not self._closing:
@@ -262,26 +273,17 @@ class BenchSupervisor:
                 self._listener.on_live(self.name, message)
             case "state":
                 self._set_status(BenchStatus(**message))
-                self._repeat_acknowledgement()
+                if self._acknowledged.unheard(self._status, self._process):
+                    self.acknowledge()
             case "commissioned":
                 self._commissioning.answered(message["report"])
             case "event":
                 if message["code"] in ("acknowledged", "fault_stays"):
-                    self._acknowledged = None
+                    self._acknowledged.done()
                 self._listener.on_event(self.name, message)
             case "ended" if message["run_id"] == self._run_id:
                 self._run_id = None
                 self._listener.on_ended(self.name, message)
-
-    def _repeat_acknowledgement(self) -> None:
-        """A process that died with an acknowledgement in its queue has left the fault to the next one."""
-        if self._acknowledged is None:
-            return
-        reason, told = self._acknowledged
-        if self._status.state != "fault" or self._status.reason != reason:
-            self._acknowledged = None
-        elif told is not self._process:
-            self.acknowledge()
 
     def _lost(self, _reason: str) -> None:
         self._died.set()
@@ -295,5 +297,4 @@ class BenchSupervisor:
         self._changed.set()
 
     def _tell(self, severity: str, code: str, text: str) -> None:
-        event = EventMessage(severity=severity, code=code, text=text, run_id=None)
-        self._listener.on_event(self.name, event)
+        self._listener.on_event(self.name, EventMessage(severity=severity, code=code, text=text, run_id=None))

@@ -10,11 +10,13 @@ from bench_service.bench.limits import Limits
 from bench_service.bench.listener import BenchStatus
 from bench_service.bench.messages import EndedMessage, EventMessage, LiveMessage
 from bench_service.bench.supervisor import BenchSupervisor
+from bench_service.campaign.cell_on_bench import cell_type_of, with_cell
 from bench_service.campaign.hardware import Hardware, Standing
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.seal import Seal
 from bench_service.config import BenchConfig
 from bench_service.errors import NotFoundError
+from bench_service.store.cells import CellRecord
 from bench_service.store.records import Json
 
 ACKNOWLEDGED = "acknowledged"  # the event's code, as control processes send it too
@@ -38,6 +40,15 @@ class Bench:
         On an effect that is hidden in its simulated cell.
     hardware : Hardware or None
         What is known of its device.
+    chamber_url : str or None
+        Where a simulated temperature chamber is served.
+
+    Attributes
+    ----------
+    base : BenchConfig
+        As it is configured; `config` and `limits` are those with the cell that stands on it.
+    cell : CellRecord or None
+        Which cell that is, since `cell_since_utc`; None where nobody has said.
     """
 
     def __init__(
@@ -49,8 +60,9 @@ class Bench:
         runs_before_cell: int = 0,
         seal: Seal | None = None,
         hardware: Hardware | None = None,
+        chamber_url: str | None = None,
     ) -> None:
-        self.config = config
+        self.base = self.config = config
         self.url = url
         self.limits = limits
         self.supervisor = supervisor
@@ -58,6 +70,15 @@ class Bench:
         self.seal = seal
         self.hardware = hardware
         self.live: LiveMessage | None = None
+        self.chamber_url = chamber_url
+        self.cell: CellRecord | None = None
+        self.cell_since_utc: str | None = None
+
+    def carry(self, cell: CellRecord | None, since_utc: str | None) -> None:
+        """Take a cell, or none, on the bench; raises `BadRequestError` where it cannot be there."""
+        self.config = with_cell(self.base, cell)
+        self.limits = Limits.from_json(self.config.limits.model_dump())
+        self.cell, self.cell_since_utc = cell, since_utc
 
     @property
     def name(self) -> str:
@@ -80,9 +101,18 @@ class Bench:
             "live": self.live,
             "lock_step": bool(capabilities and capabilities["lock_step"]),
             "chamber": self._chamber(),
+            "cell": self._cell(),
             "seal": None if self.seal is None else self.seal.to_json(),
             "commissioning": None if (standing := self.standing()) is None else standing.to_json(),
         }
+
+    def _cell(self) -> Json | None:
+        """Say which cell is on it; None where nobody has said."""
+        cell = self.cell
+        if cell is None:
+            return None
+        kind = None if (told := cell_type_of(cell.type)) is None else told.title
+        return {"id": cell.id, "label": cell.label, "owner": cell.owner, "type": kind, "since_utc": self.cell_since_utc}
 
     def _chamber(self) -> Json | None:
         """Say what the temperature chamber may do, and what it says of itself; None where there is none."""

@@ -13,6 +13,7 @@ from collections.abc import AsyncIterator, Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+from bench_service.campaign.cell_of_run import known_cell
 from bench_service.campaign.storage import Storage
 from bench_service.errors import BadRequestError, ConflictError, NotFoundError, ServiceError
 from bench_service.exchange.foreign.mapping import FOLDER, Mapping, load_mapping, mapping_names, save_mapping
@@ -107,8 +108,14 @@ class Importing:
         Parameters
         ----------
         told : mapping
-            ``capacity_Ah`` and ``initial_soc``; ``name``, or None for that of the file.
+            ``capacity_Ah`` and ``initial_soc``; ``name``, or None for that of the file; ``cell_id``, or None.
+
+        Raises
+        ------
+        NotFoundError
+            There is no such upload, or no such cell.
         """
+        told = told | {"cell_id": known_cell(self._store, told.get("cell_id"))}
         path, name, mapping = self._asked(upload_id, choices)
         self._storage.refuse(path.stat().st_size // _SAMPLE_BYTES)
 
@@ -143,6 +150,7 @@ class Importing:
             limits={"current_A": result["current_A"], "voltage_V": result["voltage_V"]},
             code_version=self._code_version,
             name=told.get("name") or result["name"],
+            cell_id=told["cell_id"],
         )
         digest = _sha256(path)
         run = self._store.runs.add(intent)

@@ -59,10 +59,12 @@ class Journal:
         self._pending.add(future)
         future.add_done_callback(done)
 
-    def note(self, bench: str | None, event: EventMessage, campaign_id: str | None = None) -> None:
+    def note(
+        self, bench: str | None, event: EventMessage, campaign_id: str | None = None, cell_id: str | None = None
+    ) -> None:
         """Store an event and publish it; returns at once."""
         kind = (cast(Severity, event["severity"]), event["code"], event["text"])
-        about = {"bench": bench, "run_id": event["run_id"], "campaign_id": campaign_id}
+        about = {"bench": bench, "run_id": event["run_id"], "campaign_id": campaign_id, "cell_id": cell_id}
         self.post(
             lambda: self._store.events.add(*kind, **about),
             lambda record: self._broadcaster.publish({"type": "event"} | asdict(record)),

@@ -14,6 +14,7 @@ from bench_service.bench.protocol_window import window_of
 from bench_service.bench.request import ObserverOrder, ProtocolOrder, RunRequest
 from bench_service.campaign.admission import admit, narrowed
 from bench_service.campaign.benches import Bench
+from bench_service.campaign.cell_of_run import check_cell
 from bench_service.campaign.chambers import chamber_window
 from bench_service.campaign.run_models import BandWish, band_order
 from bench_service.campaign.storage import Storage
@@ -37,9 +38,10 @@ class RunOrder:
     """What a client or a campaign asks for; units are in the names.
 
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
-    at ``observer_initial_soc`` (default: ``initial_soc``). With ``finish_alone`` it plays on where the service is gone.
+    at ``observer_initial_soc`` (default: ``initial_soc``), with ``observer_gain`` (default: the bench's, see
+    `config.bench.BenchConfig`). With ``finish_alone`` it plays on where the service is gone.
     ``continues`` names the run whose profile or protocol is taken up again; ``standing`` is where the protocol stood.
-    ``band`` names a model whose band the voltage must not leave.
+    ``band`` names a model whose band the voltage must not leave. ``cell_id`` names the cell that must be on the bench.
     """
 
     bench: str
@@ -50,6 +52,7 @@ class RunOrder:
     limits: Mapping[str, Any] | None = None
     model_id: str | None = None
     observer_initial_soc: float | None = None
+    observer_gain: str | None = None
     name: str | None = None
     seed: int | None = None
     campaign_id: str | None = None
@@ -58,6 +61,7 @@ class RunOrder:
     on_interruption: str | None = None
     standing: Json | None = None
     band: BandWish | None = None
+    cell_id: str | None = None
 
 
 def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Storage) -> RunRequest:
@@ -69,9 +73,12 @@ def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Sto
         Unknown profile, protocol or model.
     BadRequestError
         Profile, protocol or limits are not admitted.
+    ConflictError
+        Another cell is on the bench than the one that is meant, or that what it goes on with was played on.
     NoRoomError, StoreError
         It could not be stored.
     """
+    check_cell(order.cell_id, bench, store, continues=order.continues, campaign_id=order.campaign_id)
     if (order.profile_id is None) == (order.protocol_id is None):
         raise BadRequestError("a run plays a profile or a protocol: give exactly one of both", ("profile_id",))
     if order.band is not None and order.protocol_id is not None:
@@ -97,7 +104,7 @@ def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Sto
         time_s=time_s,
         current_A=current_A,
         initial_soc=order.initial_soc,
-        observer=_observer(order, store),
+        observer=_observer(order, store, bench.config.observer_gain),
         settle_s=bench.config.settle_s,
         finish_alone=order.finish_alone,
         protocol=protocol,
@@ -146,8 +153,11 @@ def _protocol(order: RunOrder, document: Json, limits: Limits, bench: BenchConfi
     return both, ProtocolOrder(document=document, standing=order.standing, expected_s=seen.duration_s), samples
 
 
-def _observer(order: RunOrder, store: MetadataStore) -> ObserverOrder | None:
+def _observer(order: RunOrder, store: MetadataStore, bench_gain: str | None) -> ObserverOrder | None:
     if order.model_id is None:
         return None
     start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
-    return ObserverOrder(model=store.models.document(order.model_id), settings={"initial_soc": start_soc})
+    settings: dict[str, Any] = {"initial_soc": start_soc}
+    if (gain := order.observer_gain or bench_gain) is not None:
+        settings["gain"] = gain
+    return ObserverOrder(model=store.models.document(order.model_id), settings=settings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -85,11 +85,8 @@ class Runs:
         self._refuse_offline(bench)
         self.refuse_busy(bench)
         # Two orders at once: the first one holds the bench while its intent is written down.
-        self._claimed.add(bench.name)
-        try:
+        with self.claimed(bench):
             return await self._start(bench, order, request)
-        finally:
-            self._claimed.discard(bench.name)
 
     def refuse_busy(self, bench: Bench) -> None:
         """Raise `BenchBusyError` if a run is on the bench or a fault is latched; an offline bench is not busy."""
@@ -98,6 +95,17 @@ class Runs:
             raise BenchBusyError(f"bench {bench.name!r} is busy with another run; stop it or wait")
         if status.state == "fault":
             raise BenchBusyError(f"bench {bench.name!r} has a fault: {status.reason}; acknowledge it first")
+
+    @contextlib.contextmanager
+    def claimed(self, bench: Bench) -> Iterator[None]:
+        """Let no run begin on a bench meanwhile; raises `BenchBusyError` where one is there, a fault is none."""
+        if bench.name in self._claimed or bench.name in self._on_bench.values():
+            raise BenchBusyError(f"bench {bench.name!r} is busy with a run; stop it or wait")
+        self._claimed.add(bench.name)
+        try:
+            yield
+        finally:
+            self._claimed.discard(bench.name)
 
     def stop(self, benches: Benches, run: RunRecord, reason: str) -> None:
         """Bring a run to its end; one that has ended is left as it is."""
@@ -167,7 +175,9 @@ class Runs:
 
     async def _start(self, bench: Bench, order: RunOrder, request: RunRequest) -> RunRecord:
         standing = bench.standing()
-        record = await self._journal.write(self._write_intent, order, request, standing and standing.to_json())
+        cell_id = None if bench.cell is None else bench.cell.id
+        told = (order, request, standing and standing.to_json(), cell_id)
+        record = await self._journal.write(self._write_intent, *told)
         self._open[record.id] = asyncio.Event()
         self._on_bench[record.id] = bench.name
         try:
@@ -180,12 +190,14 @@ class Runs:
         # Queued before the run's end can be: the journal keeps the order.
         started = await self._journal.write(self._store.runs.start, record.id)
         text = f"{_called(started)} started: {_length(request)}, a sample each {order.dt_s:g} s, from SoC "
-        self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}")
+        self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}{_gain(request)}")
         if standing is not None and standing.warns:
             self._journal.note(bench.name, standing.warning(bench.name, started.id), started.campaign_id)
         return started
 
-    def _write_intent(self, order: RunOrder, request: RunRequest, commissioning: Json | None) -> RunRecord:
+    def _write_intent(
+        self, order: RunOrder, request: RunRequest, commissioning: Json | None, cell_id: str | None
+    ) -> RunRecord:
         return self._store.runs.add(
             RunIntent(
                 bench=order.bench,
@@ -205,6 +217,7 @@ class Runs:
                 campaign_id=order.campaign_id,
                 continues=order.continues,
                 commissioning=commissioning,
+                cell_id=cell_id,
             ),
         )
 
@@ -264,6 +277,12 @@ class Runs:
 
 def _called(run: RunRecord) -> str:
     return f"run {run.name or run.id[:8]!r}"
+
+
+def _gain(request: RunRequest) -> str:
+    """Say with which gain the observer runs, where somebody has chosen one: its estimates depend on it."""
+    gain = request.observer and (request.observer["settings"] or {}).get("gain")
+    return "" if gain is None else f", observer with {gain} gain"
 
 
 def _length(request: RunRequest) -> str:

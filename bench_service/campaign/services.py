@@ -7,13 +7,16 @@ from dataclasses import dataclass
 
 from bench_service.campaign.benches import Benches
 from bench_service.campaign.campaigns import CampaignRunner
+from bench_service.campaign.cells import Cells
 from bench_service.campaign.commissioning import Commissioning
 from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.importing import Importing
 from bench_service.campaign.journal import Journal
+from bench_service.campaign.learning import Learning
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.observing import Observing
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.storage import Storage
 from bench_service.campaign.trending import Trending
@@ -43,6 +46,8 @@ class Services:
     jobs: JobRunner
     screen: Screen
     modelling: Modelling
+    observing: Observing
+    learning: Learning
     diagnosing: Diagnosing
     designing: Designing
     trending: Trending
@@ -50,5 +55,6 @@ class Services:
     live: Broadcaster
     recorder_state: Callable[[], str]
     storage: Storage
+    cells: Cells
     commissioning: Commissioning
     importing: Importing

@@ -42,9 +42,20 @@ def last_standing(bench: Bench, store: MetadataStore, samples: SampleReader) -> 
 
 
 def _last_run(bench: Bench, store: MetadataStore) -> RunRecord | None:
-    for run in store.runs.page(bench=bench.name, limit=_LATEST_RUNS):
-        if run.number <= bench.runs_before_cell:
-            return None  # of another cell
-        if run.state not in OPEN_RUN_STATES and run.n_samples != 0:
-            return run
-    return None
+    if bench.config.simulate is None and bench.cell is not None:
+        # Wherever it was: a run that was brought in from a file tells of a bench that nobody has counted on since.
+        run = _last_with_samples(store.runs.page(cell_id=bench.cell.id, limit=_LATEST_RUNS))
+        played = run is not None and (run.profile_id or run.protocol_id) is not None
+        return run if played else None
+    run = _last_with_samples(store.runs.page(bench=bench.name, limit=_LATEST_RUNS))
+    if run is None or run.number <= bench.runs_before_cell:
+        return None  # of another cell
+    if bench.config.simulate is not None:
+        return run
+    # Nobody has named the cell that is there: it is that of the last run only where nothing was put there since.
+    since_utc = bench.cell_since_utc
+    return run if run.cell_id is None and (since_utc is None or run.created_utc > since_utc) else None
+
+
+def _last_with_samples(runs: list[RunRecord]) -> RunRecord | None:
+    return next((run for run in runs if run.state not in OPEN_RUN_STATES and run.n_samples != 0), None)

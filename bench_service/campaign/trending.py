@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from bench_service.campaign.cell_of_run import cell_of_all
 from bench_service.campaign.modelling import Modelling
 from bench_service.errors import BadRequestError, ConflictError, NotFoundError
 from bench_service.jobs.runner import Job, JobRunner
@@ -19,19 +20,21 @@ from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import Json
 
 KIND = "trend"
+MOST_RUNS = 2000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrendOrder:
     """Runs of a cell in time's order, to be followed with a model of the cell as it was.
 
-    `train_run_ids`: those that the model was made from; None: as the model says. `initial_soc`: one for each run, a
-    fraction of what the cell holds then; None: as stored. `at`, `unit`: places along the life; None: runs are counted.
-    `end`: share of the capacity that is the end.
+    `run_ids`: None: every run of `cell_id` that was completed. `train_run_ids`: those that the model was made from;
+    None: as the model says. `initial_soc`: one for each run, a fraction of what the cell holds then; None: as stored.
+    `at`, `unit`: places along the life; None: runs are counted. `end`: share of the capacity that is the end.
     """
 
     model_id: str
-    run_ids: Sequence[str]
+    run_ids: Sequence[str] | None = None
+    cell_id: str | None = None
     train_run_ids: Sequence[str] | None = None
     initial_soc: Sequence[float] | None = None
     initial_soc_std: float | None = None
@@ -57,21 +60,24 @@ class Trending:
         self._store, self._jobs, self._modelling, self._data_dir = store, jobs, modelling, data_dir
 
     async def start_trend(self, order: TrendOrder) -> Job:
-        """Queue it; the job's result is the ``trend`` object of the public contract.
+        """Queue it; the job's result is the ``trend`` object of the public contract, with the ``cell_id`` of the runs.
 
         Raises
         ------
         NotFoundError, ConflictError, BadRequestError
-            Model or run are not there, a run has not ended or is named twice, or lists are not as long as the runs.
+            Model or run are not there, a run has not ended or is named twice, the runs are of several cells, or lists
+            are not as long as the runs.
         """
+        run_ids, cell_id = await asyncio.to_thread(self._runs_of, order)
         for name in ("initial_soc", "at"):
             given = getattr(order, name)
-            if given is not None and len(given) != len(order.run_ids):
-                told = f"{len(given)} value(s) for {len(order.run_ids)} run(s)"
+            if given is not None and len(given) != len(run_ids):
+                told = f"{len(given)} value(s) for {len(run_ids)} run(s)"
                 raise BadRequestError(told, (name,), remedy="give one for each run, or leave it out")
-        document, runs, train = await asyncio.to_thread(self._inputs, order)
+        document, runs, train = await asyncio.to_thread(self._inputs, order, run_ids)
         along = {"at": None if order.at is None else list(order.at), "unit": order.unit, "end": order.end}
-        return self._jobs.submit(KIND, follow_runs, self._data_dir, document, runs, train, along, order.initial_soc_std)
+        inputs = (self._data_dir, document, runs, train, along, order.initial_soc_std)
+        return self._jobs.submit(KIND, follow_runs, *inputs, store=lambda found: {**found, "cell_id": cell_id})
 
     def table(self, job_id: str) -> str:
         """Give the answer of a job as CSV, a row a run.
@@ -90,10 +96,23 @@ class Trending:
             raise ConflictError(f"job {job_id} is {job.state}; its answer is not there", ("job",))
         return life_csv(job.result)
 
-    def _inputs(self, order: TrendOrder) -> tuple[Json, list[RunInput], list[RunInput]]:
+    def _runs_of(self, order: TrendOrder) -> tuple[list[str], str | None]:
+        """Return the runs to be followed, in time's order, and the cell that they are of."""
+        if order.run_ids is not None:
+            return list(order.run_ids), order.cell_id or cell_of_all(self._store, list(order.run_ids))
+        if order.cell_id is None:
+            raise BadRequestError("which runs are to be followed?", ("run_ids",), remedy="name them, or their cell_id")
+        cell = self._store.cells.get(order.cell_id)
+        runs = self._store.runs.page(state="completed", cell_id=cell.id, limit=MOST_RUNS)
+        found = sorted((run for run in runs if run.n_samples), key=lambda run: run.started_utc or run.created_utc)
+        if not found:
+            raise BadRequestError(f"cell {cell.called} has no completed run to follow", ("cell_id",))
+        return [run.id for run in found], cell.id
+
+    def _inputs(self, order: TrendOrder, run_ids: list[str]) -> tuple[Json, list[RunInput], list[RunInput]]:
         model = self._store.models.get(order.model_id)
         document = self._store.models.document(model.id)
-        runs = self._modelling.inputs(order.run_ids, "run_ids", None)
+        runs = self._modelling.inputs(run_ids, "run_ids", None)
         if order.initial_soc is not None:
             runs = [replace(run, initial_soc=soc) for run, soc in zip(runs, order.initial_soc, strict=True)]
         # A model that tells what it knows of its runs needs them no more.

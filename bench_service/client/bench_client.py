@@ -7,13 +7,16 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self, Unpack
 
+from bench_service.client.campaign_calls import CampaignCalls
+from bench_service.client.cell_calls import CellCalls
 from bench_service.client.connection import API, Connection, Record, part
 from bench_service.client.import_calls import ImportCalls
 from bench_service.client.model_calls import ModelCalls
 from bench_service.client.protocol_calls import ProtocolCalls
+from bench_service.client.result_calls import ResultCalls
 from bench_service.client.run_options import RunOptions
 from bench_service.client.stop_ports import StopPorts
-from bench_service.client.waiting import ENDED_CAMPAIGN_STATES, ENDED_RUN_STATES, LOOK_S, Look, wait_until
+from bench_service.client.waiting import ENDED_RUN_STATES, LOOK_S, Look, wait_until
 
 COMMISSION_TIMEOUT_S = 180.0  # proofs take 15 s, on a slow serial line more
 
@@ -35,7 +38,11 @@ class BenchClient:
         self.url = url.rstrip("/")
         self._connection = Connection(self.url, timeout_s, token or os.environ.get("BENCH_TOKEN"))
         self._stop_ports = StopPorts(self.url, self._connection)
-        # One flat list of calls for whoever writes a script; these are in a file of their own.
+        # One flat list of calls for whoever writes a script; these are in files of their own.
+        self._take_models()
+        self._take_others()
+
+    def _take_models(self) -> None:
         models = ModelCalls(self._connection)
         self.fit = models.fit
         self.wait_job = models.wait_job
@@ -46,22 +53,56 @@ class BenchClient:
         self.import_model = models.import_model
         self.design = models.design
         self.compare = models.compare
+        self.observe = models.observe
         self.comparison = models.comparison
         self.comparison_series = models.comparison_series
         self.comparison_table = models.comparison_table
         self.comparison_where = models.comparison_where
         self.effects = models.effects
         self.diagnose = models.diagnose
+        self.trend = models.trend
         self.add_effect = models.add_effect
         self.refit = models.refit
+        self.learn = models.learn
         self.model_chain = models.model_chain
+        results = ResultCalls(self._connection)
+        self.comparisons = results.comparisons
+        self.diagnoses = results.diagnoses
+        self.diagnosis = results.diagnosis
+        self.design_experiment = results.design_experiment
+        self.trend_table = results.trend_table
+        self.job = results.job
+        self.cancel_job = results.cancel_job
+        self.formats = results.formats
+
+    def _take_others(self) -> None:
         imports = ImportCalls(self._connection)
+        self.get_import = imports.get_import
         self.upload_file = imports.upload_file
         self.look_at_import = imports.look_at_import
         self.store_import = imports.store_import
         self.drop_import = imports.drop_import
         self.mappings = imports.mappings
         self.save_mapping = imports.save_mapping
+        campaigns = CampaignCalls(self._connection)
+        self.start_campaign = campaigns.start_campaign
+        self.campaigns = campaigns.campaigns
+        self.campaign = campaigns.campaign
+        self.stop_campaign = campaigns.stop_campaign
+        self.estimate_campaign = campaigns.estimate_campaign
+        self.queue = campaigns.queue
+        self.start_queue = campaigns.start_queue
+        self.resume_campaign = campaigns.resume_campaign
+        self.wait_campaign = campaigns.wait_campaign
+        cells = CellCalls(self._connection)
+        self.add_cell = cells.add_cell
+        self.cells = cells.cells
+        self.cell = cells.cell
+        self.change_cell = cells.change_cell
+        self.retire_cell = cells.retire_cell
+        self.reuse_cell = cells.reuse_cell
+        self.cell_events = cells.cell_events
+        self.put_cell = cells.put_cell
         protocols = ProtocolCalls(self._connection)
         self.upload_protocol = protocols.upload_protocol
         self.add_standard_test = protocols.add_standard_test
@@ -170,7 +211,7 @@ class BenchClient:
         return run
 
     def runs(self, **filters: object) -> list[Record]:
-        """Runs, newest first; filters are bench, state, campaign_id, q (words), limit, offset."""
+        """Runs, newest first; filters are bench, state, campaign_id, cell_id, q (words), limit, offset."""
         return self._connection.get(f"{API}/runs", **filters)["runs"]
 
     def run(self, run_id: str) -> Record:
@@ -230,61 +271,23 @@ class BenchClient:
         return self._connection.get(f"{API}/runs/{part(run_id)}/incremental", from_s=from_s, to_s=to_s)
 
     def describe_run(self, run_id: str, **told: str | None) -> Record:
-        """Write `label`, `operator` or `notes` of a run; None takes it away. Each change is kept as an event."""
+        """Write `label`, `operator`, `notes` or `cell_id` of a run; None takes it away. A change is an event."""
         return self._connection.send("PATCH", f"{API}/runs/{part(run_id)}", json=told).json()
 
     def export(self, run_id: str, format: str = "bdf") -> bytes:  # noqa: A002  # the option's public name
         """Give the run as the bytes of a file."""
         return self._connection.send("GET", f"{API}/runs/{part(run_id)}/export", params={"format": format}).content
 
+    def export_named(self, run_id: str, format: str = "bdf") -> tuple[str, bytes]:  # noqa: A002
+        """Give the run as a file: its name, as Institution__Cell__YYYYMMDD_XXX where it is of a cell, and its bytes."""
+        answer = self._connection.send("GET", f"{API}/runs/{part(run_id)}/export", params={"format": format})
+        return answer.headers["content-disposition"].partition('filename="')[2].rstrip('"'), answer.content
+
+    def metadata(self, run_id: str) -> Record:
+        """What belongs beside the run's file of the Battery Data Format, as `x.bdf.metadata.json`."""
+        return self._connection.get(f"{API}/runs/{part(run_id)}/metadata")
+
     def events(self, run_id: str | None = None, limit: int | None = None) -> list[Record]:
         """Events of a run, or the latest of all."""
         address = f"{API}/events" if run_id is None else f"{API}/runs/{part(run_id)}/events"
         return self._connection.get(address, limit=limit)["events"]
-
-    # --- campaigns ----------------------------------------------------------------------------------------
-
-    def start_campaign(self, request: Record) -> Record:
-        """Start a campaign; give its record."""
-        return self._connection.post(f"{API}/campaigns", request)
-
-    def campaigns(self) -> list[Record]:
-        """All campaigns."""
-        return self._connection.get(f"{API}/campaigns")["campaigns"]
-
-    def campaign(self, campaign_id: str) -> Record:
-        """One campaign."""
-        return self._connection.get(f"{API}/campaigns/{part(campaign_id)}")
-
-    def stop_campaign(self, campaign_id: str) -> Record:
-        """Stop a campaign and the run that it has started."""
-        return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/stop")
-
-    def estimate_campaign(self, request: Record) -> Record:
-        """Check a campaign and say how many hours of real time its runs take, without starting it."""
-        return self._connection.post(f"{API}/campaigns/estimate", request)
-
-    def queue(self, bench: str) -> Record:
-        """Campaigns that wait on a bench, and why they do where nothing goes on by itself."""
-        return self._connection.get(f"{API}/benches/{part(bench)}/queue")
-
-    def start_queue(self, bench: str) -> Record:
-        """Let a queue go on that waits since a campaign was not completed."""
-        return self._connection.post(f"{API}/benches/{part(bench)}/queue/start")
-
-    def resume_campaign(self, campaign_id: str) -> Record:
-        """Go on with a campaign that was cut off, from the last stored sample."""
-        return self._connection.post(f"{API}/campaigns/{part(campaign_id)}/resume")
-
-    def wait_campaign(
-        self,
-        campaign_id: str,
-        on_progress: Callable[[Record], None] | None = None,
-        *,
-        timeout_s: float | None = None,
-        poll_s: float = LOOK_S,
-    ) -> Record:
-        """Wait until a campaign has ended and give its record, whatever its end."""
-        what = f"campaign {campaign_id}"
-        look = Look(what, lambda: self.campaign(campaign_id), ENDED_CAMPAIGN_STATES, on_progress)
-        return wait_until(look, timeout_s, poll_s)

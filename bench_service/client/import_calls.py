@@ -36,6 +36,10 @@ class ImportCalls:
         offset = begun["n_bytes"]
         return self._connection.send("PUT", address, params={"offset": offset}, content=_pieces(path, offset)).json()
 
+    def get_import(self, import_id: str) -> Record:
+        """An upload: its name, and how many bytes of it are there."""
+        return self._connection.get(f"{API}/imports/{part(import_id)}")
+
     def look_at_import(self, import_id: str, *, patience: Patience | None = None, **choices: Any) -> Record:
         """Look at an uploaded file: what its columns are taken for, why, and the question where something is unclear.
 
@@ -52,11 +56,12 @@ class ImportCalls:
         initial_soc: float,
         *,
         name: str | None = None,
+        cell_id: str | None = None,
         choices: Record | None = None,
         **patience: Unpack[Patience],
     ) -> Record:
         """Store an uploaded file as a run, wait for it, and give ``{"run", "state", "samples", ...}``."""
-        body = {"capacity_Ah": float(capacity_Ah), "initial_soc": float(initial_soc), "name": name}
+        body = {"capacity_Ah": float(capacity_Ah), "initial_soc": float(initial_soc), "name": name, "cell_id": cell_id}
         address = f"{API}/imports/{part(import_id)}/run"
         job = self._connection.post(address, body | {"choices": choices or {}})
         return self._wait_job(job["id"], **patience)["result"]

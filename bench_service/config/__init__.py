@@ -10,6 +10,7 @@ from bench_service.config.example import example_config
 from bench_service.config.reading import ConfigError, load_config, parse_config
 from bench_service.config.service import ServiceConfig
 from bench_service.config.simulate import SimulateConfig
+from bench_service.config.webhook import WebhookConfig
 
 __all__ = [
     "BenchConfig",
@@ -20,6 +21,7 @@ __all__ = [
     "ServiceConfig",
     "SimulateConfig",
     "SimulatedChamberConfig",
+    "WebhookConfig",
     "example_config",
     "load_config",
     "parse_config",

@@ -1,7 +1,6 @@
-"""What a kind of cell may and what it is like, from its data sheet: a file that benches name.
+"""What a kind of cell may and what it is like, from its data sheet: a file that benches name, part of a cell's record.
 
-Single cells, with owner and history, are to become records of their own that name such a kind; nothing here knows of
-them.
+Single cells, with owner and history, are records of the store (`store.cells`); nothing here knows of them.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ class CellTypeConfig(Table):
     """One kind of cell, or of cells in series that count as one.
 
     ``charge_A`` and ``discharge_A`` are the largest continuous currents, both positive; ``resistance_Ohm`` is the band
-    in which its resistance lies over temperature, state of charge and age, within some 100 ms of a step.
+    in which its resistance lies over temperature, state of charge and age, within some 100 ms of a step; None: unknown.
     """
 
     maker: Text
@@ -34,14 +33,14 @@ class CellTypeConfig(Table):
     charge_A: Positive
     discharge_A: Positive
     temperature_degC: Window
-    resistance_Ohm: Window
+    resistance_Ohm: Window | None = None
     source: Text
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
         if self.voltage_V[0] < 0.0:
             raise ValueError(f"voltage_V begins at {self.voltage_V[0]:g} V; a cell must not be reversed")
-        if self.resistance_Ohm[0] <= 0.0:
+        if self.resistance_Ohm is not None and self.resistance_Ohm[0] <= 0.0:
             raise ValueError(f"resistance_Ohm begins at {self.resistance_Ohm[0]:g} Ohm; it must be above 0")
         return self
 
@@ -51,9 +50,14 @@ class CellTypeConfig(Table):
         current_A = (-self.discharge_A, self.charge_A)
         return {"voltage_V": self.voltage_V, "current_A": current_A, "temperature_degC": self.temperature_degC}
 
+    @property
+    def title(self) -> str:
+        """Maker and model."""
+        return f"{self.maker} {self.model}"
+
     def refuses(self, capacity_Ah: float, limits: dict[str, tuple[float, float]]) -> str | None:
         """Say what of a bench such a cell does not allow; None where all is well."""
-        name = f"{self.maker} {self.model}"
+        name = self.title
         for key, (least, most) in self.limits.items():
             low, high = limits[key]
             if low < least or high > most:

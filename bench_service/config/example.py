@@ -12,6 +12,9 @@ _EXAMPLE = """\
 # Where runs, samples and models are kept. The environment variable BENCH_DATA_DIR wins over this line.
 data_dir = "bench-data"
 
+# Whose service this is: the first part of the names of files that go out, as Institution__Cell__20260102_001.bdf.csv.
+institution = "laboratory"
+
 # Room in MB that must be left on the disk when a run has been stored; a run that would leave less is refused.
 free_floor_MB = 200.0
 
@@ -19,6 +22,17 @@ free_floor_MB = 200.0
 # machine that others keep busy, 19 gets them hardly any time. The environment variable BENCH_WORKER_NICE wins.
 workers = 1
 worker_nice = 19
+
+# An address that is told of each run that has ended, such as that of an electronic notebook (docs/notebook.md).
+# [webhook]
+# url = "https://notebook.example/hooks/bench"
+# Signs what is sent: header X-Bench-Signature, "sha256=" and the HMAC-SHA256 of the body. Absent: no signature.
+# secret = "at least sixteen letters"
+# Sent as "Authorization: Bearer ...". Absent: no such header.
+# token = "..."
+# Longest wait for an answer, and how long it is tried again where none comes.
+# timeout_s = 10.0
+# retry_h = 24.0
 
 # One table per bench. "sim" is simulated: the service starts its simulator itself.
 [bench.sim]
@@ -41,6 +55,9 @@ external_interlock = false
 # current is not yet compared with the commanded one.
 timeout_s = 0.5
 settle_s = 1.0
+# How the observer that runs live with a model weighs the voltage: "kalman", by the covariance of the moment, or
+# "steady", by gains worked out beforehand for each local model. Absent: as the model has it, which is "kalman".
+# observer_gain = "steady"
 
 [bench.sim.simulate]
 # modbus-tcp, modbus-rtu (a pseudo-terminal, paced to its baud rate) or can (needs map = "generic_can")

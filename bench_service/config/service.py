@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 from bench_service.config.bench import BenchConfig
 from bench_service.config.simulate import SimulateConfig
 from bench_service.config.table import NotNegative, Table
+from bench_service.config.webhook import WebhookConfig
 
 _BENCH_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"
 
@@ -18,10 +19,13 @@ class ServiceConfig(Table):
     """Everything the service is told from outside."""
 
     data_dir: Path = Path("bench-data")
+    # Whose service it is: the first part of the names of files that go out.
+    institution: str = Field(default="laboratory", min_length=1, max_length=60)
     workers: int = Field(default=1, ge=1, le=64, strict=True)
     # Below it no run is taken: a bench that fills the disk takes the record of its own end with it.
     free_floor_MB: NotNegative = 200.0
     worker_nice: int = Field(default=19, ge=0, le=19, strict=True)
+    webhook: WebhookConfig | None = None
     bench: dict[Annotated[str, Field(pattern=_BENCH_NAME)], BenchConfig] = {
         "sim": BenchConfig(simulate=SimulateConfig())
     }

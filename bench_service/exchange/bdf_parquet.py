@@ -13,7 +13,7 @@ def _encode(run: RunTable) -> bytes:
 
 FORMAT = Format(
     name="bdf-parquet",
-    title="Battery Data Format, Parquet",
+    title="Battery Data Format 1.3.0, Parquet",
     suffix=".bdf.parquet",
     media_type="application/vnd.apache.parquet",
     encode=_encode,

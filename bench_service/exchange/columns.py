@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from bench_service.exchange.errors import RunFileError
+from bench_service.streams import cell_number
 
 # own name -> (BDF label, BDF machine names)
 BDF_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -18,8 +19,9 @@ BDF_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "ambient_degC": ("Ambient Temperature / degC", ("ambient_temperature_celsius",)),
 }
 # The first of several sensors, as batterydf 0.1.0 and its examples name it: read where no cell temperature is.
+SURFACE_1_3, FIRST_SENSOR_0_1 = BDF_NAMES["temperature_degC"][0], "Surface Temperature T1 / degC"
 _FIRST_SENSOR = (
-    "Surface Temperature T1 / degC",
+    FIRST_SENSOR_0_1,
     "surface_temperature_t1_celsius",
     "Temperature T1 / degC",
     "temperature_t1_celsius",
@@ -32,6 +34,21 @@ REQUIRED = ("time_s", "current_A", "voltage_V")
 _MEANING = {name: own for own, (label, machine) in BDF_NAMES.items() for name in (own, label, *machine)} | {
     "soc_ref": "soc_ref"
 }
+
+
+def cell_columns(file: str, names: Iterable[str]) -> list[str]:
+    """Return the columns that hold voltages of a module's cells, in their order.
+
+    Raises
+    ------
+    RunFileError
+        One between the first and the last is absent.
+    """
+    numbers = sorted(number for number in map(cell_number, names) if number is not None)
+    for wanted, number in enumerate(numbers, start=1):
+        if number != wanted:
+            raise RunFileError(f"{file}: there is a column v_cell{number}_V but no v_cell{wanted}_V; name all of them")
+    return [f"v_cell{number}_V" for number in numbers]
 
 
 def choose_columns(file: str, names: Iterable[str]) -> dict[str, str]:
@@ -55,7 +72,7 @@ def choose_columns(file: str, names: Iterable[str]) -> dict[str, str]:
     names = list(names)
     chosen: dict[str, str] = {}
     for name in names:
-        own = _MEANING.get(name)
+        own = name if cell_number(name) is not None else _MEANING.get(name)
         if own is None:
             continue
         if own in chosen:

@@ -8,6 +8,7 @@ from sqlalchemy import select
 
 from bench_service.store import rows, schema
 from bench_service.store.access import MetadataFile
+from bench_service.store.belonging import cell_of_runs
 from bench_service.store.records import ComparisonRecord, Json, RunReference
 
 
@@ -38,6 +39,7 @@ class ComparisonTable:
             created_utc=self._now(),
             campaign_id=campaign_id,
             code_version=code_version,
+            cell_id=cell_of_runs(self._file, runs),
         )
         self._file.insert(schema.comparison, asdict(record))
         return record
@@ -47,8 +49,11 @@ class ComparisonTable:
         table = schema.comparison
         return rows.comparison(self._file.one(table, select(table), comparison_id))
 
-    def page(self, model_id: str | None = None, limit: int = 100, offset: int = 0) -> list[ComparisonRecord]:
-        """Return comparisons, of one model where that is given."""
+    def page(
+        self, model_id: str | None = None, limit: int = 100, offset: int = 0, cell_id: str | None = None
+    ) -> list[ComparisonRecord]:
+        """Return comparisons, of one model or one cell where that is given."""
         table = schema.comparison
         query = select(table) if model_id is None else select(table).where(table.c.model_id == model_id)
+        query = query if cell_id is None else query.where(table.c.cell_id == cell_id)
         return [rows.comparison(row) for row in self._file.page(table, query, limit, offset)]

@@ -9,6 +9,7 @@ from sqlalchemy import Row, select
 
 from bench_service.store import rows, schema
 from bench_service.store.access import MetadataFile
+from bench_service.store.belonging import cell_of_runs
 from bench_service.store.records import Json, RunReference
 
 
@@ -29,6 +30,7 @@ class DiagnosisRecord:
     created_utc: str
     campaign_id: str | None
     code_version: str
+    cell_id: str | None = None
 
     @property
     def run_ids(self) -> tuple[str, ...]:
@@ -79,6 +81,7 @@ class DiagnosisTable:
             created_utc=self._now(),
             campaign_id=campaign_id,
             code_version=code_version,
+            cell_id=cell_of_runs(self._file, runs),
         )
         self._file.insert(schema.diagnosis, asdict(record))
         return record
@@ -87,10 +90,13 @@ class DiagnosisTable:
         """Return a diagnosis; raises `NotFoundError` where it is not there."""
         return _diagnosis(self._file.one(schema.diagnosis, select(schema.diagnosis), diagnosis_id))
 
-    def page(self, model_id: str | None = None, limit: int = 100, offset: int = 0) -> list[DiagnosisRecord]:
-        """Return diagnoses, newest first, of one model where that is given."""
+    def page(
+        self, model_id: str | None = None, limit: int = 100, offset: int = 0, cell_id: str | None = None
+    ) -> list[DiagnosisRecord]:
+        """Return diagnoses, newest first, of one model or one cell where that is given."""
         table = schema.diagnosis
         query = select(table) if model_id is None else select(table).where(table.c.model_id == model_id)
+        query = query if cell_id is None else query.where(table.c.cell_id == cell_id)
         return [_diagnosis(row) for row in self._file.page(table, query, limit, offset)]
 
 

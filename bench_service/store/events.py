@@ -25,10 +25,11 @@ class EventTable:
         bench: str | None = None,
         run_id: str | None = None,
         campaign_id: str | None = None,
+        cell_id: str | None = None,
     ) -> EventRecord:
         """Store an event."""
         values: Json = {"created_utc": self._now(), "severity": severity, "code": code, "text": text}
-        values |= {"bench": bench, "run_id": run_id, "campaign_id": campaign_id}
+        values |= {"bench": bench, "run_id": run_id, "campaign_id": campaign_id, "cell_id": cell_id}
         return EventRecord(id=self._file.insert(schema.event, values), **values)
 
     def last(
@@ -46,10 +47,13 @@ class EventTable:
             row = link.execute(query).one_or_none()
         return None if row is None else rows.event(row)
 
-    def page(self, run_id: str | None = None, limit: int = 100, offset: int = 0) -> list[EventRecord]:
-        """Return events, of one run where that is given."""
+    def page(
+        self, run_id: str | None = None, limit: int = 100, offset: int = 0, cell_id: str | None = None
+    ) -> list[EventRecord]:
+        """Return events, of one run or one cell where that is given."""
         table = schema.event
         query = select(table) if run_id is None else select(table).where(table.c.run_id == run_id)
+        query = query if cell_id is None else query.where(table.c.cell_id == cell_id)
         newest = query.order_by(table.c.id.desc()).limit(limit).offset(offset)
         with self._file.read() as link:
             return [rows.event(row) for row in link.execute(newest)]

@@ -7,6 +7,7 @@ from pathlib import Path
 from bench_service.store import engine as engines
 from bench_service.store.access import LOCK_FILE, MetadataFile
 from bench_service.store.campaigns import CampaignTable
+from bench_service.store.cells import CellTable
 from bench_service.store.commissionings import CommissioningTable
 from bench_service.store.comparisons import ComparisonTable
 from bench_service.store.diagnoses import DiagnosisTable
@@ -27,7 +28,7 @@ class MetadataStore:
 
     Attributes
     ----------
-    profiles, protocols, runs, models, comparisons, diagnoses, campaigns, events, commissionings
+    profiles, protocols, runs, models, comparisons, diagnoses, campaigns, events, commissionings, cells
         The tables; each is a file of its own.
     """
 
@@ -46,6 +47,7 @@ class MetadataStore:
         self.campaigns = CampaignTable(file, now)
         self.events = EventTable(file, now)
         self.commissionings = CommissioningTable(file, now)
+        self.cells = CellTable(file, now)
 
     @classmethod
     def open(

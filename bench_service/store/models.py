@@ -9,6 +9,7 @@ from sqlalchemy import select
 from bench_service.errors import StoreError
 from bench_service.store import rows, schema
 from bench_service.store.access import MetadataFile
+from bench_service.store.belonging import cell_of_runs
 from bench_service.store.records import Json, ModelOrigin, ModelRecord
 
 
@@ -35,6 +36,7 @@ class ModelTable:
             created_utc=self._now(),
             campaign_id=origin.campaign_id,
             code_version=origin.code_version,
+            cell_id=origin.cell_id or cell_of_runs(self._file, origin.train),
         )
         self._file.insert(schema.model, asdict(record) | {"document": document})
         return record
@@ -56,9 +58,10 @@ class ModelTable:
             raise StoreError(f"model {model_id} is damaged in the store: its document has another hash")
         return found.document
 
-    def page(self, limit: int = 100, offset: int = 0) -> list[ModelRecord]:
-        """Return models without their documents."""
-        return [rows.model(row) for row in self._file.page(schema.model, rows.MODEL, limit, offset)]
+    def page(self, limit: int = 100, offset: int = 0, cell_id: str | None = None) -> list[ModelRecord]:
+        """Return models without their documents, of one cell where that is given."""
+        query = rows.MODEL if cell_id is None else rows.MODEL.where(schema.model.c.cell_id == cell_id)
+        return [rows.model(row) for row in self._file.page(schema.model, query, limit, offset)]
 
     def family(self, model_id: str) -> list[ModelRecord]:
         """Return every model that descends from the same first version as `model_id`, oldest first; that one leads.

@@ -93,6 +93,7 @@ class RunIntent:
     campaign_id: str | None = None
     continues: str | None = None
     commissioning: Json | None = None
+    cell_id: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,6 +154,7 @@ class RunRecord:
     operator: str | None = None
     notes: str | None = None
     commissioning: Json | None = None
+    cell_id: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,6 +183,7 @@ class ModelOrigin:
     seed: int | None = None
     parent_id: str | None = None
     campaign_id: str | None = None
+    cell_id: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,6 +203,7 @@ class ModelRecord:
     created_utc: str
     campaign_id: str | None
     code_version: str
+    cell_id: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,6 +218,7 @@ class ComparisonRecord:
     created_utc: str
     campaign_id: str | None
     code_version: str
+    cell_id: str | None = None
 
     @property
     def run_ids(self) -> tuple[str, ...]:
@@ -262,3 +267,4 @@ class EventRecord:
     bench: str | None
     run_id: str | None
     campaign_id: str | None
+    cell_id: str | None = None

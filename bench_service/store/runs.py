@@ -21,12 +21,19 @@ from bench_service.store.records import (
 from bench_service.store.run_states import before
 
 _SEARCHED = tuple(
-    schema.run.c[name] for name in ("id", "name", "label", "operator", "notes", "bench", "reason", "created_utc")
+    schema.run.c[name]
+    for name in ("id", "name", "label", "operator", "notes", "bench", "reason", "created_utc", "cell_id")
 )
 
 
 class RunTable:
-    """Stores runs, moves them from state to state and finds them; see `MetadataStore`."""
+    """Stores runs, moves them from state to state and finds them; see `MetadataStore`.
+
+    Attributes
+    ----------
+    on_end : callable or None
+        Told each run that has ended, once that is written down; in the thread that wrote it.
+    """
 
     def __init__(
         self, file: MetadataFile, now: Callable[[], str], monotonic: Callable[[], float] = time.monotonic
@@ -35,6 +42,7 @@ class RunTable:
         self._now = now
         self._monotonic = monotonic
         self._started_s: dict[str, float] = {}
+        self.on_end: Callable[[RunRecord], None] | None = None
 
     def add(self, intent: RunIntent) -> RunRecord:
         """Store the intent of a run, in state ``created``, before the bench hears of it.
@@ -88,6 +96,8 @@ class RunTable:
         counts = {"n_samples": n_samples, "missed_ticks": missed_ticks, "sha256": sha256}
         ended = self._move(run_id, OPEN_RUN_STATES, end | counts)
         self._started_s.pop(run_id, None)
+        if self.on_end is not None:
+            self.on_end(ended)
         return ended
 
     def date(self, run_id: str, started_utc: str | None, ended_utc: str, elapsed_s: float) -> None:
@@ -134,6 +144,15 @@ class RunTable:
             link.execute(update(table).where(table.c.id == run_id).values(told))
         return before, self.get(run_id)
 
+    def nth_of_day(self, run: RunRecord) -> int:
+        """Return which of its cell's runs of that day a run is, from 1."""
+        table = schema.run
+        began_utc = func.coalesce(table.c.started_utc, table.c.created_utc)
+        day = (run.started_utc or run.created_utc)[:10]
+        same = (table.c.cell_id == run.cell_id, began_utc.startswith(day), table.c.number <= run.number)
+        with self._file.read() as link:
+            return int(link.execute(select(func.count()).where(*same)).scalar_one())
+
     def last_number(self) -> int:
         """Return the number of the newest run, 0 where there is none."""
         with self._file.read() as link:
@@ -164,12 +183,13 @@ class RunTable:
         limit: int = 100,
         offset: int = 0,
         words: str | None = None,
+        cell_id: str | None = None,
     ) -> list[RunRecord]:
-        """Return runs, of one bench, state or campaign where that is given, in whose texts each of `words` occurs."""
+        """Return runs, of one bench, state, campaign or cell where that is given, in whose texts each word occurs."""
         query = select(schema.run)
         for word in (words or "").split():
             query = query.where(or_(*(column.icontains(word, autoescape=True) for column in _SEARCHED)))
-        for column, wanted in (("bench", bench), ("state", state), ("campaign_id", campaign_id)):
+        for column, wanted in (("bench", bench), ("state", state), ("campaign_id", campaign_id), ("cell_id", cell_id)):
             if wanted is not None:
                 query = query.where(schema.run.c[column] == wanted)
         return [rows.run(row) for row in self._file.page(schema.run, query, limit, offset)]

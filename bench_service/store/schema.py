@@ -44,6 +44,38 @@ def _json(name: str, *, nullable: bool = True) -> Column[object]:
     return Column(name, JSON(none_as_null=True), nullable=nullable)
 
 
+def _cell_id() -> Column[str | None]:
+    """Cell that a row belongs to; no foreign key, as cells are never deleted and older tables have none."""
+    return Column("cell_id", _ID, index=True)
+
+
+cell = Table(
+    "cell",
+    META,
+    Column("id", _ID, primary_key=True),
+    _number(),
+    Column("label", Text),
+    Column("owner", Text),
+    _json("type"),
+    Column("capacity_Ah", Float(53)),
+    _json("metadata", nullable=False),
+    # All that it is found by, in small letters.
+    Column("words", Text, nullable=False),
+    Column("created_utc", _UTC, nullable=False),
+    Column("retired_utc", _UTC),
+)
+
+cell_place = Table(
+    "cell_place",
+    META,
+    Column("id", _SERIAL, primary_key=True, autoincrement=True),
+    Column("bench", Text, nullable=False, index=True),
+    # None: the bench was emptied.
+    Column("cell_id", _ID, ForeignKey("cell.id")),
+    Column("since_utc", _UTC, nullable=False),
+)
+
+
 profile = Table(
     "profile",
     META,
@@ -114,6 +146,7 @@ model = Table(
     Column("campaign_id", _ID, ForeignKey("campaign.id")),
     Column("code_version", Text, nullable=False),
     _json("document", nullable=False),
+    _cell_id(),
 )
 
 run = Table(
@@ -156,6 +189,7 @@ run = Table(
     Column("operator", Text),
     Column("notes", Text),
     _json("commissioning"),
+    _cell_id(),
 )
 
 commissioning = Table(
@@ -183,6 +217,7 @@ comparison = Table(
     Column("created_utc", _UTC, nullable=False, index=True),
     Column("campaign_id", _ID, ForeignKey("campaign.id")),
     Column("code_version", Text, nullable=False),
+    _cell_id(),
 )
 
 diagnosis = Table(
@@ -199,6 +234,7 @@ diagnosis = Table(
     Column("created_utc", _UTC, nullable=False, index=True),
     Column("campaign_id", _ID, ForeignKey("campaign.id")),
     Column("code_version", Text, nullable=False),
+    _cell_id(),
 )
 
 event = Table(
@@ -213,6 +249,7 @@ event = Table(
     # No foreign keys: an event is kept whatever it is about.
     Column("run_id", _ID, index=True),
     Column("campaign_id", _ID, index=True),
+    _cell_id(),
 )
 
 chunk = Table(

@@ -45,6 +45,24 @@ async def import_page(request: Request) -> Response:
     return _page(request, "import.html")
 
 
+@router.get("/improve", response_class=HTMLResponse)
+async def improve_page(request: Request) -> Response:
+    """Return the page where a model is held against measurements and improved; the place in it is its address."""
+    return _page(request, "improve.html")
+
+
+@router.get("/cells", response_class=HTMLResponse)
+async def cells_page(request: Request) -> Response:
+    """Return the page of all cells."""
+    return _page(request, "cells.html")
+
+
+@router.get("/cells/{cell_id}", response_class=HTMLResponse)
+async def cell_page(request: Request, cell_id: str) -> Response:
+    """Return the page of a cell; it says by itself where there is none of that name."""
+    return _page(request, "cell.html")
+
+
 @router.get("/life", response_class=HTMLResponse)
 async def life_page(request: Request) -> Response:
     """Return the page of a cell's life: its runs against a model of the cell as it was."""

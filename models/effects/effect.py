@@ -71,12 +71,14 @@ class Lean:
     shapes : view -> values of the shape parameter that are tried
     scale : what one unit of the first coefficient is in the unit of the first parameter
     largest : of the first coefficient alone, as far as physics goes; None: nothing is known
+    possible : view -> largest size of the first coefficient that any cell shows; beyond it stands for something else
     """
 
     columns: Callable[[View, float], FloatArray]
     shapes: Callable[[View], tuple[float, ...]]
     scale: float = 1.0
     largest: float | None = None
+    possible: Callable[[View], float] | None = None
 
 
 @dataclass(frozen=True)

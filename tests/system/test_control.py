@@ -181,6 +181,16 @@ async def test_bad_requests_are_refused_before_any_command(lock_step: Rig) -> No
     assert "remote" not in (await lock_step.reading()).status
 
 
+async def test_other_limits_hold_from_the_next_control_process_on(lock_step: Rig) -> None:
+    before, started = lock_step.supervisor.pid, replace(WIDE, current_A=(-1.0, 1.0))
+    lock_step.supervisor.renew(limits=started)
+    await lock_step.until(lambda: lock_step.supervisor.pid not in (None, before), "a new control process")
+    await lock_step.supervisor.wait_for("idle", timeout_s=PATIENCE_S)
+    assert lock_step.heard.codes("error") == []  # it was asked to
+    ended = await lock_step.play(request([0, 10], [2.0, 0.0]))
+    assert ended["state"] == "fault" and "refused" in ended["reason"] and "current_A" in ended["reason"]
+
+
 async def test_long_watchdog_needs_an_interlock(tmp_path: Path) -> None:
     async with rig(tmp_path, lock_step=True, watchdog_s=5.0) as bench:
         ended = await bench.play(request([0, 1], [1.0, 0.0]))

@@ -47,6 +47,7 @@ def _arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--capacity-Ah", type=positive, metavar="Q", help="of the cell; without --out, to store a run")
     parser.add_argument("--initial-soc", type=fraction, metavar="S", help="of the cell at the start of the file")
+    parser.add_argument("--of-cell", metavar="ID", help="cell that the stored run belongs to, see the command cell")
     parser.add_argument("--save-mapping", metavar="NAME", help="remember the mapping, with what was chosen here")
     parser.add_argument("--config", type=Path, metavar="bench.toml", help="which says where mappings are kept")
 
@@ -125,6 +126,7 @@ def _store(options: Namespace, output: Output) -> int:
                 upload["id"],
                 options.capacity_Ah,
                 options.initial_soc,
+                cell_id=options.of_cell,
                 choices=given,
                 on_progress=lambda job: report(job["progress"], job["message"]),
             )

@@ -72,6 +72,19 @@ export const api = {
   learnStopPorts,
   health: () => request("GET", "/healthz", undefined, 4),
   benches: async () => list(await get("/benches"), "benches"),
+  /** `filter`: q, retired, limit, cursor; gives `{cells, next_cursor}`. */
+  cells: (filter = {}) => get(`/cells?${query(filter)}`),
+  cell: (cellId) => get(`/cells/${id(cellId)}`),
+  addCell: (body) => post("/cells", body),
+  changeCell: (cellId, body) => patch(`/cells/${id(cellId)}`, body, 60),
+  retireCell: (cellId) => post(`/cells/${id(cellId)}/retire`),
+  reuseCell: (cellId) => post(`/cells/${id(cellId)}/reuse`),
+  cellEvents: async (cellId) => list(await get(`/cells/${id(cellId)}/events?limit=200`), "events"),
+  // The bench's control process begins anew with the limits of both.
+  putCell: (name, cellId) => request("PUT", `${BASE}/benches/${id(name)}/cell`, { cell_id: cellId }, 60),
+  modelsOf: async (cellId) => list(await get(`/models?${query({ cell_id: cellId, limit: 200 })}`), "models"),
+  diagnosesOf: async (cellId) => list(await get(`/diagnoses?${query({ cell_id: cellId, limit: 200 })}`), "diagnoses"),
+  modelUrl: (modelId) => `${BASE}/models/${id(modelId)}/document`,
   standing: (name) => get(`/benches/${id(name)}/standing`),
   // A stop is worth a quick verdict: the person at the bench needs to know whether to use the emergency stop.
   stopBench: async (name) => (await stopDirectly(name)) || post(`/benches/${id(name)}/stop`, undefined, 5),
@@ -107,6 +120,7 @@ export const api = {
   comparisonSeries: (comparisonId, part = {}) => get(`/comparisons/${id(comparisonId)}/series?${query(part)}`, 60),
   models: async () => list(await get("/models?limit=200"), "models"),
   model: (modelId) => get(`/models/${id(modelId)}`),
+  fit: (body) => post("/models", body, 60),
   importModel: (document, name) => post(`/models/import?${query({ name })}`, document, 60),
   chain: (modelId) => get(`/models/${id(modelId)}/chain`),
   addImport: (name) => post("/imports", { name }),
@@ -120,6 +134,7 @@ export const api = {
   addEffect: (modelId, body) => post(`/models/${id(modelId)}/effects`, body, 60),
   // The first work of a worker loads the libraries; on a busy machine that alone takes seconds.
   compare: (body) => post("/comparisons", body, 300),
+  comparison: (comparisonId) => get(`/comparisons/${id(comparisonId)}`),
   where: (comparisonId) => get(`/comparisons/${id(comparisonId)}/where`, 300),
   trend: (body) => post("/trends", body, 60),
   trendUrl: (jobId) => `${BASE}/trends/${id(jobId)}/table`,

@@ -1,5 +1,6 @@
 // The selected bench: state, readings, latched fault, the last command's answer.
 import { acknowledge } from "./actions.js";
+import { cellName } from "./cell-fields.js";
 import { chip, el, renderKeyed, setText } from "./dom.js";
 import { BAND, MISSING, currentWord, duration, fixed, localTime, percent, quantity } from "./format.js";
 import { holdButton, holdKey, stepWords } from "./run-control.js";
@@ -69,7 +70,7 @@ function drawState(state, parts, bench) {
   const [tone, word] = benchWord(state, bench);
   renderKeyed(parts.chip, word, () => chip(tone, word));
   const device = bench.capabilities ? [bench.capabilities.name, bench.capabilities.serial].filter(Boolean).join(" ") : "";
-  setText(parts.about, [device, quantity(bench.capacity_Ah, 2, "Ah"), bench.lock_step ? "lock-step (simulated time)" : bench.commissioning?.state === "simulated" ? "simulated" : "", bench.url]
+  setText(parts.about, [bench.cell ? `cell ${cellName(bench.cell)}` : "", device, quantity(bench.capacity_Ah, 2, "Ah"), bench.lock_step ? "lock-step (simulated time)" : bench.commissioning?.state === "simulated" ? "simulated" : "", bench.url]
     .filter((text) => text && text !== MISSING).join(" · "));
   renderKeyed(parts.reason, JSON.stringify([bench.state, bench.reason]), () => reason(state, bench));
   drawTimeLeft(state, parts, bench);
@@ -170,6 +171,6 @@ function drawAge(state, parts, bench) {
 function timing(live) {
   const parts = ["Readings are live"];
   if (Number.isFinite(live?.missed_ticks)) parts.push(`missed ticks ${live.missed_ticks}`);
-  if (Number.isFinite(live?.lateness_p99_s)) parts.push(`lateness p99 ${quantity(live.lateness_p99_s * 1000, 1, "ms")}`);
+  if (Number.isFinite(live?.lateness_p99_s)) parts.push(`99 of 100 ticks at most ${quantity(live.lateness_p99_s * 1000, 1, "ms")} late`);
   return parts.join(" · ");
 }

@@ -1,5 +1,6 @@
 // The end of an import: name, capacity, state of charge; and the mapping to be remembered.
 import { api } from "./api.js";
+import { cellCapacity } from "./cell-fields.js";
 import { el, setText } from "./dom.js";
 import { follow } from "./jobs.js";
 
@@ -11,6 +12,7 @@ export function importStore(node, { stored, choices, upload, work }) {
   const [capacity, capacityField] = field("import-capacity", "Capacity of the cell / Ah", { inputmode: "decimal", required: true });
   const [soc, socField] = field("import-soc", "State of charge at its start / %", { inputmode: "decimal", required: true });
   const [title, titleField] = field("import-mapping", "Remember the columns as", { maxlength: 64, placeholder: "our-cycler" });
+  const [cell, cellField] = field("import-of-cell", "Cell, where it has a name", { maxlength: 64, placeholder: "C7", value: new URLSearchParams(location.search).get("cell") ?? "" });
   const told = el("p", { class: "hint", role: "status" });
   const number = (input) => Number(input.value.trim().replace(",", "."));
   const check = () => {
@@ -24,14 +26,21 @@ export function importStore(node, { stored, choices, upload, work }) {
     const wrong = check();
     setText(told, wrong);
     if (wrong) return;
-    const body = { capacity_Ah: number(capacity), initial_soc: number(soc) / 100, name: name.value.trim() || null, choices: choices() };
+    const body = { capacity_Ah: number(capacity), initial_soc: number(soc) / 100, name: name.value.trim() || null, cell_id: cell.value.trim() || null, choices: choices() };
     const result = await work("Storing the run", async (update) => {
       if (title.value.trim()) await api.saveMapping({ ...mapping, name: title.value.trim() });
       return follow(await api.storeImport(upload().id, body), update);
     });
     if (result) stored(result.run);
   };
-  node.replaceChildren(el("form", { class: "campaign-form", novalidate: true, on: { submit } }, el("div", { class: "fields" }, nameField, capacityField, socField, titleField),
+  node.replaceChildren(el("form", { class: "campaign-form", novalidate: true, on: { submit } }, el("div", { class: "fields" }, nameField, cellField, capacityField, socField, titleField),
     el("div", { class: "form-end" }, el("button", { id: "import-store-button", class: "primary", text: "Store as a run" }), told)));
+  /** What is known of the cell need not be typed. */
+  const known = async () => {
+    const found = cell.value.trim() && (await api.cell(cell.value.trim()).catch(() => null));
+    if (found && !capacity.value && Number.isFinite(cellCapacity(found))) capacity.value = String(cellCapacity(found));
+  };
+  cell.addEventListener("change", known);
+  known();
   return { show: (seen) => { mapping = seen.mapping; if (!name.value) name.value = seen.file; } };
 }

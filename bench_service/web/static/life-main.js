@@ -1,5 +1,6 @@
 // The page of a cell's life: which runs are followed with which model, and what has become of the cell.
 import { api } from "./api.js";
+import { cellName } from "./cell-fields.js";
 import { el, setText } from "./dom.js";
 import { busyBox, follow } from "./jobs.js";
 import { drawLife } from "./life-charts.js";
@@ -13,7 +14,12 @@ const inOrder = (runs) => [...runs].reverse();
 const nameOf = (run) => run.label ?? run.name ?? `run ${run.id.slice(0, 8)}`;
 
 async function choose() {
-  const [models, found] = await Promise.all([api.models(), api.runs({ limit: 1000 })]);
+  // `?cell=C7`: its runs alone; its own models come first.
+  const cellId = new URLSearchParams(location.search).get("cell") ?? undefined;
+  const cell = cellId && (await api.cell(cellId));
+  if (cell) setText(place("life-choose-title"), `Follow ${cellName(cell)}`);
+  const [all, found] = await Promise.all([api.models(), api.runs({ limit: 1000, cell_id: cell?.id })]);
+  const models = cell ? [...all.filter((each) => each.cell_id === cell.id), ...all.filter((each) => each.cell_id !== cell.id)] : all;
   const runs = inOrder(found.filter((run) => run.state === "completed"));
   if (!models.length || !runs.length) return place("life-choose").replaceChildren(el("p", { class: "empty", text: "A model of the cell as it was is needed, and runs that have ended." }));
   const message = el("p", { class: "form-message", role: "alert" });

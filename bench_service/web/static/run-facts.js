@@ -1,5 +1,6 @@
 // What a run is and what people have written about it.
 import { api } from "./api.js";
+import { cellHref } from "./cell-fields.js";
 import { chip, el, renderKeyed } from "./dom.js";
 import { MISSING, count, duration, fixed, percent, quantity, timeElement } from "./format.js";
 import { wordFor } from "./words.js";
@@ -27,30 +28,32 @@ function rows(run, end) {
     ["Samples", stored === null ? "being recorded" : count(stored)], ["Missed ticks", count(run.missed_ticks)],
     ["Sample period", quantity(run.dt_s, run.dt_s < 1 ? 3 : 0, "s")], ["SoC at the start", percent(run.initial_soc)],
     ["Capacity", quantity(run.capacity_Ah, 2, "Ah")], ["Current limits", limits(run.limits?.current_A, 1, "A")], ["Voltage limits", limits(run.limits?.voltage_V, 2, "V")],
-    ["Operator", run.operator ?? MISSING],
+    ["Operator", run.operator ?? MISSING], ["Cell", run.cell_id ? el("a", { href: cellHref(run.cell_id), text: run.cell_id }) : MISSING],
   ];
 }
 
 const limits = (pair, digits, unit) => (pair ? `${fixed(pair[0], digits)} … ${fixed(pair[1], digits)} ${unit}` : MISSING);
 
-/** Label, operator and notes; what is changed is stored, and each change is an event. */
+/** Label, operator, cell and notes; what is changed is stored, and each change is an event. */
 export function notesPanel(data, stored) {
   const message = el("p", { class: "form-message", role: "alert" });
   const answer = el("p", { class: "about", role: "status" });
   const field = (name, title, node) => el("div", { class: "field" }, el("label", { for: `run-${name}`, text: title }), node);
   const label = el("input", { id: "run-label", name: "label", maxlength: 200, autocomplete: "off", value: data.run.label ?? "" });
   const operator = el("input", { id: "run-operator", name: "operator", maxlength: 200, autocomplete: "off", value: data.run.operator ?? "" });
+  const cell = el("input", { id: "run-cell", name: "cell_id", maxlength: 64, autocomplete: "off", placeholder: "C7", value: data.run.cell_id ?? "" });
   const notes = el("textarea", { id: "run-notes-text", name: "notes", maxlength: 20000, rows: 4 }, data.run.notes ?? "");
   const save = el("button", { class: "primary", type: "submit", text: "Save" });
-  return el("form", { class: "notes-form", "aria-label": "Label, operator and notes", on: { submit: async (event) => {
+  return el("form", { class: "notes-form", "aria-label": "Label, operator, cell and notes", on: { submit: async (event) => {
     event.preventDefault();
     message.textContent = answer.textContent = "";
-    const written = { label: label.value.trim() || null, operator: operator.value.trim() || null, notes: notes.value.trim() || null };
+    const written = { label: label.value.trim() || null, operator: operator.value.trim() || null, cell_id: cell.value.trim() || null, notes: notes.value.trim() || null };
     const changed = Object.fromEntries(Object.entries(written).filter(([name, value]) => value !== (data.run[name] ?? null)));
     if (!Object.keys(changed).length) { answer.textContent = "Nothing has changed."; return; }
     save.disabled = true;
     try {
       data.run = await api.describeRun(data.run.id, changed);
+      cell.value = data.run.cell_id ?? "";
       answer.textContent = "Saved.";
       stored();
     } catch (error) {
@@ -58,5 +61,5 @@ export function notesPanel(data, stored) {
     } finally {
       save.disabled = false;
     }
-  } } }, el("div", { class: "fields" }, field("label", "Label", label), field("operator", "Operator", operator)), field("notes-text", "Notes", notes), el("div", { class: "form-end" }, save, answer, message));
+  } } }, el("div", { class: "fields" }, field("label", "Label", label), field("operator", "Operator", operator), field("cell", "Cell", cell)), field("notes-text", "Notes", notes), el("div", { class: "form-end" }, save, answer, message));
 }

@@ -1,5 +1,6 @@
 // Starts a run: what it will do, how long it takes and what speaks against it is said before.
 import { api } from "./api.js";
+import { cellChoice } from "./cell-choice.js";
 import { el, setText } from "./dom.js";
 import { MANUAL_ABOUT, manualFields } from "./manual-setpoint.js";
 import { protocolEditor } from "./protocol-editor.js";
@@ -31,8 +32,10 @@ export function runStart(state, root, started) {
   const save = el("button", { type: "button", id: "start-save", text: "Save protocol" });
   const editor = protocolEditor(() => state.bench, () => lookSoon());
   const plot = el("div", { class: "plot run-preview", role: "img", "aria-label": "Current over test time, and voltage of a nominal cell or counted state of charge", hidden: true });
+  // Another cell stands elsewhere, and has other limits.
+  const cell = cellChoice(state, () => { soc.value = ""; believe(state.bench, soc).then(source.value === "manual:" ? choose : look); });
   const form = el("form", { novalidate: true, "aria-label": "Start a run" },
-    el("div", { class: "fields" }, field("Test, protocol or profile", source), el("div", { class: "field" }, el("span", { class: "about", text: "or a file: a protocol as JSON, or CSV with time_s,current_A" }), file, el("label", { class: "file-button", for: "start-file", text: "Upload a file" })),
+    el("div", { class: "fields" }, cell.node, field("Test, protocol or profile", source), el("div", { class: "field" }, el("span", { class: "about", text: "or a file: a protocol as JSON, or CSV with time_s,current_A" }), file, el("label", { class: "file-button", for: "start-file", text: "Upload a file" })),
       field("Sample period / s", dt), field("SoC now / %", soc), field("Live observer", model), field("Run name", name), field("Operator", operator)),
     about, parameters, el("div", { class: "form-end" }, editIt, fresh), editor.node, plot, told, wrong, steps, el("div", { class: "form-end" }, submit, save, message));
   const details = el("details", { class: "run-start", id: "start-details" }, el("summary", { text: "Start a test" }), form);
@@ -102,11 +105,12 @@ export function runStart(state, root, started) {
     if (!details.open) return;
     view.bench = state.bench?.name;
     believe(state.bench, soc).then(look);
+    cell.list();
     list();
   });
   source.addEventListener("change", choose);
   form.addEventListener("input", (event) => {
-    if (event.target === source || event.target === file) return;
+    if (event.target === source || event.target === file || event.target.id === "start-cell") return;
     lookSoon();
   });
   const edit = async () => {

@@ -1,5 +1,6 @@
 // The list of runs, newest first: searched, filtered, each with its page and its data to take away.
 import { api } from "./api.js";
+import { cellHref } from "./cell-fields.js";
 import { chip, el, renderKeyed } from "./dom.js";
 import { MISSING, count, duration, timeElement } from "./format.js";
 import { isUnverified, wordFor } from "./words.js";
@@ -39,11 +40,12 @@ export function runsPanel(state, { more, look }) {
   };
   state.on("runs", render);
   state.on("benches-listed", filter.benches);
-  api.formats().then((found) => { formats = found; render(); }, () => {}); // Without them the runs are shown all the same.
+  // Names of an older version are for programs.
+  api.formats().then((found) => { formats = found.filter((format) => !/-0\.1\.0$/.test(format.name)); render(); }, () => {}); // Without them the runs are shown all the same.
 }
 
 function searchTools(state, tools, together, look) {
-  const words = el("input", { id: "runs-q", type: "search", autocomplete: "off", maxlength: 200, placeholder: "name, label, operator, notes, date …" });
+  const words = el("input", { id: "runs-q", type: "search", autocomplete: "off", maxlength: 200, placeholder: "name, label, operator, cell, notes, date …" });
   const is = el("select", { id: "runs-state" }, el("option", { value: "", text: "any" }), STATES.map((each) => el("option", { value: each, text: wordFor("run", each)[1] })));
   const on = el("select", { id: "runs-bench" }, el("option", { value: "", text: "any" }));
   let timer = 0;
@@ -76,7 +78,8 @@ function row(run, formats, chosen, pick) {
   const box = el("input", { type: "checkbox", class: "pick", "aria-label": `Choose ${run.label ?? name}`, checked: chosen.has(run.id), on: { change: () => pick(run, box.checked) } });
   const cells = [
     box,
-    el("span", { title: run.id }, el("a", { href: `/runs/${encodeURIComponent(run.id)}`, text: run.label ?? name }), run.label ? el("span", { class: "about block", text: name }) : null, run.operator ? el("span", { class: "about block", text: run.operator }) : null),
+    el("span", { title: run.id }, el("a", { href: `/runs/${encodeURIComponent(run.id)}`, text: run.label ?? name }), run.label ? el("span", { class: "about block", text: name }) : null, run.operator ? el("span", { class: "about block", text: run.operator }) : null,
+      run.cell_id ? el("span", { class: "about block" }, "cell ", el("a", { href: cellHref(run.cell_id), text: run.cell_id })) : null),
     run.bench,
     el("span", {}, chip(tone, word), run.reason ? el("span", { class: "about block", text: run.reason }) : null,
       isUnverified(run.commissioning) ? el("span", { class: "block" }, chip("warn", "unverified hardware")) : null,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from bench_service.config import ConfigError, ServiceConfig, example_config, load_config, parse_config
+from bench_service.config import ConfigError, ServiceConfig, WebhookConfig, example_config, load_config, parse_config
 from simulators.catalogue import CELLS
 
 LIMITS = "limits = { voltage_V = [2.5, 4.2], current_A = [-5, 5], temperature_degC = [0, 45] }"
@@ -24,8 +24,9 @@ def test_the_example_says_the_defaults() -> None:
 
 def test_the_example_explains_every_key() -> None:
     keys = {line.split("=")[0].strip("# ") for line in example_config().splitlines() if "=" in line}
-    for model in (ServiceConfig(), ServiceConfig().bench["sim"], ServiceConfig().bench["sim"].limits):
-        assert set(type(model).model_fields) - {"bench", "limits", "simulate", "url", "chamber"} <= keys
+    webhook = WebhookConfig(url="http://127.0.0.1:1/")
+    for model in (ServiceConfig(), ServiceConfig().bench["sim"], ServiceConfig().bench["sim"].limits, webhook):
+        assert set(type(model).model_fields) - {"bench", "limits", "simulate", "url", "chamber", "webhook"} <= keys
 
 
 @pytest.mark.parametrize("cell", sorted(CELLS))
@@ -104,3 +105,10 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match="cannot be read"):
         load_config(tmp_path / "b.toml", {})
+
+
+def test_the_gain_of_live_observers_is_one_of_two() -> None:
+    text = "[bench.a]\nsimulate = {}\nobserver_gain = '%s'"
+    assert parse_config(text % "steady").bench["a"].observer_gain == "steady"
+    with pytest.raises(ConfigError, match="bench.a.observer_gain: .*'kalman' or 'steady'"):
+        parse_config(text % "best")

@@ -44,17 +44,18 @@ class Files:
         self.samples = stack.enter_context(closing(SampleReader(data_dir)))
         self.profile = self.store.profiles.add("p", np.array([0.0, 3600.0]), np.array([1.0, 0.0]))
 
-    def run(self, state: Any, current_A: list[float], first_seq: int = 0, initial_soc: float = 0.5) -> RunRecord:
+    def run(
+        self, state: Any, current_A: list[float], first_seq: int = 0, initial_soc: float = 0.5, **more: Any
+    ) -> RunRecord:
         """Store a run of the bench with a sample every 900 s."""
         run = self.store.runs.add(
             RunIntent(
-                bench="b",
-                profile_id=self.profile.id,
                 dt_s=900.0,
                 initial_soc=initial_soc,
                 capacity_Ah=2.0,
                 limits={},
                 code_version="0",
+                **{"bench": "b", "profile_id": self.profile.id} | more,
             ),
         )
         n = len(current_A)
@@ -120,3 +121,26 @@ def test_counting_never_leaves_what_a_fraction_can_be(files: Files) -> None:
     files.run("completed", [0.0, -2.0], initial_soc=0.1)
     found = files.standing(bench())
     assert found is not None and found[0] == 0.0
+
+
+def test_a_real_cell_that_has_a_name_stands_where_its_own_last_run_has_left_it(files: Files) -> None:
+    cell = files.store.cells.add()
+    on = bench(real=True)
+    files.run("completed", [0.0, 0.4])
+    on.carry(cell, "2026-01-01")
+    assert files.standing(on) is None  # that was another one, or nobody knows
+    own = files.run("completed", [0.0, -0.4], bench="elsewhere", cell_id=cell.id)
+    files.run("completed", [0.0, 0.8])
+    assert files.standing(on) == (pytest.approx(0.45), f"the end of run {own.id}")
+    files.run("completed", [0.0, 0.8], bench="import", profile_id=None, cell_id=cell.id)
+    assert files.standing(on) is None  # somebody else has had it
+
+
+def test_a_real_cell_without_a_name_is_not_taken_for_one_that_had_one(files: Files) -> None:
+    cell, on = files.store.cells.add(), bench(real=True)
+    files.run("completed", [0.0, 0.4])
+    on.carry(None, "2999-01-01")  # something was put there and taken off since
+    assert files.standing(on) is None
+    files.run("completed", [0.0, 0.4], cell_id=cell.id)
+    on.carry(None, None)
+    assert files.standing(on) is None

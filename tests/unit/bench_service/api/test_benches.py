@@ -70,7 +70,7 @@ def test_looking_changes_nothing_and_stopping_is_no_reading() -> None:
 @pytest.mark.parametrize(("simulated", "played", "soc"), [(True, True, 0.4), (True, False, 0.9), (False, False, None)])
 def test_where_a_cell_stands_is_told_as_far_as_it_is_known(simulated: bool, played: bool, soc: float | None) -> None:
     config = SimpleNamespace(simulate=SimpleNamespace(initial_soc=0.9) if simulated else None)
-    one = SimpleNamespace(name="sim", config=config, runs_before_cell=0)
+    one = SimpleNamespace(name="sim", config=config, runs_before_cell=0, cell=None, cell_since_utc=None)
     data = SimpleNamespace(n=2, columns={"time_s": np.array([0.0, 360.0]), "current_A": np.array([0.0, -2.0])})
     store = Store(runs={"page": [run_record(n_samples=2)] if played else []})
     client = client_of(benches.router, benches=Benches([one]), store=store, samples=Part(read=data))

@@ -69,7 +69,7 @@ def test_stored_ones_are_given_with_the_ids_of_their_runs() -> None:
     assert (one["run_ids"], one["train_run_ids"], one["result"]) == (["r1"], [], {"verdict": "nothing_missing"})
     assert client.get("/diagnoses/d1").json() == one
     assert [(name, arguments) for name, arguments, _ in store.calls] == [
-        ("diagnoses.page", ("m1", 1, 0)),
+        ("diagnoses.page", ("m1", 1, 0, None)),
         ("diagnoses.get", ("d1",)),
     ]
 
@@ -77,7 +77,9 @@ def test_stored_ones_are_given_with_the_ids_of_their_runs() -> None:
 def experiment(body: dict[str, Any], *, simulated: bool = False, played: bool = False) -> tuple[Any, AsyncPart]:
     """Ask for the next experiment on a bench whose last run, if any, has taken a tenth of the charge out."""
     config = SimpleNamespace(simulate=SimpleNamespace(initial_soc=0.9) if simulated else None)
-    bench = SimpleNamespace(name="sim", limits="the bench's limits", config=config, runs_before_cell=0)
+    bench = SimpleNamespace(
+        name="sim", limits="the bench's limits", config=config, runs_before_cell=0, cell=None, cell_since_utc=None
+    )
     time_s = np.array([0.0, 360.0])
     data = SimpleNamespace(n=2, gaps=(), columns={"time_s": time_s, "current_A": np.array([0.0, -2.0])})
     diagnosing = AsyncPart(start_experiment=JOB)

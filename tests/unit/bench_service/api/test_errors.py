@@ -1,5 +1,6 @@
 """Which status and code each kind of error becomes, and what of it a client may see."""
 
+from http import HTTPStatus
 from typing import Any
 
 import pytest
@@ -124,3 +125,26 @@ def test_an_upload_that_is_given_up_is_no_error_of_the_service(caplog: pytest.Lo
     client = client_of(router)
     assert client.post("/take").status_code == 400
     assert caplog.text == ""
+
+
+def test_who_accepts_a_problem_gets_one() -> None:
+    router = APIRouter()
+
+    @router.get("/thing")
+    def thing() -> dict[str, Any]:
+        raise BadRequestError("too much", ("dt_s",), value=7, unit="s")
+
+    client = client_of(router)
+    own = error_of(client.get("/thing"))
+    answer = client.get("/thing", headers={"Accept": "application/problem+json, application/json;q=0.5"})
+    assert answer.headers["content-type"] == "application/problem+json" and answer.status_code == 422
+    assert answer.json() == {
+        "type": "about:blank",
+        "title": HTTPStatus(422).phrase,
+        "status": 422,
+        "detail": own["message"],
+        "code": "bad_request",
+        "where": ["dt_s"],
+    }
+    unknown = client.get("/nothing", headers={"Accept": "application/problem+json"})
+    assert (unknown.json()["status"], unknown.json()["code"]) == (404, "not_found")

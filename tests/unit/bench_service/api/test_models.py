@@ -7,7 +7,7 @@ import pytest
 
 from bench_service.api import models
 from bench_service.api.strict import MAX_BODY_BYTES
-from bench_service.campaign.modelling import FitOrder
+from bench_service.campaign.modelling import FitOrder, ModuleOrder
 from bench_service.jobs.runner import Job
 from bench_service.store.records import ModelRecord
 from models.data.errors import ModelError
@@ -52,6 +52,14 @@ def test_what_is_left_out_of_a_fit() -> None:
     assert (order.initial_soc_std, order.coulombic_efficiency) == (0.0, 1.0)
 
 
+def test_the_runs_of_a_fit_may_be_of_a_module() -> None:
+    for given in ({}, {"in_series": 6, "parallel": 2}, {"cell_model_id": "m0"}):
+        assert fitted({"module": given})[1].calls[0][1][0].module == ModuleOrder(**given)
+    assert fitted({})[1].calls[0][1][0].module is None
+    for wrong in ({"in_series": 0}, {"parallel": "2"}, {"cells": 6}):
+        assert fitted({"module": wrong})[0].status_code == 422
+
+
 def test_a_fit_may_doubt_where_its_runs_begin_and_lose_charge() -> None:
     _, modelling = fitted({"initial_soc_std": 0.05, "coulombic_efficiency": 0.98})
     order = modelling.calls[0][1][0]
@@ -87,7 +95,7 @@ def test_an_import_may_be_large_and_is_called_as_the_query_says() -> None:
     document = {"theta": "0" * (MAX_BODY_BYTES + 1)}
     assert client.post("/models/import?name=mine", json=document).status_code == 201
     client.post("/models/import", json={})
-    assert [arguments for _, arguments, _ in modelling.calls] == [(document, "mine"), ({}, "imported")]
+    assert [arguments for _, arguments, _ in modelling.calls] == [(document, "mine", None), ({}, "imported", None)]
 
 
 def test_what_is_no_model_is_refused_with_its_reason() -> None:
@@ -111,7 +119,7 @@ def test_stored_ones_are_listed_given_and_read_out() -> None:
     assert client.get("/models/m1/document").json() == {"kind": "network"}
     assert client.get("/models/m1/tables").json() == {"ocv": {}}
     assert [(name, arguments) for name, arguments, _ in store.calls] == [
-        ("models.page", (2, 0)),
+        ("models.page", (2, 0, None)),
         ("models.get", ("m1",)),
         ("models.document", ("m1",)),
     ]

@@ -1,6 +1,7 @@
 """Samples over REST: as columns, thinned, or as a file."""
 
 import json
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ def rig(data: StreamData, **run: Any) -> tuple[Any, Part]:
     reader = Part(read=data, n_rows=data.n)
     storage = Part(note_damage=None)
     parts = {"store": store, "samples": reader, "views": Views(reader), "storage": storage}  # type: ignore[arg-type]
+    parts |= {"config": SimpleNamespace(institution="lab"), "version": "1"}
     return client_of(samples.router, **parts), reader
 
 

@@ -3,7 +3,9 @@
 import asyncio
 import csv
 import io
+from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -14,7 +16,8 @@ from bench_service.errors import BadRequestError, ConflictError, NotFoundError
 from bench_service.jobs.runner import Job, JobRunner
 from bench_service.jobs.series import RunInput
 from bench_service.store.metadata import MetadataStore
-from tests.unit.bench_service.api.route_rig import Part
+from bench_service.store.records import RunIntent
+from tests.unit.bench_service.api.route_rig import Part, run_record
 
 RUN = {
     "run": "r1", "at": 3.0, "capacity_Ah": {"value": 2.5, "std": 0.02}, "slip": {"value": 0.01, "std": 0.02},
@@ -43,12 +46,17 @@ class _Parts:
 
     def __init__(self, document: dict[str, Any]) -> None:
         self.models, self.given = _Models(document), list[Any]()
+        self.cells: dict[str, str] = {}
 
     def inputs(self, run_ids: list[str], _field: str, _soc: float | None) -> list[RunInput]:
         return [RunInput(each, 0.5) for each in run_ids]
 
-    def submit(self, _kind: str, _function: Any, *arguments: Any) -> Job:
-        self.given = list(arguments)
+    @property
+    def runs(self) -> Any:
+        return SimpleNamespace(get=lambda run_id: run_record(id=run_id, cell_id=self.cells.get(run_id)))
+
+    def submit(self, _kind: str, _function: Any, *arguments: Any, store: Any) -> Job:
+        self.given, self.told = list(arguments), store({"runs": []})
         return Job(id="j1", kind="trend")
 
 
@@ -93,3 +101,35 @@ def test_a_table_needs_an_answer() -> None:
         of(Job(id="j", kind="trend")).table("j")
     with pytest.raises(NotFoundError, match="fit"):
         of(Job(id="j", kind="fit")).table("j")
+
+
+def followed(cells: dict[str, str]) -> Any:
+    parts = _Parts({"record": {"diagnosis": {}}})
+    parts.cells = cells
+    trending = Trending(cast(MetadataStore, parts), cast(JobRunner, parts), cast(Modelling, parts), Path("data"))
+    asyncio.run(trending.start_trend(TrendOrder(model_id="m1", run_ids=["r1", "r2"])))
+    return parts.told
+
+
+def test_a_life_is_that_of_one_cell() -> None:
+    assert followed({}) == {"runs": [], "cell_id": None}
+    assert followed({"r1": "C1"})["cell_id"] == followed({"r1": "C1", "r2": "C1"})["cell_id"] == "C1"
+    with pytest.raises(ConflictError, match="the runs are of several cells: C1, C2"):
+        followed({"r1": "C1", "r2": "C2"})
+
+
+def test_without_runs_it_is_all_that_a_cell_has_completed(tmp_path: Path) -> None:
+    with closing(MetadataStore.open(tmp_path)) as store:
+        cell = store.cells.add()
+        trending = Trending(store, cast(JobRunner, None), cast(Modelling, None), tmp_path)
+        with pytest.raises(BadRequestError, match="cell C1 has no completed run"):
+            trending._runs_of(TrendOrder(model_id="m1", cell_id="c1"))
+        with pytest.raises(BadRequestError, match="name them, or their cell_id"):
+            trending._runs_of(TrendOrder(model_id="m1"))
+        made = []
+        for began_utc in ("2026-02-01", "2026-01-01"):
+            intent = RunIntent(bench="import", profile_id=None, dt_s=1.0, initial_soc=0.5, capacity_Ah=2.5, limits={},
+                               code_version="1", cell_id=cell.id)  # fmt: skip
+            made.append(store.runs.end(store.runs.add(intent).id, "completed", None, n_samples=2, sha256="ab").id)
+            store.runs.date(made[-1], began_utc, began_utc, 1.0)
+        assert trending._runs_of(TrendOrder(model_id="m1", cell_id="c1")) == (made[::-1], "C1")

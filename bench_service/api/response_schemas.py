@@ -1,0 +1,134 @@
+"""What each operation answers with, for the schema of the REST API: records as the store has them, and named keys.
+
+An answer may hold more than its schema says; what is listed as required is always there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, get_type_hints
+
+from pydantic import TypeAdapter
+
+from bench_service.api.response_table import BYTES, JOBS, KEYED, LISTED, RECORDED
+from bench_service.jobs.runner import Job
+from bench_service.store.cells import CellRecord
+from bench_service.store.diagnoses import DiagnosisRecord
+from bench_service.store.records import (
+    CampaignRecord,
+    ComparisonRecord,
+    EventRecord,
+    ModelRecord,
+    ProfileRecord,
+    ProtocolRecord,
+    RunRecord,
+)
+
+Schema = dict[str, Any]
+
+_RECORDS: dict[str, type] = {
+    "Run": RunRecord,
+    "Model": ModelRecord,
+    "Comparison": ComparisonRecord,
+    "Diagnosis": DiagnosisRecord,
+    "Campaign": CampaignRecord,
+    "Event": EventRecord,
+    "Profile": ProfileRecord,
+    "Protocol": ProtocolRecord,
+    "Cell": CellRecord,
+    "Job": Job,
+}
+_HIDDEN = {"Campaign": {"done"}}  # fields that stay inside
+_OPAQUE = {"stages"}  # typed dicts, which pydantic does not take from Python 3.11
+_METHODS = ("get", "post", "put", "patch", "delete")
+_JSON = "application/json"
+
+
+def described(document: Schema) -> Schema:
+    """Put what every operation answers with into the OpenAPI document of the application; once."""
+    components = document.setdefault("components", {}).setdefault("schemas", {})
+    if "Error" in components:
+        return document
+    components |= {name: record_schema(name) for name in _RECORDS} | {"Error": _error(), "Problem": _problem()}
+    for unused in ("HTTPValidationError", "ValidationError"):
+        components.pop(unused, None)
+    for address, methods in document["paths"].items():
+        for method in _METHODS:
+            if method in methods:
+                _describe(f"{method.upper()} {address}", methods[method]["responses"])
+    return document
+
+
+def answer_schema(operation: str) -> Schema | None:
+    """Return the schema of the JSON that an operation answers with; None where it answers with something else."""
+    if operation in BYTES:
+        return None
+    if operation in JOBS:
+        return _reference("Job")
+    if operation in RECORDED:
+        return _reference(RECORDED[operation])
+    if operation in LISTED:
+        key, name = LISTED[operation]
+        items = {"type": "object"} if name is None else _reference(name)
+        return _object({key: {"type": "array", "items": items}})
+    return _object({key: {} for key in KEYED[operation].split()})
+
+
+def record_schema(name: str) -> Schema:
+    """Return the schema of a record; every field is required, as each answer has them all."""
+    kind, hidden = _RECORDS[name], _HIDDEN.get(name, set())
+    hints = get_type_hints(kind)
+    known = [each.name for each in fields(kind) if each.name not in hidden]
+    properties = {
+        field: {"type": "array", "items": {"type": "object"}} if field in _OPAQUE else _plain(hints[field])
+        for field in known
+    }
+    text = (kind.__doc__ or "").split("\n\n")[0].strip()
+    return {"title": name, "description": text, **_object(properties)}
+
+
+def _plain(hint: Any) -> Schema:
+    schema = TypeAdapter(hint).json_schema()
+    definitions = schema.pop("$defs", {})
+    return _inlined(schema, definitions)
+
+
+def _inlined(schema: Any, definitions: Schema) -> Any:
+    """Put what pydantic refers to in its own definitions where it is used: OpenAPI keeps them elsewhere."""
+    if isinstance(schema, list):
+        return [_inlined(each, definitions) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    if "$ref" in schema:
+        return _inlined(definitions[schema["$ref"].rsplit("/", 1)[1]], definitions)
+    return {key: _inlined(value, definitions) for key, value in schema.items() if key != "title"}
+
+
+def _describe(operation: str, responses: Schema) -> None:
+    done = next(code for code in responses if code.startswith("2"))
+    if operation in BYTES:
+        responses[done]["content"] = {kind: {} for kind in BYTES[operation]}
+    else:
+        responses[done]["content"] = {_JSON: {"schema": answer_schema(operation)}}
+    responses.pop("422", None)
+    told = {_JSON: {"schema": _reference("Error")}, "application/problem+json": {"schema": _reference("Problem")}}
+    responses["default"] = {"description": "What is wrong, and where", "content": told}
+
+
+def _reference(name: str) -> Schema:
+    return {"$ref": f"#/components/schemas/{name}"}
+
+
+def _object(properties: Schema) -> Schema:
+    return {"type": "object", "properties": properties, "required": [*properties]}
+
+
+def _error() -> Schema:
+    where = {"anyOf": [{"type": "array", "items": {}}, {"type": "null"}]}
+    told = _object({"code": {"type": "string"}, "message": {"type": "string"}, "where": where})
+    return {"title": "Error", **_object({"error": told})}
+
+
+def _problem() -> Schema:
+    texts = {key: {"type": "string"} for key in ("type", "title", "detail", "code")}
+    return {"title": "Problem", **_object(texts | {"status": {"type": "integer"}, "where": {}})}
