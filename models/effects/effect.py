@@ -151,6 +151,8 @@ class Effect:
     renews : what of a bounded network a change of it is estimated in, beside that part: kinds of signals, or `CURVE`
     ways_in : steps to a richer structure, tried beside `extend`
     correction : how it is put right in a run's columns; None: it is not in the sensors
+    fault_V : (view, values of the parameters) -> (n,) voltage that it makes of a run now and then, which no model can
+        have: it is taken out of the runs that a network is refitted to. None: it is nothing of the kind
     assumption : how it is put right in what a fit is told; None: it is not in that
     expected : how large a change of it is to be expected
     life : what of a cell's life it stands for, where that is followed over many runs; None: it is nothing that ages
@@ -184,6 +186,7 @@ class Effect:
     renews: tuple[str, ...] = ()
     ways_in: tuple[WayIn, ...] = ()
     correction: InputCorrection | None = None
+    fault_V: Callable[[View, Values], FloatArray] | None = None
     assumption: Assumption | None = None
     expected: Expected = Expected()
     life: Life | None = None

@@ -6,8 +6,9 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.contact_intervals import bad_contact
-from models.effects.effect import AT_ONCE, Effect, Parameter
+from models.effects.effect import Effect, Parameter
 from models.effects.expected import Expected, Form, one_form
+from models.effects.reading import Values
 from models.effects.view import View
 
 # A usual bad contact, relative to the cell's own resistance.
@@ -33,6 +34,10 @@ def _expected(view: View) -> tuple[Form, ...]:
     return one_form(usual_Ohm * _while_bad_A(view, bad_contact(view)), "resistance_Ohm", "Ohm", usual_Ohm)
 
 
+def _fault_V(view: View, values: Values) -> FloatArray:
+    return np.where(bad_contact(view), values["resistance_Ohm"] * view.run.current_A, 0.0)
+
+
 EFFECT = Effect(
     name="intermittent_contact",
     title="Contact that comes and goes",
@@ -43,7 +48,7 @@ EFFECT = Effect(
     shows_over=("time_h", "current_A"),
     regressors=_regressors,
     absorbed=True,
-    renews=AT_ONCE,
+    fault_V=_fault_V,
     # The intervals are looked for in the error itself: chance has many to choose from.
     expected=Expected(_expected, share=0.1, learned=False),
 )

@@ -22,7 +22,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import AddedEffect
 from models.network.structure import Structure
 from models.pipeline.bounded_refit import remembers
-from models.pipeline.effect_sizes import changed, missing, sized
+from models.pipeline.effect_sizes import changed, freed, missing, sized
 from models.pipeline.fit import FitResult, fit_network
 from models.pipeline.known_effect import Again, difference, estimated_again, is_own
 
@@ -90,7 +90,8 @@ def add_effect(
     task = _Task(network, chosen, train, train_soc, own, progress)
     if chosen.extend is None:
         values = changed(chosen, own, network)
-        made = _by_correction(task, values)
+        made = _by_correction(replace(task, train=freed(chosen, values, train, own, network)), values)
+        validate = freed(chosen, values, validate, before, network)
         validate = [corrected(run, chosen, {key: each.value for key, each in values.items()}) for run in validate]
     else:
         made, values = _in_structure(task)
@@ -214,6 +215,8 @@ def _by_correction(task: _Task, values: dict[str, Value]) -> Again:
     capacity_Ah = network.cell.capacity_Ah if told.capacity_Ah is None else told.capacity_Ah(plain)
     moved = 0.0 if told.soc_moved is None else told.soc_moved(plain, own.soc[0])
     remark = f"the model counts charge on {capacity_Ah:.4g} Ah" if told.capacity_Ah is not None else _REFITTED
+    if chosen.fault_V is not None:
+        remark = "the runs were freed of it before the refit; no model can have it: look for it and mend it"
     if chosen.correction is not None:
         remark = "the runs' columns were corrected by it before the refit; correct further runs of this rig likewise"
     train, soc = [corrected(run, chosen, plain) for run in task.train], [each + moved for each in own.soc]

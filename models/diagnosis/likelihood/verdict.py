@@ -172,20 +172,20 @@ def _simplest_first(
         if general.effect.local is None or not general.effect.absorbed or logs[e] < at.asked:
             continue
         inner = [number[name] for name in general.effect.contains if name in number]
-        worth = [i for i in inner if logs[i] >= at.as_good * logs[e]]
+        worth = [i for i in inner if logs[i] >= at.as_good * logs[e] and np.isfinite(single_logs[i])]
         best = max((logs[i] for i in worth), default=0.0)
-        shares = {i: tried[i].effect.expected.share * np.exp(at.tempering * (logs[i] - best)) for i in worth}
-        whole = general.effect.expected.share + sum(shares.values())
-        parts = {i: float(np.log(share / whole)) for i, share in shares.items()}
-        kept = float(np.log(general.effect.expected.share / whole))
+        own = float(np.log(general.effect.expected.share))
+        parts = {i: float(np.log(tried[i].effect.expected.share)) + at.tempering * (logs[i] - best) for i in worth}
+        whole = log_sum([own, *parts.values()])
+        parts, kept = {i: part - whole for i, part in parts.items()}, own - whole
         for i, part in parts.items():
             single_logs[i] = max(single_logs[i], single_logs[e] + part)
         single_logs[e] += kept
         for other in set(range(len(tried))) - {e, *worth}:
             free = place[min(e, other), max(e, other)]
             for i, part in parts.items():
-                own = place[min(i, other), max(i, other)]
-                joint_logs[own] = max(joint_logs[own], joint_logs[free] + part)
+                both = place[min(i, other), max(i, other)]
+                joint_logs[both] = max(joint_logs[both], joint_logs[free] + part)
             joint_logs[free] += kept
 
 

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
 from models.data.timeseries import TimeSeries
@@ -71,6 +72,17 @@ def test_what_a_network_has_is_estimated_again_as_a_difference(
     assert version is not None and version.parent is not None
     # It is a bounded network like any other: another effect can be added to it.
     assert remembers(network)
+
+
+def test_a_contact_that_comes_and_goes_is_taken_out_of_the_runs_and_not_into_the_model() -> None:
+    ohm, runs = 0.015, []
+    for each in changed_cell():
+        bad = np.sin(each.time_s / 230.0) > 0.6
+        runs.append(replace(each, voltage_V=each.voltage_V + ohm * bad * each.current_A))
+    made = add_effect(fitted().network, "intermittent_contact", [runs[0]], [SOC], [runs[1]], [SOC])
+    assert made.parameters["resistance_Ohm"].value == pytest.approx(ohm, rel=0.1)
+    assert made.error_after_mV < 0.6 * made.error_before_mV
+    assert made.remark.startswith("the runs were freed of it")
 
 
 def test_the_difference_is_said_in_the_unit_of_a_bench() -> None:
