@@ -6,6 +6,7 @@ sequence number of a row is not a column: it is the block's ``seq0`` plus the ro
 
 import enum
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -56,6 +57,9 @@ Layout = tuple[Column, ...]
 SAMPLES = "samples"
 OBSERVER = "observer"
 STEPS = "steps"
+# Of a module: one column for each group of cells in series; which there are, a run says by itself.
+CELLS = "cells"
+_CELL_VOLTAGE = re.compile(r"v_cell([1-9][0-9]{0,2})_V")
 
 STREAMS: Mapping[str, Layout] = MappingProxyType(
     {
@@ -101,6 +105,18 @@ STREAMS: Mapping[str, Layout] = MappingProxyType(
         ),
     }
 )
+
+
+def cell_number(name: str) -> int | None:
+    """Which group of a module's cells a column is the voltage of, counted from 1; None where it is none."""
+    found = _CELL_VOLTAGE.fullmatch(name)
+    return None if found is None else int(found[1])
+
+
+def cells_layout(names: Sequence[str]) -> Layout:
+    """Return the layout of the stream `CELLS` with these columns, such as ``v_cell1_V``."""
+    return (Column("time_s", "f8"), *(Column(name, "f8") for name in names))
+
 
 # Wall-clock lateness differs between two runs that are otherwise equal to the bit.
 NOT_HASHED = frozenset({"lateness_s"})

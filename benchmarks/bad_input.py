@@ -23,7 +23,6 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from bench_service.cli.observation import observe
 from bench_service.errors import ServiceError
 from bench_service.exchange.read import read_run, read_run_file
 from bench_service.exchange.write import write_results
@@ -32,6 +31,7 @@ from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
 from models.design import Profile, StepProfileRequest, step_profile
 from models.observer import FuzzyObserver
+from models.observer.observation import observe
 from models.observer.tuning.tuning import with_tuned_observer
 from models.pipeline import fit_network
 from models.pipeline.fit import FitResult

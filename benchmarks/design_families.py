@@ -33,7 +33,8 @@ from models.design import Profile, StepProfileRequest, step_profile
 from models.design.answer import even_cycle
 from models.design.constraints.limits import Limits
 from models.design.design import Design, design
-from models.design.information.experiment import Evaluator, Experiment, parameter_std
+from models.design.information.experiment import Evaluator, Experiment
+from models.design.information.parameters import parameter_std
 from models.design.optimise.block_design import DesignRequest
 from models.design.optimise.reference_model import experiment_with, first_reference, pre_test
 from models.design.sequence.excitation_sequence import compact_profile

@@ -112,11 +112,11 @@ class Sight:
     current: FloatArray
     chamber: FloatArray
     initial_soc: float
-    _seen: dict[tuple[Rig, float, float], FloatArray] = field(default_factory=dict)
+    _seen: dict[tuple[Rig, float, float, float], FloatArray] = field(default_factory=dict)
 
     def error_V(self, before: Rig, after: Rig) -> FloatArray:
         """(n,) error that a perfect model of the rig before makes on what the sensors read after."""
-        key = (before, after.sensors.current_offset_A, after.stated_soc_error)
+        key = (before, after.sensors.current_offset_A, after.sensors.current_gain, after.stated_soc_error)
         if key not in self._seen:
             self._seen[key] = seen_as(before, self.current, self.chamber, self.initial_soc, after)
         return true_V(after, self.current, self.chamber, self.initial_soc)[0] - self._seen[key]

@@ -193,7 +193,7 @@ def _late(outputs: list, delay_s: float) -> list:
 def seen_as(rig: Rig, current: FloatArray, chamber: FloatArray, initial_soc: float, other: Rig) -> FloatArray:
     """(n,) noise-free voltage that a perfect model of `rig` gives for what the sensors of `other` read."""
     cell = Cell(rig.cell, float(np.clip(initial_soc + other.stated_soc_error, 0.0, 1.0)), float(chamber[0]))
-    read = current + other.sensors.current_offset_A
+    read = (1.0 + other.sensors.current_gain) * current + other.sensors.current_offset_A
     return np.array(_outputs(cell, read, chamber))[:, 0]
 
 
@@ -204,7 +204,7 @@ def true_V(rig: Rig, current: FloatArray, chamber: FloatArray, initial_soc: floa
         outputs = _late(outputs, rig.delay_s)
     values = np.array(outputs)[:, :2]
     rise = rig.sensors.temperature_gain * (values[:, 1] - chamber) + rig.sensors.temperature_offset_K
-    return values[:, 0] + rig.sensors.voltage_offset_V, chamber + rise
+    return (1.0 + rig.sensors.voltage_gain) * values[:, 0] + rig.sensors.voltage_offset_V, chamber + rise
 
 
 def _outputs(cell: Cell, current: FloatArray, chamber: FloatArray) -> list:

@@ -1,7 +1,7 @@
 """Change mode on cells outside of the models' class: how often it is right, misled, and wrong and sure of it.
 
 ``python benchmarks/diagnosis_foreign.py [--families particle,spread,measured,pybamm] [--cases 10] [--nulls 10]
-[--seed 0] [--data FOLDER] [--keep FOLDER] [--rows FILE] [--json]``
+[--seed 0] [--effects NAME,...] [--data FOLDER] [--keep FOLDER] [--rows FILE] [--json]``
 
 Families: `particle` and `spread` are simulated, see `foreign_cells`; `measured` and `pybamm` need `--data`, see
 `foreign_measured`. A bounded network is fitted to the training runs of each base (kept in `--keep`), then logs without
@@ -50,6 +50,7 @@ SIMULATED, RECORDED = ("particle", "spread"), ("measured", "pybamm")
 BASES, TRAIN_RUNS = 5, 3
 TARGETS_MV, TARGETS_K = (3.0, 6.0, 12.0), (0.5, 1.0, 2.0)
 _THERMAL = ("heat_transfer", "temperature_sensor")
+_EITHER_WAY = ("entropic_voltage", "voltage_offset", "current_gain", "voltage_gain")
 _NUMBER_OF = {name: number for number, name in enumerate((*SIMULATED, *RECORDED))}
 _STRIDE = 7
 _ROUNDS, _CLOSE, _LARGEST = 4, 0.05, 2.0
@@ -85,18 +86,22 @@ def _simulated(family: str, arguments: argparse.Namespace, done: dict[str, Row])
     """Nulls and cases of a simulated family, in turn."""
     for null, count in ((True, arguments.nulls), (False, arguments.cases)):
         for number in range(count):
-            key = f"{family} {arguments.seed} {'null' if null else 'case'} {number}"
+            asked = () if null else arguments.effects
+            key = f"{family} {arguments.seed} {'null' if null else '|'.join(('case', *asked))} {number}"
             if key not in done:
-                _keep(arguments.rows, done, key, _judge_simulated(family, arguments.seed, number, null, arguments.keep))
+                row = _judge_simulated(family, arguments.seed, number, null, arguments.keep, asked)
+                _keep(arguments.rows, done, key, row)
             yield done[key]
 
 
-def _judge_simulated(family: str, seed: int, number: int, null: bool, keep: Path | None) -> Row:
+def _judge_simulated(family: str, seed: int, number: int, null: bool, keep: Path | None, asked: tuple[str, ...]) -> Row:
     rng = np.random.default_rng([_NUMBER_OF[family], seed, number, int(null)])
     before = _rig(family, seed, number % BASES)
     base = _base(family, seed, number % BASES, keep)
     plan = make_plan(str(rng.choice(KINDS)), before.constants.capacity_Ah, rng)
-    after, truth, shows = (before, None, 0.0) if null else _with_effect(before, plan, family, number, rng)
+    after, truth, shows = (
+        (before, None, 0.0) if null else _with_effect(before, plan, number, rng, effects_of(family, asked))
+    )
     columns = true_columns(after, plan)
     own_seed = int(rng.integers(2**31))
     run, soc = logged(after, plan, columns, own_seed), stated_soc(after, columns[3], own_seed)
@@ -104,15 +109,16 @@ def _judge_simulated(family: str, seed: int, number: int, null: bool, keep: Path
     return _row(base, run, soc, family, truth, size) | {"shows": shows}
 
 
-def _with_effect(before: Rig, plan: Plan, family: str, number: int, rng: np.random.Generator) -> tuple[Rig, str, float]:
+def _with_effect(
+    before: Rig, plan: Plan, number: int, rng: np.random.Generator, names: list[str]
+) -> tuple[Rig, str, float]:
     """An effect whose change has the size that its number asks for; the next one where this cannot be had."""
-    names = effects_of(family)
     for k in range(len(names)):
         # Numbers go through all effects before one comes again, and then with another size.
         name = names[(number * _STRIDE + k) % len(names)]
         target = (TARGETS_K if name in _THERMAL else TARGETS_MV)[(number + number // len(names)) % 3]
         shown = 0.0
-        x = 0.3 * float(rng.choice([-1.0, 1.0]) if name in ("entropic_voltage", "voltage_offset") else 1.0)
+        x = 0.3 * float(rng.choice([-1.0, 1.0]) if name in _EITHER_WAY else 1.0)
         for _ in range(_ROUNDS):
             shown = _shown(before, changed(before, name, x), plan, name in _THERMAL)
             if abs(shown - target) <= _CLOSE * target:
@@ -122,7 +128,7 @@ def _with_effect(before: Rig, plan: Plan, family: str, number: int, rng: np.rand
                 break
         if abs(x) <= _LARGEST and 0.6 * target <= shown <= 1.6 * target:
             return changed(before, name, x), name, shown
-    raise SystemExit(f"{family}: no effect can be made to show in case {number}")
+    raise SystemExit(f"{before.family}: no effect can be made to show in case {number}")
 
 
 def _shown(before: Rig, after: Rig, plan: Plan, thermal: bool) -> float:
@@ -133,9 +139,11 @@ def _shown(before: Rig, after: Rig, plan: Plan, thermal: bool) -> float:
     moved_V = now.voltage_V - was.voltage_V
     soc = after.soc_off - before.soc_off
     offset_A = after.amperes[0] - before.amperes[0]
-    if soc or offset_A:
+    gained = after.amperes[1] - before.amperes[1]
+    if soc or offset_A or gained:
         # What the model is told instead of the truth: as if the cell stood elsewhere, by the slope of its curve.
-        counted = soc + offset_A * np.arange(len(moved_V)) / (3600.0 * before.constants.capacity_Ah)
+        extra_As = offset_A * np.arange(len(moved_V)) + gained * np.cumsum(plan.logged_A)
+        counted = soc + extra_As / (3600.0 * before.constants.capacity_Ah)
         moved_V = moved_V + counted * _slope_V(before, plan)
     return 1e3 * float(np.sqrt(np.mean(moved_V**2)))
 
@@ -276,6 +284,13 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--cases", type=int, default=10, help="with an effect, of each family")
     parser.add_argument("--nulls", type=int, default=10, help="without one, of each family")
     parser.add_argument("--seed", type=int, default=0, help="of the simulated families")
+    parser.add_argument(
+        "--effects",
+        type=lambda text: tuple(text.split(",")),
+        default=(),
+        metavar="NAME,...",
+        help="that simulated cases have, one after the other; default: all that the published figures are about",
+    )
     parser.add_argument("--data", type=Path, metavar="FOLDER", help="of measured records")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="in which fitted networks are kept")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="one JSON line for each case; go on where it ends")

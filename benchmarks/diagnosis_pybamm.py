@@ -27,7 +27,7 @@ from models.pipeline import STRUCTURES, fit_network
 
 # Names that are right; a set of two as the first two findings of an ambiguous verdict.
 RIGHT: dict[str, set[str]] = {
-    "capacity_fade": {"capacity"},
+    "capacity_fade": {"capacity", "lithium_loss"},
     "contact_resistance": {"series_resistance"},
     "current_offset": {"current_offset", "self_discharge"},
     "entropic_effect": {"entropic_voltage"},

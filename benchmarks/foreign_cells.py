@@ -14,7 +14,7 @@ import numpy as np
 from models.data.timeseries import FloatArray, TimeSeries
 from simulators.cell import TruthCell
 from simulators.particle_cell import ParticleCell
-from simulators.particle_cells import PARTICLE_EFFECTS, random_particle_cell
+from simulators.particle_cells import PARTICLE_AGEING, PARTICLE_EFFECTS, random_particle_cell
 from simulators.spread_cell import SpreadCell
 from simulators.spread_cells import SPREAD_EFFECTS, random_spread_cell
 
@@ -50,6 +50,7 @@ class Rig:
     volts, amperes, kelvins : (offset, gain, noise, step) of each sensor
     soc_off : stated less true state of charge
     delay_s : by which the voltage is late
+    contact_Ohm : of a contact that is bad for some minutes, now and then
     """
 
     family: str
@@ -61,6 +62,7 @@ class Rig:
     kelvins: tuple[float, float, float, float]
     soc_off: float = 0.0
     delay_s: int = 0
+    contact_Ohm: float = 0.0
 
 
 # What may change in the bench, by contract name: rig with a size, where 1 is large.
@@ -73,21 +75,44 @@ BENCH_EFFECTS: dict[str, Callable[[Rig, float], Rig]] = {
 }
 
 
+# Further ones, drawn only where they are asked for: what is drawn from the others stays what it was.
+ASKED_EFFECTS: dict[str, Callable[[Rig, float], Rig]] = {
+    "current_gain": lambda rig, x: _gained(rig, "amperes", 0.03 * x),
+    "intermittent_contact": lambda rig, x: replace(rig, contact_Ohm=0.05 * x / rig.constants.capacity_Ah),
+    "voltage_gain": lambda rig, x: _gained(rig, "volts", 0.01 * x),
+}
+ASKED_OF_CELLS: dict[str, dict[str, Callable[[Any, float], Any]]] = {
+    "particle": PARTICLE_AGEING,
+    "spread": {"core_temperature": lambda p, x: replace(p, core_W_per_K=p.core_W_per_K / (1.0 + 4.0 * x))},
+}
+# A contact is bad while the sum of two swings of these periods, s, is above a level.
+_CONTACT_S, _CONTACT_LEVEL = (2300.0, 1010.0), 0.7
+
+
+def _gained(rig: Rig, sensor: str, by: float) -> Rig:
+    offset, gain, *others = getattr(rig, sensor)
+    return replace(rig, **{sensor: (offset, gain + by, *others)})
+
+
 def _shifted(rig: Rig, sensor: str, by: float) -> Rig:
     offset, *others = getattr(rig, sensor)
     return replace(rig, **{sensor: (offset + by, *others)})
 
 
-def effects_of(family: str) -> list[str]:
-    """What can change in such a cell or its bench."""
-    return sorted({*TRUTHS[family].effects, *BENCH_EFFECTS})
+def effects_of(family: str, asked: tuple[str, ...] = ()) -> list[str]:
+    """What can change in such a cell or its bench: of what is asked for, or of everything but `ASKED_EFFECTS`."""
+    usual = {*TRUTHS[family].effects, *BENCH_EFFECTS}
+    known = {*usual, *ASKED_EFFECTS, *ASKED_OF_CELLS[family]}
+    return sorted(known & set(asked) if asked else usual)
 
 
 def changed(rig: Rig, name: str, x: float) -> Rig:
     """The rig after something has changed."""
-    if name in BENCH_EFFECTS:
-        return BENCH_EFFECTS[name](rig, x)
-    return replace(rig, constants=TRUTHS[rig.family].effects[name](rig.constants, x))
+    of_bench = BENCH_EFFECTS.get(name) or ASKED_EFFECTS.get(name)
+    if of_bench is not None:
+        return of_bench(rig, x)
+    of_cell = TRUTHS[rig.family].effects.get(name) or ASKED_OF_CELLS[rig.family][name]
+    return replace(rig, constants=of_cell(rig.constants, x))
 
 
 def random_rig(family: str, rng: np.random.Generator) -> Rig:
@@ -125,6 +150,11 @@ def profile_A(kind: str, capacity_Ah: float, soc: float, rng: np.random.Generato
         soc += float(part.sum()) / (3600.0 * capacity_Ah)
         length += len(part)
     return np.concatenate(parts)[:n]
+
+
+def segment_A(kind: str, capacity_Ah: float, sign: float, rng: np.random.Generator) -> FloatArray:
+    """(n,) one segment of a kind; its mean current charges (sign 1) or discharges (-1), as a rule."""
+    return capacity_Ah * _SEGMENTS[kind](sign, rng)
 
 
 def _pulses(sign: float, rng: np.random.Generator) -> FloatArray:
@@ -208,6 +238,9 @@ def logged(rig: Rig, plan: Plan, columns: tuple[FloatArray, FloatArray, FloatArr
     """What the sensors make of it."""
     rng = np.random.default_rng([seed, 77])
     voltage, temperature, ambient, _ = columns
+    if rig.contact_Ohm:
+        swings = [np.sin(2.0 * np.pi * np.arange(len(voltage)) / each + seed) for each in _CONTACT_S]
+        voltage = voltage + rig.contact_Ohm * plan.logged_A * (np.sum(swings, axis=0) > _CONTACT_LEVEL)
     late = np.concatenate([np.full(rig.delay_s, voltage[0]), voltage])[: len(voltage)]
 
     def read(values: FloatArray, sensor: tuple[float, float, float, float]) -> FloatArray:
@@ -233,6 +266,9 @@ def true_size(name: str, before: Rig, after: Rig, true_soc: float) -> float | No
     """First parameter of the effect as the contract has it; None where the truth has no such number."""
     values = {
         "capacity": after.constants.capacity_Ah,
+        "current_gain": after.amperes[1] / before.amperes[1] - 1.0,
+        "intermittent_contact": after.contact_Ohm,
+        "voltage_gain": after.volts[1] / before.volts[1] - 1.0,
         "current_offset": after.amperes[0] - before.amperes[0],
         "dead_time": float(after.delay_s - before.delay_s),
         "initial_soc": true_soc,

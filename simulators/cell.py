@@ -31,11 +31,14 @@ __all__ = [
 ZERO_DEGC_K = 273.15
 REFERENCE_K = 298.15
 MAX_SUBSTEP_S = 1.0  # the cell warms by well under 0.1 K and moves by under 0.3 % of charge at 10C in this time
+CORE_S = 120.0  # a core of some 60 J/K behind some 2 K/W (Lin et al., J. Power Sources 257, 2014)
+# A contact is bad while the sum of these swings, periods in s, is above the level: for 3 to 12 min, unevenly.
+CONTACT_S, CONTACT_LEVEL = (1900.0, 733.0), 0.75
 SOC_SCALE = 0.15  # how far from empty the extra ohmic resistance reaches
 
 
 class CellState(NamedTuple):
-    """What the cell remembers; `heat_J` and `throughput_Ah` are counted since the start."""
+    """What the cell remembers; `heat_J`, `throughput_Ah` and `time_s` are counted since the start."""
 
     soc: float
     overpotentials_V: tuple[float, ...]
@@ -43,6 +46,8 @@ class CellState(NamedTuple):
     temperature_K: float
     throughput_Ah: float = 0.0
     heat_J: float = 0.0
+    core_rise_K: float = 0.0
+    time_s: float = 0.0
 
 
 class CellOutput(NamedTuple):
@@ -86,7 +91,7 @@ def initial_state(soc: float, temperature_degC: float) -> CellState:
 
 
 def _resistance_factor(p: CellParameters, state: CellState, current_A: float) -> float:
-    factor = math.exp(p.activation_K * (1.0 / state.temperature_K - 1.0 / REFERENCE_K))
+    factor = math.exp(p.activation_K * (1.0 / (state.temperature_K + state.core_rise_K) - 1.0 / REFERENCE_K))
     factor *= 1.0 + p.resistance_growth_per_Ah * state.throughput_Ah
     return factor * p.charge_resistance_ratio if current_A > 0.0 else factor
 
@@ -142,6 +147,7 @@ def _substep(p: CellParameters, state: CellState, current_A: float, ambient_K: f
     if p.leakage_A != 0.0:
         power += p.leakage_A * p.open_circuit.voltage_V(state.soc)
     heat = heat_1 + heat_2 + heat_3 + heat_h + power * dt_s
+    settled_K = p.core_K_per_W * heat / dt_s
     return CellState(
         soc=state.soc + (current_A - p.leakage_A) * dt_s / (3600.0 * p.capacity_Ah),
         overpotentials_V=(v_1, v_2, v_3),
@@ -149,7 +155,15 @@ def _substep(p: CellParameters, state: CellState, current_A: float, ambient_K: f
         temperature_K=_temperature_step_K(p, state.temperature_K, ambient_K, heat / dt_s, dt_s),
         throughput_Ah=state.throughput_Ah + abs(current_A) * dt_s / 3600.0,
         heat_J=state.heat_J + heat,
+        core_rise_K=settled_K + (state.core_rise_K - settled_K) * math.exp(-dt_s / CORE_S),
+        time_s=state.time_s + dt_s,
     )
+
+
+def contact_is_bad(time_s: float) -> bool:
+    """Whether a contact that comes and goes is bad."""
+    slow_s, quick_s = CONTACT_S
+    return math.sin(2.0 * math.pi * time_s / slow_s) + math.sin(2.0 * math.pi * time_s / quick_s + 1.0) > CONTACT_LEVEL
 
 
 def _temperature_step_K(
@@ -202,8 +216,9 @@ def observe(parameters: CellParameters, state: CellState, current_A: float) -> C
     hysteresis = p.hysteresis_amplitude_V * state.hysteresis
     v_1, v_2, v_3 = state.overpotentials_V
     inner = _instant_V(p, state, current_A, factor) + v_1 + v_2 + v_3
+    outer_Ohm = p.series_resistance_Ohm + (p.contact_Ohm if contact_is_bad(state.time_s) else 0.0)
     return CellOutput(
-        voltage_V=open_circuit + hysteresis + inner + p.series_resistance_Ohm * current_A,
+        voltage_V=open_circuit + hysteresis + inner + outer_Ohm * current_A,
         temperature_degC=state.temperature_K - ZERO_DEGC_K,
         soc=state.soc,
         open_circuit_V=open_circuit,

@@ -44,6 +44,10 @@ class CellParameters:
         Relative growth of all resistances for each ampere-hour through the cell, either way.
     series_resistance_Ohm : float
         Contact outside the cell: in the voltage, not in the cell's heat.
+    contact_Ohm : float
+        Contact outside the cell that comes and goes: there for some minutes at a time, a third of the time.
+    core_K_per_W : float
+        By how much more the core, whose temperature the resistances follow, is warmer than the cell for each watt.
     leakage_A : float
         Internal current that discharges the cell; its power heats the cell.
     dU_dT_V_per_K : float
@@ -71,6 +75,8 @@ class CellParameters:
     charge_resistance_ratio: float = 1.0
     resistance_growth_per_Ah: float = 0.0
     series_resistance_Ohm: float = 0.0
+    contact_Ohm: float = 0.0
+    core_K_per_W: float = 0.0
     leakage_A: float = 0.0
     dU_dT_V_per_K: float = 0.0
     reversible_heat_V_per_K: float = 0.0

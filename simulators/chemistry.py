@@ -91,6 +91,31 @@ class OpenCircuitCurve:
             slope += tail.height_V / tail.width * math.exp((soc - 1.0) / tail.width)
         return slope
 
+    def aged(self, lithium_lost: float = 0.0, negative_lost: float = 0.0) -> "OpenCircuitCurve":
+        """Return the curve of a cell whose electrodes have slipped, or of which the negative one has shrunk.
+
+        Steps and the empty tail are the negative electrode's, slope and the full tails the positive one's. With a
+        share d of the lithium gone the negative electrode is empty where d of the positive one's charge has passed;
+        charge is counted over what is left, 1 - d. With a share m of the negative material gone, its steps come after
+        1 - m of the charge.
+
+        Parameters
+        ----------
+        lithium_lost : float
+            Over the fresh capacity, below 1.
+        negative_lost : float
+            Share of the negative material, below 1, lost empty of lithium.
+        """
+        left = 1.0 - lithium_lost
+        closer = (1.0 - negative_lost) / left
+        return OpenCircuitCurve(
+            base_V=self.base_V + self.slope_V * lithium_lost,
+            slope_V=self.slope_V * left,
+            steps=tuple(Step(each.height_V, each.centre * closer, each.width * closer) for each in self.steps),
+            empty_tails=tuple(Tail(each.height_V, each.width * closer) for each in self.empty_tails),
+            full_tails=tuple(Tail(each.height_V, each.width / left) for each in self.full_tails),
+        )
+
     def _inside_V(self, soc: float) -> float:
         voltage = self.base_V + self.slope_V * soc
         for step in self.steps:

@@ -12,7 +12,7 @@ import numpy as np
 from simulators.cell_parameters import CellParameters
 from simulators.effects import EFFECTS
 
-__all__ = ["HIDDEN", "SIZES", "HiddenEffect", "Size", "draw", "own_value"]
+__all__ = ["BY_NAME", "HIDDEN", "SIZES", "HiddenEffect", "Size", "draw", "own_value"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +48,18 @@ class Size:
 # From what hardly shows above 1 mV of noise to what meets a limit of the cell.
 SIZES: MappingProxyType[str, Size] = MappingProxyType(
     {
+        "active_material_loss": Size(0.05, 0.2),
         "capacity": Size(0.02, 0.15, base="own", per="own", sign="falls"),
         "charge_discharge_asymmetry": Size(0.1, 0.6, base="own"),
         "charge_transfer": Size(0.2, 1.5, base="own", per="own"),
+        "core_temperature": Size(1.0, 5.0),
+        "current_gain": Size(0.005, 0.03, sign="either"),
         "current_offset": Size(0.001, 0.01, per="capacity", sign="either"),
         "entropic_voltage": Size(1.5e-4, 8e-4, base="own", sign="either"),
         "heat_transfer": Size(0.3, 0.8, base="own", per="own", sign="falls"),
         "hysteresis": Size(0.004, 0.03, base="own"),
+        "intermittent_contact": Size(0.003, 0.02),
+        "lithium_loss": Size(0.03, 0.15),
         "relaxation": Size(0.4, 2.5, base="own", per="own"),
         "resistance_growth": Size(0.01, 0.06),
         "reversible_heat": Size(2e-4, 6e-4, sign="either"),
@@ -63,6 +68,7 @@ SIZES: MappingProxyType[str, Size] = MappingProxyType(
         "soc_dependence": Size(0.01, 0.06, base="own"),
         "temperature_dependence": Size(700.0, 3000.0, base="own"),
         "temperature_sensor": Size(1.5, 5.0, sign="either"),
+        "voltage_gain": Size(0.001, 0.006, sign="either"),
         "voltage_offset": Size(0.003, 0.015, sign="either"),
     }
 )
@@ -77,6 +83,14 @@ HIDDEN = (
     "self_discharge",
     "series_resistance",
     "voltage_offset",
+)
+# What can be hidden by its name only: many a campaign cannot tell it from one of those above, or takes luck to show it.
+BY_NAME = (
+    "active_material_loss",
+    "current_gain",
+    "intermittent_contact",
+    "lithium_loss",
+    "voltage_gain",
 )
 _UPPER_PART = 0.4
 
@@ -119,7 +133,7 @@ def draw(name: str, cell: CellParameters, seed: int) -> HiddenEffect:
 
     Parameters
     ----------
-    name : an effect of `HIDDEN`, or "random"
+    name : an effect of `HIDDEN` or `BY_NAME`, or "random", which is one of the former
     cell : the cell before the change
     seed : the same seed draws the same effect and size; the salt is always a new one
 
@@ -130,8 +144,9 @@ def draw(name: str, cell: CellParameters, seed: int) -> HiddenEffect:
     """
     rng = np.random.default_rng([seed, 0x5EA1])
     chosen = str(rng.choice(sorted(HIDDEN))) if name == "random" else name
-    if chosen not in HIDDEN:
-        raise ValueError(f"effect {chosen!r} cannot be hidden; random, none or one of {', '.join(sorted(HIDDEN))}")
+    known = sorted((*HIDDEN, *BY_NAME))
+    if chosen not in known:
+        raise ValueError(f"effect {chosen!r} cannot be hidden; random, none or one of {', '.join(known)}")
     size, own = SIZES[chosen], own_value(chosen, cell)
     x = size.signed(float(rng.uniform(max(size.low, _UPPER_PART * size.high), size.high)), rng)
     value = size.value(x, own, cell.capacity_Ah)
@@ -139,9 +154,9 @@ def draw(name: str, cell: CellParameters, seed: int) -> HiddenEffect:
 
 
 def own_value(name: str, cell: CellParameters) -> float:
-    """Present value of the primary parameter; 0 where it sits in the sensors."""
+    """Present value of the primary parameter; 0 where it sits in the sensors, or is a change of the whole cell."""
     effect = EFFECTS[name]
-    if effect.part != "cell":
+    if effect.part != "cell" or effect.aged is not None:
         return 0.0
     value: object = cell
     for part in effect.field.split("."):

@@ -7,7 +7,7 @@ import numpy as np
 
 from simulators.particle_cell import Electrode, ParticleParameters
 
-__all__ = ["PARTICLE_EFFECTS", "random_particle_cell"]
+__all__ = ["PARTICLE_AGEING", "PARTICLE_EFFECTS", "aged", "random_particle_cell"]
 
 
 def random_particle_cell(rng: np.random.Generator) -> ParticleParameters:
@@ -67,6 +67,46 @@ def _replaced(p: ParticleParameters, electrode: str, **changes: float) -> Partic
     return replace(p, **{electrode: replace(getattr(p, electrode), **changes)})
 
 
+def aged(
+    p: ParticleParameters, lithium: float = 0.0, negative: float = 0.0, positive: float = 0.0
+) -> ParticleParameters:
+    """Return the cell without some lithium, or material with the lithium that it held when the cell was half full.
+
+    The aged cell is empty and full at the voltages at which the fresh one is.
+
+    Parameters
+    ----------
+    p : fresh
+    lithium : over the fresh capacity
+    negative, positive : shares of the electrodes' material
+    """
+    n, c = p.negative, p.positive
+    size_n, size_c = 1.0 / (n.at_full - n.at_empty), 1.0 / (c.at_empty - c.at_full)
+    half_n, half_c = 0.5 * (n.at_full + n.at_empty), 0.5 * (c.at_full + c.at_empty)
+    held = n.at_empty * size_n + c.at_empty * size_c - lithium - negative * half_n * size_n - positive * half_c * size_c
+    size_n, size_c = size_n * (1.0 - negative), size_c * (1.0 - positive)
+
+    def charge_at(volts: float) -> float:
+        """Charge in the negative electrode at which the cell rests there: halved, for it rises with the charge."""
+        low, high = 0.0, size_n
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            rest_V = c.potential_V((held - middle) / size_c) - n.potential_V(middle / size_n)
+            low, high = (middle, high) if rest_V < volts else (low, middle)
+        return low
+
+    empty, full = (
+        charge_at(c.potential_V(each_c) - n.potential_V(each_n))
+        for each_n, each_c in ((n.at_empty, c.at_empty), (n.at_full, c.at_full))
+    )
+    return replace(
+        p,
+        capacity_Ah=p.capacity_Ah * (full - empty),
+        negative=replace(n, at_empty=empty / size_n, at_full=full / size_n),
+        positive=replace(c, at_empty=(held - empty) / size_c, at_full=(held - full) / size_c),
+    )
+
+
 # By contract name: parameters with the effect of a size, where 1 is large.
 PARTICLE_EFFECTS = {
     "capacity": lambda p, x: replace(p, capacity_Ah=p.capacity_Ah * (1.0 - 0.15 * x)),
@@ -82,4 +122,9 @@ PARTICLE_EFFECTS = {
     "series_resistance": lambda p, x: replace(p, series_Ohm=0.03 * x / p.capacity_Ah),
     "soc_dependence": lambda p, x: replace(p, film_at_empty_Ohm=0.15 * x / p.capacity_Ah),
     "temperature_dependence": lambda p, x: replace(p, film_K=p.film_K + 4000.0 * x),
+}
+# The same for what ages: apart, so that what is drawn from the effects above stays what it was.
+PARTICLE_AGEING = {
+    "active_material_loss": lambda p, x: aged(p, negative=0.25 * x),
+    "lithium_loss": lambda p, x: aged(p, lithium=0.15 * x),
 }

@@ -15,7 +15,8 @@ __all__ = ["Measurement", "MeasuringLayer", "SensorParameters", "Sensors"]
 class SensorParameters:
     """Errors of the sensors: standard deviations, steps of the converter (0: none) and constant errors.
 
-    The temperature sensor reads `temperature_gain` times the difference to ambient, plus its offset.
+    Voltage and current are read too large by their gain, a share, and by their offset. The temperature sensor reads
+    `temperature_gain` times the difference to ambient, plus its offset.
     """
 
     voltage_noise_V: float = 1e-3
@@ -25,7 +26,9 @@ class SensorParameters:
     current_resolution_A: float = 1e-4
     temperature_resolution_K: float = 0.01
     voltage_offset_V: float = 0.0
+    voltage_gain: float = 0.0
     current_offset_A: float = 0.0
+    current_gain: float = 0.0
     temperature_offset_K: float = 0.0
     temperature_gain: float = 1.0
 
@@ -92,9 +95,10 @@ class Sensors:
         p = self.parameters
         noise_v, noise_i, noise_t, noise_a = self._rng.standard_normal(4).tolist()
         warmth = p.temperature_gain * (truth.temperature_degC - ambient_degC) + p.temperature_offset_K
+        read_V, read_A = (1.0 + p.voltage_gain) * truth.voltage_V, (1.0 + p.current_gain) * current_A
         return Measurement(
-            _quantised(truth.voltage_V + p.voltage_offset_V + p.voltage_noise_V * noise_v, p.voltage_resolution_V),
-            _quantised(current_A + p.current_offset_A + p.current_noise_A * noise_i, p.current_resolution_A),
+            _quantised(read_V + p.voltage_offset_V + p.voltage_noise_V * noise_v, p.voltage_resolution_V),
+            _quantised(read_A + p.current_offset_A + p.current_noise_A * noise_i, p.current_resolution_A),
             _quantised(ambient_degC + warmth + p.temperature_noise_K * noise_t, p.temperature_resolution_K),
             _quantised(ambient_degC + p.temperature_noise_K * noise_a, p.temperature_resolution_K),
         )

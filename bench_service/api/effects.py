@@ -11,6 +11,7 @@ from pydantic import Field
 from bench_service.api.dependencies import PathId, ServicesOf
 from bench_service.api.strict import Body, Id, StrictRoute
 from bench_service.campaign.diagnosing import catalogue
+from bench_service.campaign.learning import LearningOrder
 from bench_service.campaign.versions import chain
 
 router = APIRouter(tags=["effects"], route_class=StrictRoute)
@@ -50,6 +51,20 @@ class RefitBody(Body):
 async def refit(model_id: PathId, body: RefitBody, services: ServicesOf) -> dict[str, Any]:
     """Fit a model's parameters again to new runs; answers with the job, whose result names the child."""
     return asdict(await services.diagnosing.start_refit(model_id, body.train_run_ids, body.validate_run_ids))
+
+
+class LearnBody(Body):
+    """Runs of one cell in time's order; without ``validate_run_ids`` each next run judges the version before it."""
+
+    run_ids: RunIds
+    validate_run_ids: Annotated[list[Id], Field(max_length=100)] = []
+
+
+@router.post("/models/{model_id}/learn", status_code=202)
+async def learn(model_id: PathId, body: LearnBody, services: ServicesOf) -> dict[str, Any]:
+    """Let a model learn from stored runs, a version each; answers with the job, whose result names the versions."""
+    order = LearningOrder(model_id=model_id, run_ids=body.run_ids, validate_run_ids=body.validate_run_ids)
+    return asdict(await services.learning.start_learning(order))
 
 
 @router.get("/models/{model_id}/chain")

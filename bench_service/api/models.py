@@ -23,11 +23,22 @@ from bench_service.api.strict import (
     read_object,
     require_content_type,
 )
-from bench_service.campaign.modelling import FitOrder
+from bench_service.campaign.modelling import FitOrder, ModuleOrder
 from bench_service.jobs.screening import MODEL
 
 router = APIRouter(prefix="/models", tags=["models"], route_class=StrictRoute)
 bulk_router = APIRouter(prefix="/models", tags=["models"], route_class=BulkRoute)
+
+
+Count = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+
+
+class ModuleBody(Body):
+    """The runs are of a module; ``in_series`` by default as many as the runs have voltages of."""
+
+    in_series: Count | None = None
+    parallel: Count = 1
+    cell_model_id: Id | None = None
 
 
 class FitBody(Body):
@@ -42,6 +53,7 @@ class FitBody(Body):
     initial_soc_std: Soc = 0.0
     coulombic_efficiency: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = 1.0
     seed: Seed | None = None
+    module: ModuleBody | None = None
 
 
 @router.post("", status_code=202)
@@ -57,6 +69,7 @@ async def start_fit(body: FitBody, services: ServicesOf) -> Answer:
         initial_soc_std=body.initial_soc_std,
         coulombic_efficiency=body.coulombic_efficiency,
         seed=body.seed,
+        module=body.module and ModuleOrder(**body.module.model_dump()),
     )
     return asdict(await services.modelling.start_fit(order))
 

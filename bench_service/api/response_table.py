@@ -52,6 +52,8 @@ JOBS = {
         "POST /trends",
         "POST /models/{model_id}/effects",
         "POST /models/{model_id}/refit",
+        "POST /models/{model_id}/learn",
+        "POST /observations",
         "POST /designs",
         "POST /imports/{import_id}/look",
         "POST /imports/{import_id}/run",

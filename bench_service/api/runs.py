@@ -51,10 +51,12 @@ class RunBody(Body):
     limits: LimitsBody | None = None
     model_id: Id | None = None
     observer_initial_soc: Soc | None = None
+    observer_gain: Literal["kalman", "steady"] | None = None
     name: Name | None = None
     seed: Seed | None = None
     finish_alone: bool = False
     band: BandBody | None = None
+    learn: bool = Field(default=False, strict=True)
     continues: Id | None = None
     on_interruption: Literal["stop", "resume"] | None = None
     cell_id: Id | None = None
@@ -74,10 +76,11 @@ async def start_run(body: RunBody, services: ServicesOf) -> Answer:
     """Start a run, after every check that needs no cycler."""
     if body.protocol_id is None and (body.continues is not None or body.on_interruption is not None):
         raise BadRequestError("only a protocol goes on after an interruption", ("protocol_id",), remedy="give one")
-    given = body.model_dump(exclude={"limits", "band"})
+    given = body.model_dump(exclude={"limits", "band", "learn"})
     band = body.band and BandWish(**body.band.model_dump())
     order = RunOrder(**given, limits=body.limits and body.limits.model_dump(), band=band)
-    return asdict(await services.runs.start(services.benches, order))
+    start = services.learning.start_run if body.learn else services.runs.start
+    return asdict(await start(services.benches, order))
 
 
 @router.get("")

@@ -29,8 +29,10 @@ from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.importing import Importing
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.latches import unacknowledged
+from bench_service.campaign.learning import Learning
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.observing import Observing
 from bench_service.campaign.protocol_resumer import ProtocolResumer
 from bench_service.campaign.resuming import resumed_soc
 from bench_service.campaign.runs import Runs
@@ -60,15 +62,13 @@ async def running_services(
 
     Parameters
     ----------
-    config, store
-        The store is open, and closed by the caller.
+    config, store : the store is open, and closed by the caller
     url : str or None
         At which the service's page is opened; it may use the benches' stop ports.
 
     Raises
     ------
-    StoreError, SimulationError
-        Recorder or simulator cannot start.
+    StoreError, SimulationError : recorder or simulator cannot start
     """
     code_version = version("bench-service")
     async with AsyncExitStack() as stack:
@@ -102,6 +102,8 @@ async def running_services(
             jobs=jobs,
             screen=stack.enter_context(closing(Screen())),
             modelling=workshop.modelling,
+            observing=Observing(store, jobs, workshop.modelling, config.data_dir),
+            learning=_learning(stack, workshop, journal, (config.data_dir, code_version)),
             diagnosing=workshop.diagnosing,
             designing=workshop.designing,
             trending=Trending(store, jobs, workshop.modelling, config.data_dir),
@@ -113,6 +115,12 @@ async def running_services(
             commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
             importing=Importing(store, jobs, storage, recorder.attach, (config.data_dir, code_version)),
         )
+
+
+def _learning(stack: AsyncExitStack, workshop: Workshop, journal: Journal, made: tuple[Path, str]) -> Learning:
+    learning = Learning(workshop.store, workshop.jobs, workshop.modelling, workshop.runs, journal, made)
+    stack.push_async_callback(learning.close)
+    return learning
 
 
 async def _resume_protocols(

@@ -1,15 +1,20 @@
 """The fuzzy observer as the run loop sees it; loaded with the first run that asks for one."""
 
 import math
+from dataclasses import replace
+from typing import Any
 
 from bench_service.bench.observer_link import NO_ESTIMATE, ObserverError, ObserverLink, ObserverRow
 from bench_service.bench.request import ObserverOrder, RunRequest
 from models.effects.input_correction import LiveCorrection, corrections_of
 from models.effects.reading import Reading
+from models.module.network import ModuleNetwork, cell_network, model_from_json
 from models.network.local_model_network import LocalModelNetwork
-from models.observer import FuzzyObserver, ObserverSettings
+from models.observer import FuzzyObserver, ObserverSettings, default_settings
 from models.observer.filter.fuzzy_observer import ObserverState
 from models.observer.health import Watcher
+from models.observer.module.module_observer import ModuleObserver
+from models.observer.module.tuning import module_observer
 
 # Outside of this a state of charge is no estimate any more.
 _PLAUSIBLE_SOC = (-0.2, 1.2)
@@ -24,7 +29,11 @@ class FuzzyObserverLink:
     """
 
     def __init__(
-        self, observer: FuzzyObserver, state: ObserverState, watcher: Watcher, correction: LiveCorrection
+        self,
+        observer: FuzzyObserver | ModuleObserver,
+        state: ObserverState,
+        watcher: Watcher,
+        correction: LiveCorrection,
     ) -> None:
         self._observer = observer
         self._state = state
@@ -59,22 +68,30 @@ class FuzzyObserverLink:
 def fuzzy_link(request: RunRequest, order: ObserverOrder) -> ObserverLink:
     """Build the observer of a request; see `run_setup.build_observer`."""
     try:
-        network = LocalModelNetwork.from_json(order["model"])
+        model = model_from_json(order["model"])
         settings = dict(order.get("settings") or {})
         soc = settings.pop("initial_soc", None)
-        observer = FuzzyObserver(network)
-        if settings:
-            merged = observer.settings.to_json() | settings
-            observer = FuzzyObserver(network, ObserverSettings.from_json(merged))
+        observer = _observer(model, settings)
         if not math.isclose(observer.dt_s, request.dt_s, rel_tol=1e-9):
             raise ValueError(f"the model's period is {observer.dt_s:g} s, the run's {request.dt_s:g} s; use one")
         soc, std = _initial_soc(soc if soc is not None else request.initial_soc)
         _, out = observer.step(observer.initial(soc, std), 0.0, math.nan, math.nan)  # compiles
         Watcher().step(out, math.nan)
-        correction = LiveCorrection(corrections_of(network.record), observer.dt_s)
+        correction = LiveCorrection(corrections_of(model.record), observer.dt_s)
         return FuzzyObserverLink(observer, observer.initial(soc, std), Watcher(), correction)
     except Exception as error:
         raise ObserverError(f"the observer cannot start: {error}") from error
+
+
+def _observer(model: LocalModelNetwork | ModuleNetwork, settings: dict[str, Any]) -> FuzzyObserver | ModuleObserver:
+    """Observer of a cell or of a module with some of its settings replaced."""
+    network = cell_network(model)
+    if settings:
+        merged = ObserverSettings.from_json(default_settings(network).to_json() | settings)
+        network = replace(network, record=replace(network.record, observer=merged.to_json()))
+    if isinstance(model, ModuleNetwork):
+        return module_observer(replace(model, network=network))
+    return FuzzyObserver(network)
 
 
 def _initial_soc(soc: float | None) -> tuple[float, float | None]:

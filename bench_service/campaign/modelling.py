@@ -23,11 +23,24 @@ from bench_service.jobs.modelling import (
     observer_figures,
     read_tables,
 )
+from bench_service.jobs.modules import ModuleWish, fit_module_runs
 from bench_service.jobs.results import Curves, FitAnswer, FitResult, SocFigures
 from bench_service.jobs.runner import Job, JobFunction, JobRunner
 from bench_service.jobs.series import RunInput
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import ComparisonRecord, Json, ModelOrigin, ModelRecord, RunRecord
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModuleOrder:
+    """The runs of an order are of a module: its layout, and the model of one cell from tests of cells, where given.
+
+    `in_series` None: as many as the runs have voltages of.
+    """
+
+    in_series: int | None = None
+    parallel: int = 1
+    cell_model_id: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +64,7 @@ class FitOrder:
     initial_soc_std: float = 0.0
     coulombic_efficiency: float = 1.0
     without: Sequence[str] = ()
+    module: ModuleOrder | None = None
 
 
 class Modelling:
@@ -100,32 +114,25 @@ class Modelling:
             )
             return {"model_id": record.id, "metrics": result["metrics"]}
 
-        return self._jobs.submit(
-            "fit",
-            fit,
-            self._data_dir,
-            train,
-            validate,
-            order.capacity_Ah,
-            order.structure,
-            list(order.pauses_s),
-            order.initial_soc_std,
-            order.coulombic_efficiency,
-            list(order.without),
-            store=keep,
-        )
+        runs = (self._data_dir, train, validate, order.capacity_Ah)
+        if order.module is not None:
+            wish = await asyncio.to_thread(self._module_wish, order, order.module)
+            return self._jobs.submit("fit", fit_module_runs, *runs, wish, store=keep)
+        settled = (list(order.pauses_s), order.initial_soc_std, order.coulombic_efficiency, list(order.without))
+        return self._jobs.submit("fit", fit, *runs, order.structure, *settled, store=keep)
 
     def import_model(self, document: Json, name: str, cell_id: str | None = None) -> ModelRecord:
         """Store a MODEL.json from elsewhere, of a cell where one is named; raises `ModelError` if it is none."""
         # Lazy: numba and scipy take 870 ms; the first use in a service's life pays for it, not its start.
-        from bench_service.jobs.screening import checked_model
+        from bench_service.jobs.screening import checked_any
+        from models.network.local_model_network import LocalModelNetwork
 
-        network = checked_model(document)
+        network = checked_any(document)
         return self._store.models.add(
             document,
             ModelOrigin(
                 name=name,
-                structure=network.structure.name,
+                structure=network.structure.name if isinstance(network, LocalModelNetwork) else network.name,
                 capacity_Ah=network.cell.capacity_Ah,
                 code_version=self._code_version,
                 # Its figures are of runs that are not in this store; how far it can be used goes with it.
@@ -135,7 +142,7 @@ class Modelling:
         )
 
     async def tables(self, model_id: str) -> Json:
-        """Give what is read out of a model: open-circuit voltage, resistance, step responses, heat, local models.
+        """Give what is read out of a model, of a module's mean cell: open-circuit voltage, resistance, heat and more.
 
         Raises
         ------
@@ -143,6 +150,8 @@ class Modelling:
             No such model.
         """
         document = await asyncio.to_thread(self._store.models.document, model_id)
+        if document.get("kind") == "module_network":
+            document = document["cell"]
         record = document.get("record") or {}
         tables = record.get("tables") or await self._result("tables", read_tables, document)
         return {
@@ -249,6 +258,18 @@ class Modelling:
             initial_soc=initial_soc,
             campaign_id=campaign_id,
         )
+
+    def _module_wish(self, order: FitOrder, module: ModuleOrder) -> ModuleWish:
+        cell_id = module.cell_model_id
+        return {
+            "in_series": module.in_series,
+            "parallel": module.parallel,
+            "cell": None if cell_id is None else self._store.models.document(cell_id),
+            "structure": order.structure,
+            "without": list(order.without),
+            "initial_soc_std": order.initial_soc_std,
+            "coulombic_efficiency": order.coulombic_efficiency,
+        }
 
     def _fit_inputs(self, order: FitOrder) -> tuple[list[RunInput], list[RunInput]]:
         validate = self.inputs(order.validate, "validate", None) if order.validate else []

@@ -38,7 +38,8 @@ class RunOrder:
     """What a client or a campaign asks for; units are in the names.
 
     ``limits`` names only what is narrower than the bench's own. With ``model_id`` the observer runs live, starting
-    at ``observer_initial_soc`` (default: ``initial_soc``). With ``finish_alone`` it plays on where the service is gone.
+    at ``observer_initial_soc`` (default: ``initial_soc``), with ``observer_gain`` (default: the bench's, see
+    `config.bench.BenchConfig`). With ``finish_alone`` it plays on where the service is gone.
     ``continues`` names the run whose profile or protocol is taken up again; ``standing`` is where the protocol stood.
     ``band`` names a model whose band the voltage must not leave. ``cell_id`` names the cell that must be on the bench.
     """
@@ -51,6 +52,7 @@ class RunOrder:
     limits: Mapping[str, Any] | None = None
     model_id: str | None = None
     observer_initial_soc: float | None = None
+    observer_gain: str | None = None
     name: str | None = None
     seed: int | None = None
     campaign_id: str | None = None
@@ -102,7 +104,7 @@ def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Sto
         time_s=time_s,
         current_A=current_A,
         initial_soc=order.initial_soc,
-        observer=_observer(order, store),
+        observer=_observer(order, store, bench.config.observer_gain),
         settle_s=bench.config.settle_s,
         finish_alone=order.finish_alone,
         protocol=protocol,
@@ -151,8 +153,11 @@ def _protocol(order: RunOrder, document: Json, limits: Limits, bench: BenchConfi
     return both, ProtocolOrder(document=document, standing=order.standing, expected_s=seen.duration_s), samples
 
 
-def _observer(order: RunOrder, store: MetadataStore) -> ObserverOrder | None:
+def _observer(order: RunOrder, store: MetadataStore, bench_gain: str | None) -> ObserverOrder | None:
     if order.model_id is None:
         return None
     start_soc = order.initial_soc if order.observer_initial_soc is None else order.observer_initial_soc
-    return ObserverOrder(model=store.models.document(order.model_id), settings={"initial_soc": start_soc})
+    settings: dict[str, Any] = {"initial_soc": start_soc}
+    if (gain := order.observer_gain or bench_gain) is not None:
+        settings["gain"] = gain
+    return ObserverOrder(model=store.models.document(order.model_id), settings=settings)

@@ -190,7 +190,7 @@ class Runs:
         # Queued before the run's end can be: the journal keeps the order.
         started = await self._journal.write(self._store.runs.start, record.id)
         text = f"{_called(started)} started: {_length(request)}, a sample each {order.dt_s:g} s, from SoC "
-        self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}")
+        self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}{_gain(request)}")
         if standing is not None and standing.warns:
             self._journal.note(bench.name, standing.warning(bench.name, started.id), started.campaign_id)
         return started
@@ -277,6 +277,12 @@ class Runs:
 
 def _called(run: RunRecord) -> str:
     return f"run {run.name or run.id[:8]!r}"
+
+
+def _gain(request: RunRequest) -> str:
+    """Say with which gain the observer runs, where somebody has chosen one: its estimates depend on it."""
+    gain = request.observer and (request.observer["settings"] or {}).get("gain")
+    return "" if gain is None else f", observer with {gain} gain"
 
 
 def _length(request: RunRequest) -> str:

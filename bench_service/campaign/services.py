@@ -13,8 +13,10 @@ from bench_service.campaign.designing import Designing
 from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.importing import Importing
 from bench_service.campaign.journal import Journal
+from bench_service.campaign.learning import Learning
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
+from bench_service.campaign.observing import Observing
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.storage import Storage
 from bench_service.campaign.trending import Trending
@@ -44,6 +46,8 @@ class Services:
     jobs: JobRunner
     screen: Screen
     modelling: Modelling
+    observing: Observing
+    learning: Learning
     diagnosing: Diagnosing
     designing: Designing
     trending: Trending

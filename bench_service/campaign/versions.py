@@ -50,7 +50,7 @@ def _held_out(store: MetadataStore, model: ModelRecord, members: dict[str, Model
 
 
 def _judged_by_children(model: ModelRecord, members: dict[str, ModelRecord]) -> Json | None:
-    """A first version is judged on the runs that its first child was, so that the steps can be set side by side."""
+    """A version is judged on the runs that its first child was, so that the steps can be set side by side."""
     child = next((each for each in members.values() if each.parent_id == model.id and each.metrics), None)
     if child is None or child.metrics is None or "error_before_mV" not in child.metrics:
         return None
@@ -58,7 +58,8 @@ def _judged_by_children(model: ModelRecord, members: dict[str, ModelRecord]) -> 
         "rmse_mV": child.metrics["error_before_mV"],
         "before_mV": None,
         "noise_floor_mV": child.metrics.get("noise_floor_mV"),
-        "run_ids": [run.run_id for run in child.validate],
+        # A version that was learned from a run has first shown on it what its parent was worth.
+        "run_ids": [run.run_id for run in child.validate or child.train],
     }
 
 

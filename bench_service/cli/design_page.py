@@ -11,6 +11,7 @@ import numpy as np
 from bench_service.cli.readout_page import Line, Values, plot
 from bench_service.cli.report import page, table
 from bench_service.store.decimation import kept_rows
+from models.design.coverage import CURRENT_CELLS, SOC_CELLS
 from models.design.optimise.block_design import OPTIMAL, plan_of
 from models.design.overview import coverage, family_std, mean_std, mean_std_over_time
 from models.design.sequence.load_cycle import load_histogram
@@ -46,11 +47,25 @@ def design_page(title: str, experiment: Experiment, request: DesignRequest, foun
         *_ratio(experiment, request),
         *_load(request),
         "<h2>Where the time is spent</h2>",
+        *_covered(found),
         "<p>Share of the time by SoC and current; darker is more</p>",
         _coverage(request, found),
         *_telling(experiment, request, found),
     ]
     return page(f"{title}: design", parts)
+
+
+def _covered(found: Design) -> list[str]:
+    """How much of what was asked for, in words."""
+    said = found.coverage
+    text = (
+        f"{100.0 * said.share:.0f} % of the asked window of SoC and current ({SOC_CELLS} by {CURRENT_CELLS} cells) is "
+        f"gone through; SoC {said.soc[0]:.3f} to {said.soc[1]:.3f}, {said.current_A[0]:.3g} to "
+        f"{said.current_A[1]:.3g} A"
+    )
+    if said.temperature_degC is not None:
+        text += f", {said.temperature_degC[0]:.1f} to {said.temperature_degC[1]:.1f} degC by its own heat"
+    return [f"<p>{text}.</p>", *(f"<p>{escape(reason)}.</p>" for reason in said.reasons)]
 
 
 def _accuracy(request: DesignRequest, found: Design) -> list[str]:

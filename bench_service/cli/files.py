@@ -15,7 +15,9 @@ from bench_service.cli.output import Output
 
 if TYPE_CHECKING:
     from models.data.timeseries import TimeSeries
+    from models.module.log import ModuleLog
     from models.module.models import ModuleModel
+    from models.module.network import ModuleNetwork
     from models.network.local_model_network import LocalModelNetwork
     from models.network.structure import Structure
 
@@ -43,19 +45,27 @@ def add_runs_to_learn_from(parser: ArgumentParser, out: str) -> None:
 
 def read_runs(paths: Sequence[Path], current_sign: str | None, output: Output) -> list[TimeSeries]:
     """Read measured runs; remarks go to `output`, two files of one name are told apart by their directory."""
-    # Lazy: numpy takes 90 ms.
-    from bench_service.exchange.read import read_run_file
+    return [log.run for log in read_logs(paths, current_sign, output)]
 
-    runs = []
+
+def read_logs(paths: Sequence[Path], current_sign: str | None, output: Output) -> list[ModuleLog]:
+    """Read measured runs, with the voltages of a module's cells where the files have them; see `read_runs`."""
+    # Lazy: numba and scipy take 1.0 s.
+    from bench_service.exchange.read import read_run_file
+    from models.module.log import ModuleLog
+
+    files = []
     for path in paths:
-        read = read_run_file(path, current_sign)  # pyright: ignore[reportArgumentType]  # argparse checked it
-        output.warn(*read.warnings)
-        runs.append(read.series)
-    names = [run.name for run in runs]
-    return [
-        replace(run, name=f"{path.absolute().parent.name}/{run.name}") if names.count(run.name) > 1 else run
-        for path, run in zip(paths, runs, strict=True)
-    ]
+        files.append(read_run_file(path, current_sign))  # pyright: ignore[reportArgumentType]  # argparse checked it
+        output.warn(*files[-1].warnings)
+    names = [read.series.name for read in files]
+    logs = []
+    for path, read in zip(paths, files, strict=True):
+        run = read.series
+        if names.count(run.name) > 1:
+            run = replace(run, name=f"{path.absolute().parent.name}/{run.name}")
+        logs.append(ModuleLog(run, read.cells_V))
+    return logs
 
 
 def read_model(path: Path) -> LocalModelNetwork:
@@ -77,6 +87,23 @@ def read_model(path: Path) -> LocalModelNetwork:
         if isinstance(document, dict) and SEAL not in document:
             return checked_model(document)
         return LocalModelNetwork.from_json(document)
+    except ModelError as error:
+        raise UsageError(f"{path}: {error}") from error
+
+
+def read_any_model(path: Path) -> LocalModelNetwork | ModuleNetwork:
+    """Read a MODEL.json of a cell or of a module; see `read_model`."""
+    # Lazy: numba and scipy take 1.1 s.
+    from bench_service.jobs.screening import checked_any
+    from models.data.errors import ModelError
+    from models.data.seal import SEAL
+    from models.module.network import model_from_json
+
+    document = _read_json(path, "a model")
+    try:
+        return (
+            checked_any(document) if isinstance(document, dict) and SEAL not in document else model_from_json(document)
+        )
     except ModelError as error:
         raise UsageError(f"{path}: {error}") from error
 

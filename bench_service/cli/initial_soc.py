@@ -9,8 +9,13 @@ from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
 
 if TYPE_CHECKING:
+    from argparse import Namespace
+
     from models.data.timeseries import TimeSeries
+    from models.module.network import ModuleNetwork
     from models.network.local_model_network import LocalModelNetwork
+
+    Model = LocalModelNetwork | ModuleNetwork
 
 
 # Anywhere between empty and full is as likely: the standard deviation of that is 0.29.
@@ -20,10 +25,11 @@ _GUESS = (0.5, 0.29)
 def initial_soc(
     runs: Sequence[TimeSeries],
     given: tuple[float, ...] | None,
-    network: LocalModelNetwork | None = None,
+    network: Model | None = None,
     output: Output | None = None,
+    option: str = "--initial-soc",
 ) -> list[float]:
-    """Return the SoC at the start of each run: `--initial-soc`, else the run's first `soc_ref`, else by a rest.
+    """Return the SoC at the start of each run: `option`, else the run's first `soc_ref`, else by a rest.
 
     With a model, a run that begins with a sufficient rest starts where its open-circuit voltage says.
 
@@ -43,12 +49,31 @@ def initial_soc(
         return [start_soc(run) for run in runs]
     if len(given) not in (1, len(runs)):
         wanted = "1 value" if len(runs) == 1 else f"1 value or {len(runs)}"
-        raise UsageError(f"--initial-soc has {len(given)} values for {len(runs)} run(s); give {wanted}")
+        raise UsageError(f"{option} has {len(given)} values for {len(runs)} run(s); give {wanted}")
     return list(given) if len(given) == len(runs) else [given[0]] * len(runs)
 
 
+def starts_apart(
+    train: Sequence[TimeSeries],
+    judged: Sequence[TimeSeries],
+    options: Namespace,
+    network: LocalModelNetwork,
+    output: Output,
+) -> tuple[list[float], list[float]]:
+    """Return the SoC at the start of runs to learn from, and of those that judge.
+
+    `--initial-soc` alone, with one value or one for every run, speaks of all of them, those to learn from first.
+    """
+    given, every = options.initial_soc, [*train, *judged]
+    if given is not None and options.train_initial_soc is None and len(given) in (1, len(every)):
+        soc = initial_soc(every, given)
+        return soc[: len(train)], soc[len(train) :]
+    learned = initial_soc(train, options.train_initial_soc, network, output, "--train-initial-soc")
+    return learned, initial_soc(judged, given, network, output)
+
+
 def known_starts(
-    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: LocalModelNetwork, output: Output | None
+    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: Model, output: Output | None
 ) -> list[tuple[float, float | None]]:
     """Return the same with its standard deviation where it was read from a rest; else None: it is somebody's word."""
     if given is not None:
@@ -57,7 +82,7 @@ def known_starts(
 
 
 def guessed_soc(
-    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: LocalModelNetwork, output: Output
+    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: Model, output: Output
 ) -> list[tuple[float, float | None]]:
     """Return where an observer starts in each run, with the standard deviation where it is a mere guess."""
     # Lazy: numpy takes 60 ms.
@@ -75,17 +100,20 @@ def guessed_soc(
     return starts
 
 
-def _known_soc(run: TimeSeries, network: LocalModelNetwork, output: Output | None) -> tuple[float, float | None]:
+def _known_soc(run: TimeSeries, network: Model, output: Output | None) -> tuple[float, float | None]:
     """SoC from the run's reference, else from the rest that it begins with and then with its standard deviation."""
     # Lazy: numba and scipy take 930 ms.
     from models.data.errors import ModelError
     from models.data.start_soc import start_soc
+    from models.module.network import ModuleNetwork
     from models.readouts.rest_start import soc_from_rest
 
     try:
         return start_soc(run), None
     except ModelError:
-        soc, std = soc_from_rest(run, network)
+        module = isinstance(network, ModuleNetwork)
+        seen, cell = (network.mean_cell_series(run), network.network) if module else (run, network)
+        soc, std = soc_from_rest(seen, cell)
     if output is not None:
         output.warn(f"{run.name}: SoC at its start from the open-circuit voltage after a rest: {soc:.3f} +- {std:.3f}")
     return soc, std

@@ -82,6 +82,6 @@ def read_judged_runs(options: Namespace, output: Output) -> JudgedRuns:
     runs = read_runs(options.runs, options.current_sign, output)
     train = read_runs(options.train, options.current_sign, output)
     soc = initial_soc(runs, options.initial_soc, network, output)
-    train_soc = initial_soc(train, options.train_initial_soc, network, output)
+    train_soc = initial_soc(train, options.train_initial_soc, network, output, "--train-initial-soc")
     std = None if options.initial_soc_std is None else [options.initial_soc_std] * len(runs)
     return JudgedRuns(network, runs, soc, std, train or None, train_soc or None)

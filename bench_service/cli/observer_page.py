@@ -16,8 +16,8 @@ from models.observer.certificate.stability import Stability, stability
 from models.observer.tuning.trade_off import TradeOff
 
 if TYPE_CHECKING:
-    from bench_service.cli.observation import Observation
     from models.observer import FuzzyObserver
+    from models.observer.observation import Observation
 
 _BLUE, _ORANGE, _GREY = "#0b62a8", "#c2410c", "#7a7a7a"
 _BAND_95 = 1.96

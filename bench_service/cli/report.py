@@ -9,16 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_service.cli.incremental_page import incremental_parts
 from bench_service.cli.readout_page import readout_parts
 from bench_service.cli.tables import start_line
 from bench_service.store.decimation import kept_rows
 from models.comparison.placed_runs import place_runs
 from models.comparison.reach import bands
 from models.comparison.simulated_runs import RunComparison
+from models.module.network import ModuleNetwork, cell_network
+from models.network.local_model_network import LocalModelNetwork
 
 if TYPE_CHECKING:
     from models.data.timeseries import TimeSeries
-    from models.network.local_model_network import LocalModelNetwork
     from models.uncertainty.bands import PredictionBand
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 900, 220, 60, 24
@@ -40,7 +42,7 @@ Curve = tuple[str, NDArray[np.floating[Any]]]
 
 def comparison_page(
     model: str,
-    network: LocalModelNetwork,
+    network: LocalModelNetwork | ModuleNetwork,
     runs: Sequence[TimeSeries],
     initial_soc: Sequence[float],
     result: Mapping[str, Any],
@@ -63,7 +65,7 @@ def comparison_page(
         f" {100 * result['outside_training']:.1f} % of the samples lie outside the trained domain{_by(result)}."
         f"{_band(result['band'])}{_temperature(result['temperature'])}</p>",
         f"<p>{escape(start_line(result))}.</p>",
-        _promised(network),
+        _promised(network) if isinstance(network, LocalModelNetwork) else "",
         f"<p>Over time {escape(result['whiteness']['text'])}.</p>" if result["whiteness"] is not None else "",
         "".join(f"<p>The runs were corrected as the model says: {_correction(c)}.</p>" for c in result["corrections"]),
         table(("run", *_METRICS), rows),
@@ -75,7 +77,8 @@ def comparison_page(
     found = bands(network, [each.run for each in compared], [each.start for each in compared])
     for number, each in enumerate(compared):
         parts += curves(each, None if found is None else found[number])
-    parts += readout_parts(network)
+        parts += incremental_parts(each, network.cell.capacity_Ah)
+    parts += readout_parts(cell_network(network))
     return page(f"{model}: comparison", parts)
 
 

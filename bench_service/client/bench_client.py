@@ -53,6 +53,7 @@ class BenchClient:
         self.import_model = models.import_model
         self.design = models.design
         self.compare = models.compare
+        self.observe = models.observe
         self.comparison = models.comparison
         self.comparison_series = models.comparison_series
         self.comparison_table = models.comparison_table
@@ -62,6 +63,7 @@ class BenchClient:
         self.trend = models.trend
         self.add_effect = models.add_effect
         self.refit = models.refit
+        self.learn = models.learn
         self.model_chain = models.model_chain
         results = ResultCalls(self._connection)
         self.comparisons = results.comparisons

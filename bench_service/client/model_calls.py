@@ -32,16 +32,19 @@ class ModelCalls:
         initial_soc_std: float = 0.0,
         coulombic_efficiency: float = 1.0,
         seed: int = 0,
+        module: Record | None = None,
         **patience: Unpack[Patience],
     ) -> Record:
         """Fit a model to runs, wait for it, and give the model's record.
 
         `initial_soc_std`: how far off the states of charge may be at which the training runs are said to begin; they
-        are then estimated with the fit. `without`: effects that are left out of a bounded network.
+        are then estimated with the fit. `without`: effects that are left out of a bounded network. `module`: the runs
+        are of a module: ``in_series``, ``parallel``, and ``cell_model_id`` of a cell's model, each where it is known.
         """
         body = {"name": name, "train": list(train), "validate": list(validate)}
         body |= {"capacity_Ah": float(capacity_Ah), "structure": structure, "without": list(without), "seed": seed}
         body |= {"initial_soc_std": float(initial_soc_std), "coulombic_efficiency": float(coulombic_efficiency)}
+        body |= {"module": module}
         return self.model(self._worked("models", body, patience)["model_id"])
 
     def wait_job(
@@ -88,10 +91,37 @@ class ModelCalls:
         """
         return self._worked("designs", {"name": name, "request": request}, patience)
 
+    def learn(
+        self, model_id: str, run_ids: Sequence[str], validate: Sequence[str] = (), **patience: Unpack[Patience]
+    ) -> Record:
+        """Let a model learn from runs in time's order, wait for it, and give the new versions' figures.
+
+        ``model`` of the result is the last version; every run of `validate` judges each of them.
+        """
+        body = {"run_ids": list(run_ids), "validate_run_ids": list(validate)}
+        return self._worked(f"models/{part(model_id)}/learn", body, patience)
+
     def compare(self, model_id: str, run_ids: Sequence[str], initial_soc: float | None = None) -> Record:
         """Compare a model with runs."""
         body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc}
         return self._connection.post(f"{API}/comparisons", body, at_work=True)
+
+    def observe(
+        self,
+        model_id: str,
+        run_ids: Sequence[str],
+        *,
+        initial_soc: float | None = None,
+        gain: str | None = None,
+        **patience: Unpack[Patience],
+    ) -> Record:
+        """Replay runs through a model's observer, wait for it, and give what `observe --json` prints.
+
+        `initial_soc`: where the observer begins; by default where each run is said to begin, from where the reference
+        is counted. `gain`: "kalman" or "steady"; by default as the model has it.
+        """
+        body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc, "gain": gain}
+        return self._worked("observations", body, patience)
 
     def comparison(self, comparison_id: str) -> Record:
         """One comparison."""

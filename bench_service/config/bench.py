@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -58,6 +58,8 @@ class BenchConfig(Table):
     timeout_s: Positive = 0.5
     settle_s: NotNegative = 1.0
     chamber: ChamberConfig | None = None
+    # Of the observers that run live; absent: as the model has it.
+    observer_gain: Literal["kalman", "steady"] | None = None
 
     @model_validator(mode="before")
     @classmethod

@@ -55,6 +55,9 @@ external_interlock = false
 # current is not yet compared with the commanded one.
 timeout_s = 0.5
 settle_s = 1.0
+# How the observer that runs live with a model weighs the voltage: "kalman", by the covariance of the moment, or
+# "steady", by gains worked out beforehand for each local model. Absent: as the model has it, which is "kalman".
+# observer_gain = "steady"
 
 [bench.sim.simulate]
 # modbus-tcp, modbus-rtu (a pseudo-terminal, paced to its baud rate) or can (needs map = "generic_can")

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from bench_service.exchange.errors import RunFileError
+from bench_service.streams import cell_number
 
 # own name -> (BDF label, BDF machine names)
 BDF_NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -35,6 +36,21 @@ _MEANING = {name: own for own, (label, machine) in BDF_NAMES.items() for name in
 }
 
 
+def cell_columns(file: str, names: Iterable[str]) -> list[str]:
+    """Return the columns that hold voltages of a module's cells, in their order.
+
+    Raises
+    ------
+    RunFileError
+        One between the first and the last is absent.
+    """
+    numbers = sorted(number for number in map(cell_number, names) if number is not None)
+    for wanted, number in enumerate(numbers, start=1):
+        if number != wanted:
+            raise RunFileError(f"{file}: there is a column v_cell{number}_V but no v_cell{wanted}_V; name all of them")
+    return [f"v_cell{number}_V" for number in numbers]
+
+
 def choose_columns(file: str, names: Iterable[str]) -> dict[str, str]:
     """Say which column of a file holds what.
 
@@ -56,7 +72,7 @@ def choose_columns(file: str, names: Iterable[str]) -> dict[str, str]:
     names = list(names)
     chosen: dict[str, str] = {}
     for name in names:
-        own = _MEANING.get(name)
+        own = name if cell_number(name) is not None else _MEANING.get(name)
         if own is None:
             continue
         if own in chosen:

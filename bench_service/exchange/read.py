@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_service.exchange.columns import choose_columns
+from bench_service.exchange.columns import cell_columns, choose_columns
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.format import RawTable
 from bench_service.exchange.registry import formats
@@ -17,7 +17,7 @@ from bench_service.exchange.sign import judge_sign
 from models.data.errors import TimeSeriesError
 from models.data.stamps.clock import without_hour_jumps
 from models.data.stamps.repair import with_stamps_put_right
-from models.data.timeseries import TimeSeries
+from models.data.timeseries import FloatArray, TimeSeries
 
 CurrentSign = Literal["charge-positive", "discharge-positive"]
 
@@ -38,6 +38,7 @@ class RunFile:
     Attributes
     ----------
     series : the measurement, positive current charges
+    cells_V : (n, groups) voltage of each group of a module's cells, NaN where missing; None where the file has none
     warnings : what a person should know: unclear sign, ignored duplicates, missing temperature
     ignored_columns : columns that were not used
     """
@@ -45,6 +46,7 @@ class RunFile:
     series: TimeSeries
     warnings: tuple[str, ...] = ()
     ignored_columns: tuple[str, ...] = ()
+    cells_V: FloatArray | None = None
 
 
 def read_run(path: Path | str, current_sign: CurrentSign | None = None) -> TimeSeries:
@@ -84,12 +86,18 @@ def read_run_file(path: Path | str, current_sign: CurrentSign | None = None) -> 
     _settle_sign(path, columns, current_sign, warnings)
     _settle_temperature(path, columns, warnings)
     used = set(choose_columns(str(path), table.names).values())
+    cells = [columns.pop(name) for name in cell_columns(str(path), table.names)]
     try:
         series = TimeSeries(name=run_name(path), **columns)
     except TimeSeriesError as error:
         raise RunFileError(f"{path}: {str(error).removeprefix(run_name(path) + ': ')}") from error
-    series, remarks = with_stamps_put_right(series)
-    return RunFile(series, (*warnings, *remarks), tuple(name for name in table.names if name not in used))
+    repaired, remarks = with_stamps_put_right(series)
+    cells_V = np.column_stack(cells) if cells else None
+    if cells_V is not None and len(repaired) != len(cells_V):
+        cells_V = None
+        remarks.append(f"{series.name}: the voltages of its cells are not used: rows had to be put in")
+    ignored = tuple(name for name in table.names if name not in used)
+    return RunFile(repaired, (*warnings, *remarks), ignored, cells_V)
 
 
 def run_name(path: Path) -> str:

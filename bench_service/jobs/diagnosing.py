@@ -157,9 +157,9 @@ def map_errors(report: Reporter, data_dir: Path, document: Document, runs: Seque
     # Lazy: numba and scipy take 1.1 s.
     from models.comparison.placed_runs import place_runs
     from models.comparison.where import error_map
-    from models.network.local_model_network import LocalModelNetwork
+    from models.module.network import model_from_json
 
-    network = LocalModelNetwork.from_json(document)
+    network = model_from_json(document)
     return plain(error_map(network, place_runs(network, _read(data_dir, runs), _soc(runs))))
 
 

@@ -20,7 +20,7 @@ from bench_service.jobs.counting import counted_soc
 from bench_service.jobs.joining import joined
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.results import ComparisonResult, Curves, Document, FitResult, SocFigures
-from bench_service.jobs.series import RunInput, read_series
+from bench_service.jobs.series import RunInput, read_logs, read_series
 from bench_service.store.decimation import kept_rows
 from bench_service.store.integrity import Expected, read_whole
 from bench_service.store.records import Json
@@ -98,10 +98,15 @@ def compare_runs(report: Reporter, data_dir: Path, document: Document, runs: Seq
     """Compare a model with stored runs; gives the ``compare`` object of the public contract."""
     # Lazy: numba and scipy take 1.0 s.
     from models.comparison.figures import compare
-    from models.network.local_model_network import LocalModelNetwork
+    from models.comparison.module_models import compare_module
+    from models.module.network import ModuleNetwork, model_from_json
 
-    series = read_series(data_dir, runs)
-    return plain(compare(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs]))
+    model, logs = model_from_json(document), read_logs(data_dir, runs)
+    soc = [run.initial_soc for run in runs]
+    found: dict[str, Any] = dict(compare(model, [log.run for log in logs], soc))
+    if isinstance(model, ModuleNetwork):
+        found["module"] = compare_module(model, logs, soc)
+    return plain(found)
 
 
 def read_tables(report: Reporter, data_dir: Path, document: Document) -> Json:
@@ -127,10 +132,10 @@ def compare_series(
     """
     # Lazy: numba and scipy take 1.0 s.
     from models.comparison.placed_runs import place_runs
-    from models.network.local_model_network import LocalModelNetwork
+    from models.module.network import model_from_json
 
     series = read_series(data_dir, runs)
-    compared = place_runs(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs])
+    compared = place_runs(model_from_json(document), series, [run.initial_soc for run in runs])
     most = most_rows // max(len(series), 1)
     return {"curves": [curves_of(each, beside, most) for each, beside in zip(series, compared, strict=True)]}
 
@@ -141,10 +146,10 @@ def compare_table(
     """Every sample of a comparison, see `models.comparison.series.series_columns`; null where a value is missing."""
     # Lazy: numba and scipy take 1.0 s.
     from models.comparison.series import series_columns
-    from models.network.local_model_network import LocalModelNetwork
+    from models.module.network import model_from_json
 
     series = read_series(data_dir, runs)
-    return plain(series_columns(LocalModelNetwork.from_json(document), series, [run.initial_soc for run in runs]))
+    return plain(series_columns(model_from_json(document), series, [run.initial_soc for run in runs]))
 
 
 def observer_figures(report: Reporter, data_dir: Path, run: RunInput, capacity_Ah: float) -> SocFigures:

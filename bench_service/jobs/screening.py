@@ -18,6 +18,7 @@ from bench_service.jobs.runner import settle_worker
 from bench_service.strict_json import parse_strictly
 
 if TYPE_CHECKING:
+    from models.module.network import ModuleNetwork
     from models.network.local_model_network import LocalModelNetwork
 
 MODEL = "model"
@@ -76,7 +77,7 @@ def find_fault(body: bytes, kind: str) -> Fault | None:
     from models.data.errors import ModelError  # lazy: numba and scipy take 870 ms
 
     try:
-        checked_model(document)
+        checked_any(document)
     except ModelError as error:
         return "model", str(error), 0
     return None
@@ -107,6 +108,20 @@ def checked_model(document: Any) -> LocalModelNetwork:
     if SEAL not in document:
         try_model(network)
     return network
+
+
+def checked_any(document: Any) -> LocalModelNetwork | ModuleNetwork:
+    """Read the MODEL.json of a cell or of a module; see `checked_model`."""
+    # Lazy: numba and scipy take 870 ms.
+    from models.data.seal import SEAL
+    from models.module.network import KIND, ModuleNetwork
+
+    if not isinstance(document, dict) or document.get("kind") != KIND:
+        return checked_model(document)
+    module = ModuleNetwork.from_json(document)
+    if SEAL not in document:
+        checked_model(document["cell"])
+    return module
 
 
 def _pool() -> ProcessPoolExecutor:

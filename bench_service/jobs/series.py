@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bench_service.errors import BadRequestError
+from bench_service.errors import BadRequestError, DamagedError
 from bench_service.store.integrity import Expected, read_whole
 from bench_service.store.samples import SampleReader
+from bench_service.streams import CELLS
 from models.data.metrics import noise_floor_V
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
+from models.module.log import ModuleLog
 
 _FEWEST_SAMPLES = 2
 
@@ -41,6 +43,22 @@ def read_series(data_dir: Path, runs: Sequence[RunInput]) -> list[TimeSeries]:
     """
     with closing(SampleReader(data_dir)) as reader:
         return [_series(reader, run) for run in runs]
+
+
+def read_logs(data_dir: Path, runs: Sequence[RunInput]) -> list[ModuleLog]:
+    """Read the samples of a module's runs, with the voltages of its cells where those are stored; see `read_series`."""
+    with closing(SampleReader(data_dir)) as reader:
+        return [_log(reader, run) for run in runs]
+
+
+def _log(reader: SampleReader, run: RunInput) -> ModuleLog:
+    series, cells = _series(reader, run), reader.read(run.run_id, CELLS)
+    if not cells.n:
+        return ModuleLog(series)
+    if cells.gaps or cells.n != len(series):
+        raise DamagedError(f"run {run.run_id}: {cells.n} voltages of its cells for {len(series)} samples", run.run_id)
+    names = [name for name in cells.columns if name != "time_s"]
+    return ModuleLog(series, np.column_stack([cells.columns[name] for name in names]))
 
 
 def _series(reader: SampleReader, run: RunInput) -> TimeSeries:

@@ -6,12 +6,23 @@ import contextlib
 import socket
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
 from bench_service.errors import StoreError
 from bench_service.framing import FramingError, Header, recv_frame, send_frame
-from bench_service.streams import SAMPLES, STREAMS, Columns, Flag, layout_to_json, pack
+from bench_service.streams import (
+    CELLS,
+    SAMPLES,
+    STREAMS,
+    Columns,
+    Flag,
+    cell_number,
+    cells_layout,
+    layout_to_json,
+    pack,
+)
 
 _BATCH_ROWS = 20_000
 _MOST_ON_THE_WAY = 200_000
@@ -62,15 +73,21 @@ class _Feed:
         self._sealed: Header | None = None
 
     def run(self, blocks: Iterable[Columns]) -> Sealed:
-        layout = STREAMS[SAMPLES]
-        send_frame(self._link, {"op": "open", "run_id": self._run_id, "streams": {SAMPLES: layout_to_json(layout)}})
-        for block in blocks:
+        blocks, layouts = iter(blocks), {SAMPLES: STREAMS[SAMPLES]}
+        first = next(blocks, {})
+        if names := [name for name in first if cell_number(name) is not None]:
+            layouts[CELLS] = cells_layout(names)
+        streams = {name: layout_to_json(layout) for name, layout in layouts.items()}
+        send_frame(self._link, {"op": "open", "run_id": self._run_id, "streams": streams})
+        for block in chain([first] if first else [], blocks):
             n = len(block["time_s"])
             for start in range(0, n, _BATCH_ROWS):
-                rows = _rows({name: values[start : start + _BATCH_ROWS] for name, values in block.items()}, self._sent)
-                count = len(rows["time_s"])
-                header = {"op": "rows", "run_id": self._run_id, "stream": SAMPLES, "seq0": self._sent, "n": count}
-                send_frame(self._link, header, pack(layout, rows))
+                part = {name: values[start : start + _BATCH_ROWS] for name, values in block.items()}
+                count = len(part["time_s"])
+                for stream, layout in layouts.items():
+                    rows = _rows(part, self._sent) if stream == SAMPLES else part
+                    header = {"op": "rows", "run_id": self._run_id, "stream": stream, "seq0": self._sent, "n": count}
+                    send_frame(self._link, header, pack(layout, rows))
                 self._sent += count
                 while self._sent - self._stored > _MOST_ON_THE_WAY:
                     self._hear()
@@ -82,7 +99,7 @@ class _Feed:
     def _hear(self) -> None:
         frame = recv_frame(self._link)
         header: Header = {"op": "error", "reason": "the recorder is gone"} if frame is None else frame[0]
-        if header["op"] == "ack":
+        if header["op"] == "ack" and header["stream"] == SAMPLES:
             self._stored = int(header["next_seq"])
         elif header["op"] == "sealed":
             self._sealed = header

@@ -45,6 +45,12 @@ async def import_page(request: Request) -> Response:
     return _page(request, "import.html")
 
 
+@router.get("/improve", response_class=HTMLResponse)
+async def improve_page(request: Request) -> Response:
+    """Return the page where a model is held against measurements and improved; the place in it is its address."""
+    return _page(request, "improve.html")
+
+
 @router.get("/cells", response_class=HTMLResponse)
 async def cells_page(request: Request) -> Response:
     """Return the page of all cells."""

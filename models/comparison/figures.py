@@ -20,6 +20,7 @@ from models.data.errors import ModelError
 from models.data.metrics import Metrics, RunMetrics, metrics, noise_floor_V
 from models.data.timeseries import FloatArray, TimeSeries
 from models.effects.input_correction import corrections_of
+from models.module.network import ModuleNetwork
 from models.network.cell_model import CellModel
 from models.network.local_model_network import LocalModelNetwork
 from models.thermal.cell_temperature import TemperatureComparison, compare_temperature
@@ -113,7 +114,7 @@ def compare(
         "temperature": compare_temperature(network, grid, initial_soc)
         if isinstance(network, LocalModelNetwork)
         else None,
-        "usability": network.record.usability if isinstance(network, LocalModelNetwork) else None,
+        "usability": network.record.usability if isinstance(network, LocalModelNetwork | ModuleNetwork) else None,
     }
 
 

@@ -10,6 +10,7 @@ from models.comparison.start import Start, put_in_front
 from models.data.history import PlacedRun
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
+from models.module.network import ModuleNetwork
 from models.network.cell_model import CellModel
 from models.network.local_model_network import LocalModelNetwork
 from models.network.signals.filters import slow_current_A
@@ -72,13 +73,32 @@ def gaps(run: GridRun) -> Gaps:
 
 
 def bands(network: CellModel, runs: list[GridRun], starts: list[Start]) -> list[PredictionBand] | None:
-    """95 % band of each run's free run; None where the model does not say what it does not know."""
+    """95 % band of each run's free run; None where the model does not say what it does not know.
+
+    Of a module it is that of the mean cell, as many times as there are cells in series: what the cells differ by, and
+    what the module model is wrong by, is not in it.
+    """
+    if isinstance(network, ModuleNetwork):
+        return _module_bands(network, runs, starts)
     if not isinstance(network, LocalModelNetwork):
         return None
     uncertainty = uncertainty_of(network)
     if uncertainty is None:
         return None
     return [_band(network, run, start, uncertainty) for run, start in zip(runs, starts, strict=True)]
+
+
+def _module_bands(model: ModuleNetwork, runs: list[GridRun], starts: list[Start]) -> list[PredictionBand] | None:
+    found = bands(model.network, [model.mean_cell_run(run) for run in runs], starts)
+    in_series = model.module.cells_in_series
+    return found and [
+        PredictionBand(
+            model.module.voltage_V(band.voltage_V, run.current_A),
+            in_series * band.parameter_std_V,
+            in_series * band.std_V,
+        )
+        for band, run in zip(found, runs, strict=True)
+    ]
 
 
 def _band(network: LocalModelNetwork, run: GridRun, start: Start, uncertainty: Uncertainty) -> PredictionBand:

@@ -14,6 +14,7 @@ import numpy as np
 
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
+from models.module.network import ModuleNetwork
 from models.network.cell_model import CellModel
 from models.network.local_model_network import LocalModelNetwork
 from models.uncertainty.bands import prediction_band
@@ -80,6 +81,9 @@ def error_model(model: CellModel, run: GridRun, initial_soc: float) -> ErrorMode
     run : the part of the run that is to be judged; far from the training data more error is expected
     initial_soc : at its start
     """
+    if isinstance(model, ModuleNetwork):
+        mean = error_model(model.network, model.mean_cell_run(run), initial_soc)
+        return ErrorModel(model.module.cells_in_series * mean.level_V, mean.correlation)
     uncertainty = uncertainty_of(model) if isinstance(model, LocalModelNetwork) else None
     if uncertainty is None or not isinstance(model, LocalModelNetwork):
         white, shares, fading_s = _UNKNOWN

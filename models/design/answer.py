@@ -11,6 +11,7 @@ import numpy as np
 from models.data.timeseries import FloatArray, TimeSeries
 from models.design.constraints.feasible import Feasible
 from models.design.constraints.limits import InfeasibleError
+from models.design.coverage import coverage_of
 from models.design.design import Design, design, judged
 from models.design.information.experiment import Experiment
 from models.design.information.rival_experiment import RivalEvaluator
@@ -153,6 +154,7 @@ def figures(found: Design, network: LocalModelNetwork) -> dict[str, Any]:
         ],
         "optimality": max((o.optimality for o in optima), default=None),
         "local_optima_spread": max((o.spread for o in optima), default=None),
+        "coverage": found.coverage.to_json(),
         "usability": network.record.usability,
     }
 
@@ -228,9 +230,19 @@ def _first_day(request: WrittenRequest, soc: float, began: float) -> Answer:
             "net_charge_Ah": float(moved_As.sum()) / 3600.0,
             "throughput_Ah": float(np.abs(moved_As).sum()) / 3600.0,
             "predicted": {"voltage_V": None, "soc": [float(path.min()), float(path.max())]},
+            "coverage": _first_coverage(request, profile, soc, dt_s),
             "usability": None,
         },
     )
+
+
+def _first_coverage(request: WrittenRequest, profile: Profile, soc: float, dt_s: float) -> dict[str, Any]:
+    assert request.capacity_Ah is not None  # checked by its caller
+    count = round(profile.duration_s / dt_s)
+    index = np.searchsorted(profile.time_s, (np.arange(count) + 1e-6) * dt_s, side="right") - 1
+    current = profile.current_A[index]
+    path = soc + np.cumsum(current) * dt_s / (3600.0 * request.capacity_Ah)
+    return coverage_of(request.limits, path, current, dt_s).to_json()
 
 
 def _check_model(request: WrittenRequest, network: LocalModelNetwork) -> None:

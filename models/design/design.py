@@ -10,9 +10,12 @@ import numpy as np
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.design.constraints.feasible import Feasible
-from models.design.constraints.limits import InfeasibleError
+from models.design.constraints.limits import InfeasibleError, Limits
+from models.design.coverage import Coverage, coverage_of
+from models.design.information.coloured import told_information
 from models.design.information.criteria import CRITERIA
-from models.design.information.experiment import Evaluator, Experiment, parameter_names, parameter_std
+from models.design.information.experiment import Evaluator, Experiment
+from models.design.information.parameters import parameter_names, parameter_std
 from models.design.optimise.ascent import Optimum, Progress, optimise
 from models.design.optimise.block_design import (
     OPTIMAL,
@@ -22,6 +25,7 @@ from models.design.optimise.block_design import (
     demands_of,
     plan_of,
 )
+from models.design.optimise.reference_model import predicted_temperature
 from models.design.sequence.excitation_sequence import (
     Block,
     ExcitationSequence,
@@ -30,6 +34,7 @@ from models.design.sequence.excitation_sequence import (
     estimated_duration_s,
 )
 from models.design.sequence.profile import Profile
+from models.design.sequence.sequence_plan import SequencePlan
 from models.design.test_signals import family
 from models.design.test_signals.family import FamilyRequest
 
@@ -54,6 +59,7 @@ class Design:
     optima : of each optimisation: how good it is, and the spread of the local optima
     seconds : that the design took
     planned_s : duration of the whole plan; a test ends before it where the accuracy asked for is reached
+    coverage : how much of what was asked for it goes through
     """
 
     current_A: FloatArray
@@ -71,6 +77,7 @@ class Design:
     optima: tuple[Optimum, ...]
     seconds: float
     planned_s: float
+    coverage: Coverage
 
     @property
     def duration_s(self) -> float:
@@ -121,11 +128,11 @@ def design(experiment: Experiment, request: DesignRequest, progress: Progress | 
         raise InfeasibleError(f"duration is {request.duration_s:g} s: it holds no sample of {dt_s:g} s")
     blocks: tuple[Block, ...] = ()
     optima: tuple[Optimum, ...] = ()
-    planned_s = None
+    plan: SequencePlan | None = None
     if request.signal != OPTIMAL:
         raw = _family_A(experiment, request)
     elif request.soc_levels:
-        sequence, optima, planned_s = _sequence(experiment, request, report)
+        sequence, optima, plan = _sequence(experiment, request, report)
         raw, blocks = sequence.current_A, sequence.blocks
     else:
         optimum = _single(experiment, request, n_samples, report)
@@ -135,7 +142,8 @@ def design(experiment: Experiment, request: DesignRequest, progress: Progress | 
     current = feasible.finish(raw)
     report(1.0, "done")
     seconds = time.perf_counter() - began
-    return judged(experiment, request.criterion, feasible, current, blocks, optima, seconds, planned_s)
+    planned_s = None if plan is None else estimated_duration_s(plan) + request.rest_s
+    return judged(experiment, request.criterion, feasible, current, blocks, optima, seconds, planned_s, plan)
 
 
 def judged(
@@ -147,9 +155,10 @@ def judged(
     optima: tuple[Optimum, ...] = (),
     seconds: float = 0.0,
     planned_s: float | None = None,
+    plan: SequencePlan | None = None,
 ) -> Design:
     """Say what a current would tell."""
-    information = Evaluator(experiment, len(current_A), criterion).information(current_A)
+    information = told_information(experiment, current_A)
     std = dict(zip(parameter_names(experiment.network), parameter_std(information).tolist(), strict=True))
     predicted = Evaluator(experiment.predicted, len(current_A)).predict(current_A)
     (low, high), dt_s = feasible.voltage_band_V(current_A), experiment.network.structure.dt_s
@@ -169,7 +178,17 @@ def judged(
         optima=optima,
         seconds=seconds,
         planned_s=len(current_A) * dt_s if planned_s is None else planned_s,
+        coverage=_coverage(experiment, feasible.limits, predicted.soc, current_A, plan),
     )
+
+
+def _coverage(
+    experiment: Experiment, limits: Limits, soc: FloatArray, current_A: FloatArray, plan: SequencePlan | None
+) -> Coverage:
+    predicted, dt_s = experiment.predicted, experiment.network.structure.dt_s
+    temperature_of = predicted_temperature(predicted.network, predicted.initial_soc, predicted.temperature_degC, 0.0)
+    degC = None if temperature_of is None else temperature_of(current_A)
+    return coverage_of(limits, soc, current_A, dt_s, plan, degC)
 
 
 def _single(experiment: Experiment, request: DesignRequest, n_samples: int, report: Progress) -> Optimum:
@@ -199,8 +218,8 @@ def _family_A(experiment: Experiment, request: DesignRequest) -> FloatArray:
 
 def _sequence(
     experiment: Experiment, request: DesignRequest, report: Progress
-) -> tuple[ExcitationSequence, tuple[Optimum, ...], float]:
-    """Blocks one after the other, each designed for what those before it leave unknown; and the plan's duration."""
+) -> tuple[ExcitationSequence, tuple[Optimum, ...], SequencePlan]:
+    """Blocks one after the other, each designed for what those before it leave unknown; and their plan."""
     plan = plan_of(experiment, request)
     n_blocks, optima = len(plan.visits()), list[Optimum]()
     known = [experiment.prior_information()]
@@ -213,8 +232,8 @@ def _sequence(
     def enough(current_A: FloatArray) -> bool:
         if request.target_std is None:
             return False
-        information = Evaluator(experiment, len(current_A)).information(current_A)
+        information = told_information(experiment, current_A)
         return float(parameter_std(information).max()) <= request.target_std
 
     sequence = build_sequence(plan, tell, enough)
-    return sequence, tuple(optima), estimated_duration_s(plan) + request.rest_s
+    return sequence, tuple(optima), plan

@@ -9,7 +9,9 @@ import numpy as np
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.design.design import design
-from models.design.information.experiment import Evaluator, Experiment, parameter_std
+from models.design.information.coloured import told_over_time
+from models.design.information.experiment import Experiment
+from models.design.information.parameters import parameter_std
 from models.design.optimise.block_design import DesignRequest
 from models.design.test_signals import find_families
 
@@ -27,8 +29,7 @@ def mean_std_over_time(experiment: Experiment, current_A: FloatArray) -> tuple[F
     """
     points = _POINTS if experiment.network.theta.size <= _MANY else _FEW_POINTS
     ends = np.unique(np.linspace(0, len(current_A), points + 1).astype(int))
-    evaluator = Evaluator(experiment, len(current_A))
-    std = [mean_std(information) for information in evaluator.information_over_time(current_A, ends)]
+    std = [mean_std(information) for information in told_over_time(experiment, current_A, ends)]
     return ends * experiment.network.structure.dt_s, np.array(std)
 
 

@@ -12,7 +12,7 @@ from models.data.errors import ModelError
 from models.design.constraints.limits import Limits, Window
 from models.design.information.criteria import CRITERIA
 from models.design.optimise.block_design import OPTIMAL
-from models.design.sequence.excitation_sequence import REST_RATIO
+from models.design.sequence.sequence_plan import REST_RATIO
 from models.design.test_signals import find_families
 
 DISCRIMINATE = "discriminate"
@@ -35,7 +35,8 @@ _KEYS = (
     "rivals",
     "seed",
 )
-# Levels given as a number lie this share of the window away from its ends.
+# Levels given as a number lie in the middle of as many equal parts of the window, but no further from its ends than
+# this share of it.
 _LEVEL_MARGIN = 0.1
 _MOST_LEVELS = 50
 _MOST_SAMPLES = 200_000
@@ -154,7 +155,7 @@ def _levels(value: Any, window: Window) -> tuple[float, ...]:
     if isinstance(value, int) and not isinstance(value, bool):
         if not 0 <= value <= _MOST_LEVELS:
             raise RequestError(f"soc_levels is {value}; 0 to {_MOST_LEVELS} levels are possible")
-        edge = _LEVEL_MARGIN * (window[1] - window[0])
+        edge = min(_LEVEL_MARGIN, 0.5 / max(value, 1)) * (window[1] - window[0])
         spread = np.linspace(window[0] + edge, window[1] - edge, value) if value != 1 else [0.5 * sum(window)]
         return tuple(float(level) for level in spread)
     if not isinstance(value, list | tuple) or len(value) > _MOST_LEVELS or not all(_is_number(part) for part in value):

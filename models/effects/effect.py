@@ -46,7 +46,9 @@ class Shift:
     limits : view -> (low, high) values that are tried
     physical : (view, value) -> what a person is told, in the unit of the effect's first parameter
     soc : (view, value) -> (n,) state of charge that the effect makes of the counted one; None: it leaves it alone
+    current_A : (view, value) -> (n,) current that truly warms the cell; None: the measured one
     searched : whether the steps start from the best of a grid; else from nothing
+    of : what the name of the parameter is followed by, where an effect has several of them
     """
 
     voltage: Callable[[View, float], FloatArray]
@@ -54,7 +56,9 @@ class Shift:
     limits: Callable[[View], tuple[float, float]]
     physical: Callable[[View, float], float] = lambda _view, value: value
     soc: Callable[[View, float], FloatArray] | None = None
+    current_A: Callable[[View, float], FloatArray] | None = None
     searched: bool = True
+    of: str = ""
 
 
 @dataclass(frozen=True)
@@ -67,12 +71,14 @@ class Lean:
     shapes : view -> values of the shape parameter that are tried
     scale : what one unit of the first coefficient is in the unit of the first parameter
     largest : of the first coefficient alone, as far as physics goes; None: nothing is known
+    possible : view -> largest size of the first coefficient that any cell shows; beyond it stands for something else
     """
 
     columns: Callable[[View, float], FloatArray]
     shapes: Callable[[View], tuple[float, ...]]
     scale: float = 1.0
     largest: float | None = None
+    possible: Callable[[View], float] | None = None
 
 
 @dataclass(frozen=True)
@@ -125,6 +131,7 @@ class Effect:
     slow : it shows over hours only, so that an experiment for it has to be long
     regressors : how it shows in the voltage to first order, (m, k); None: it does not
     shift, lean, local : how the parameters are read from a record; at most one of them
+    or_shifts : further ones of the same parameter, as likely as `shift`, of which a change is one alone
     warmth : how it shows in the temperature; None: it does not
     inner_heat_W : (n,) open-circuit voltage -> (n,) heat in the cell for a `shift` of 1, which no current at the
         terminals tells of; it is named where voltage and temperature ask for the same value. None: there is none
@@ -158,6 +165,7 @@ class Effect:
     slow: bool = False
     regressors: Regressors | None = None
     shift: Shift | None = None
+    or_shifts: tuple[Shift, ...] = ()
     lean: Lean | None = None
     local: Local | None = None
     warmth: Warmth | None = None

@@ -53,18 +53,23 @@ class Expected:
     forms : view -> shapes, equally likely; None: it is simulated again by its `shift`, or does not show in the voltage
     width : view -> usual size of the shift's value
     starts : sizes in units of the width from which the search for a shift begins
+    from_best : whether it begins from the best of these alone; else from each
     warmth : usual changes of the values of `warmth`, as many as it has
     share : prior weight beside that of an effect with one shape; less where many shapes could pass for chance
     granted : view -> part of the usual size that is there in any log and no news
+    learned : whether a little of it may be new in any run, by as much as the training runs show; not where another
+        effect looks much like it, which stands for both wherever effects are not weighed against each other
     heat_shares : shares of its loss that may warm the cell, equally likely; none: all of it where it is a loss inside
     """
 
     forms: Callable[[View], tuple[Form, ...]] | None = None
     width: Callable[[View], float] | None = None
     starts: tuple[float, ...] = (-1.0, 0.0, 1.0)
+    from_best: bool = False
     warmth: tuple[float, ...] = ()
     share: float = 1.0
     granted: Callable[[View], float] | None = None
+    learned: bool = True
     heat_shares: tuple[float, ...] = ()
 
 

@@ -9,8 +9,10 @@ from models.effects.effect import LINEAR, Effect, Lean, Parameter
 from models.effects.expected import Expected, Form, one_form
 from models.effects.view import View
 
-# A usual growth over so many full charges.
+# A usual growth over so many full charges; and what a cell may lose with a single one: more is no ageing, but a
+# resistance over the state of charge, which falls as charge is moved.
 _USUAL_GROWTH, _USUAL_THROUGHPUT = 0.3, 5.0
+_MOST_A_CHARGE = 0.3
 
 
 def _grown_A(view: View) -> FloatArray:
@@ -42,7 +44,7 @@ EFFECT = Effect(
     regressors=_regressors,
     overpotential=True,
     renews=LINEAR,
-    lean=Lean(_columns, lambda _view: (0.0,)),
+    lean=Lean(_columns, lambda _view: (0.0,), possible=lambda view: _MOST_A_CHARGE / view.capacity_Ah),
     expected=Expected(_expected),
     life="resistance",
 )

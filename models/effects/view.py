@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Protocol
 
@@ -144,6 +144,12 @@ class View:
     def throughput_Ah(self) -> FloatArray:
         """(n,) charge that has passed, either way, since the start."""
         return np.cumsum(np.abs(self.run.current_A)) * self.run.dt_s / 3600.0
+
+    @cached_property
+    def loss_W(self) -> FloatArray:
+        """(n,) heat that the model's resistances give off."""
+        whole = replace(self, index=np.arange(len(self.run)))
+        return self.run.current_A * whole.overvoltage(self.drive_A)
 
     @cached_property
     def slope_V(self) -> FloatArray:

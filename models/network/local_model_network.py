@@ -102,6 +102,10 @@ class LocalModelNetwork:
         """
         if isinstance(document, dict):
             check_seal(document)
+        if isinstance(document, dict) and document.get("kind") == "module_network":
+            raise StructureError(
+                "the document is the model of a module; here that of a cell is needed: it stands under 'cell' in it"
+            )
         if not isinstance(document, dict) or document.get("kind") != "local_model_network":
             raise StructureError("not a model document: its 'kind' must be 'local_model_network'")
         if document.get("schema_version") != SCHEMA_VERSION:

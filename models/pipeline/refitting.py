@@ -118,7 +118,7 @@ def _by_sums(
     """Held to what sums of the old runs say; with the sums of all runs."""
     data, _ = _data(network, runs, soc)
     found = solved(network, data, old, old_weight)
-    new = replace(network, theta=found.theta, record=_kept(network, runs, soc))
+    new = replace(network, theta=found.theta, record=kept_record(network, runs, soc))
     return found, new, _with_old(stored_sums(new, runs, soc), old, found.old_weight)
 
 
@@ -133,7 +133,7 @@ def _with_bounds(
     """A bounded network, held to its old coefficients by their covariance; it stays one over its own knots."""
     grid = [to_grid(as_read(network.record, run), network.dt_s) for run in runs]
     bounded = solved_bounded(network, grid, soc, old_weight, freed)
-    record = _kept(network, runs, soc)
+    record = kept_record(network, runs, soc)
     domain = {**record.domain, "soc": network.record.domain["soc"]}
     record = replace(record, domain=domain, uncertainty=bounded.uncertainty.to_json())
     return bounded.solution, replace(network, theta=bounded.solution.theta, record=record), None
@@ -185,9 +185,11 @@ def _check(
         )
 
 
-def _kept(network: LocalModelNetwork, runs: list[TimeSeries], soc: list[float]) -> ModelRecord:
-    """What of the record still holds, over the wider domain."""
-    kept = network.record.without(*_STALE)
+def kept_record(
+    network: LocalModelNetwork, runs: list[TimeSeries], soc: list[float], stale: Collection[str] = _STALE
+) -> ModelRecord:
+    """What of a record still holds with other parameters, over the wider domain of further runs."""
+    kept = network.record.without(*stale)
     return replace(kept, domain=_wider_domain(network, runs, soc), stated=kept.stated | _STATED)
 
 

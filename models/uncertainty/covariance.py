@@ -202,6 +202,31 @@ def _sums(
     return keep_every * information, keep_every * 0.5 * (meat + meat.T)
 
 
+class PairedProducts:
+    """X'OX of one run with O the correlation of its errors, block of samples by block.
+
+    Parameters
+    ----------
+    correlation : of the errors; rows of X are multiplied by their standard deviations before
+    size : number of columns of X
+    """
+
+    def __init__(self, correlation: ResidualCorrelation, size: int) -> None:
+        self._correlation = correlation
+        self._total, self._state = np.zeros((size, size)), np.zeros((len(correlation.keep), size))
+
+    def add(self, rows: FloatArray) -> None:
+        """Add the (n, size) rows that follow those before."""
+        memory, paired = self._correlation, np.empty_like(rows)
+        goes_on = np.zeros(len(rows), dtype=np.uint8)
+        _paired_rows(rows, goes_on, memory.white, memory.shares, memory.keep, self._state, paired)
+        self._total += rows.T @ paired
+
+    def total(self) -> FloatArray:
+        """(size, size) so far."""
+        return 0.5 * (self._total + self._total.T)
+
+
 def _free(rows: FloatArray, n_models: int, order: int) -> FloatArray:
     """Sensitivities to shared output coefficients and own input parameters."""
     own = rows.reshape(len(rows), n_models, -1)

@@ -44,7 +44,9 @@ def open_page(chromium: Browser, address: str) -> Iterator[OpenPage]:
     def note(request: Request) -> None:
         hosts.add(urlsplit(request.url).hostname or "")
 
-    def open_it(bench: str, viewport: dict[str, int] = DESKTOP, prepare: Callable[[Page], None] | None = None) -> Page:
+    def open_it(
+        bench: str, viewport: dict[str, int] = DESKTOP, prepare: Callable[[Page], None] | None = None, path: str = "/"
+    ) -> Page:
         context = chromium.new_context(viewport=viewport, timezone_id="Europe/Berlin")  # pyright: ignore[reportArgumentType]
         context.set_default_timeout(1000 * PATIENCE_S)
         page = context.new_page()
@@ -54,7 +56,7 @@ def open_page(chromium: Browser, address: str) -> Iterator[OpenPage]:
         page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
         if prepare:
             prepare(page)
-        page.goto(f"{address}/?bench={bench}")
+        page.goto(f"{address}{path}?bench={bench}")
         return page
 
     yield open_it

@@ -51,10 +51,14 @@ def step(page: Page, name: str) -> Any:
     return page.locator(f"#improve-{name}")
 
 
+def complaint(page: Page) -> Any:
+    return page.get_by_role("form", name="Choose model and runs").locator(".form-message")
+
+
 def test_the_path_from_a_model_that_is_off_to_a_better_one(
     open_page: OpenPage, address: str, campaign: dict[str, Any]
 ) -> None:
-    page = open_page("sim")
+    page = open_page("sim", path="/improve")
     # Choose: the campaign's model and both of its runs are proposed.
     expect(page.get_by_label("Use of hidden: validate")).to_have_value("judge")
     expect(page.get_by_label("Use of hidden: train")).to_have_value("train")
@@ -63,7 +67,7 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
     page.get_by_role("button", name="Compare model and runs").click()
     # Compare and where.
     expect(step(page, "compare").locator(".figure").first).to_contain_text("times the noise floor")
-    white = step(page, "compare").locator(".figure", has_text="White part of it")
+    white = step(page, "compare").locator(".figure", has_text="Cannot be foretold")
     expect(white).to_contain_text("of the squared error hangs together")
     assert 0.9 < millivolts(white.inner_text())[0] < 4.0  # the simulated sensor has 1 mV
     expect(step(page, "compare").locator("canvas").first).to_be_attached()
@@ -84,9 +88,15 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
     seal.get_by_role("button", name="Open the seal").click()
     expect(seal.locator("strong")).to_contain_text("voltage hysteresis, 3")
     expect(seal).to_contain_text("That is what the diagnosis named: amplitude")
+    # What was found stands in the address: a reload is where one was, even while something is added.
+    page.reload()
+    expect(step(page, "which").locator(".verdict")).to_contain_text("hysteresis")
+    expect(step(page, "where").locator(".regions li").first).to_contain_text("of the squared error in")
     # Add.
     finding.get_by_role("button", name="Add voltage hysteresis").click()
     expect(step(page, "add").get_by_role("progressbar")).to_be_visible()
+    page.wait_for_url(re.compile("doing=add"))
+    page.reload()
     added = step(page, "add").locator(".notice")
     expect(added).to_contain_text("is in the model", timeout=_LONG_MS)
     before, after = millivolts(added.locator("strong").inner_text())
@@ -103,6 +113,9 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
         judged = client.compare(str(child), [campaign["runs"][1]["run_id"]])["result"]["overall"]["rmse_mV"]
     assert judged == pytest.approx(after, abs=0.006)
     looked_at(page, "improved")
+    page.reload()
+    expect(added).to_contain_text("is in the model")
+    expect(rows).to_have_count(2)
     # Undo is choosing the parent.
     added.get_by_role("button", name="Go on with the new version").click()
     expect(step(page, "compare").locator(".figure strong").first).to_contain_text(f"{after:.2f}")
@@ -119,24 +132,47 @@ def test_a_model_from_a_file_and_a_choice_that_cannot_be(
     (tmp_path / "mine.json").write_text(json.dumps(document), encoding="utf-8")
     (tmp_path / "cake.json").write_text('{"kind": "cake"}', encoding="utf-8")
     (tmp_path / "broken.json").write_text("{", encoding="utf-8")
-    page = open_page("sim", PHONE)
-    choose = step(page, "choose")
+    page = open_page("sim", PHONE, path="/improve")
     expect(page.get_by_label("Use of hidden: validate")).to_be_visible()
     for name, words in (("cake.json", "not"), ("broken.json", "is not JSON")):
         page.locator("#improve-file").set_input_files(tmp_path / name)
         # The first model that the service reads takes it some seconds.
-        expect(choose.locator(".form-message")).to_contain_text(words)
+        expect(complaint(page)).to_contain_text(words)
     page.locator("#improve-file").set_input_files(tmp_path / "mine.json")
     expect(page.get_by_label("Model", exact=True).locator("option:checked")).to_contain_text("mine")
     # Nobody knows what it was made from: no run is proposed.
     expect(page.get_by_label("Use of hidden: validate")).to_have_value("")
     page.get_by_role("button", name="Compare model and runs").click()
-    expect(choose.locator(".form-message")).to_contain_text("at least one run")
+    expect(complaint(page)).to_contain_text("at least one run")
     page.get_by_label("Use of hidden: validate").select_option("judge")
     page.get_by_role("button", name="Compare model and runs").click()
     expect(step(page, "compare").locator(".figure strong").first).to_contain_text("mV")
     assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
     looked_at(page, "improve-phone")
+
+
+def test_a_model_is_made_from_runs_that_are_there(open_page: OpenPage, address: str, campaign: dict[str, Any]) -> None:
+    page = open_page("sim", path="/improve")
+    page.get_by_label("Model", exact=True).select_option(campaign["model_id"])
+    page.get_by_text("Make a model from runs").click()
+    form = page.get_by_role("form", name="Fit a model")
+    expect(form).to_contain_text("Learns from: hidden: train. Judged by: hidden: validate.")
+    expect(form.get_by_label("Capacity of the cell / Ah")).to_have_value("2.5")
+    form.get_by_label("Name of the model").fill("made here")
+    form.get_by_label("Structure").select_option("minimal")
+    form.get_by_label("SoC at the start known within / %").fill("90")
+    form.get_by_role("button", name="Fit a model").click()
+    expect(form.locator(".form-message")).to_contain_text("0 to 50 %")
+    form.get_by_label("SoC at the start known within / %").fill("1")
+    form.get_by_role("button", name="Fit a model").click()
+    expect(page.get_by_role("progressbar", name="Fitting the model")).to_be_visible()
+    page.reload()
+    # A reload follows the work; in the end the new model is compared with the run that it has not seen.
+    expect(page.get_by_label("Model", exact=True).locator("option:checked")).to_contain_text(
+        "made here", timeout=_LONG_MS
+    )
+    expect(step(page, "compare").locator(".figure strong").first).to_contain_text("mV", timeout=_LONG_MS)
+    looked_at(page, "improve-made")
 
 
 def test_news_wipe_neither_a_message_nor_what_was_set(
@@ -158,10 +194,10 @@ def test_news_wipe_neither_a_message_nor_what_was_set(
 
         page.route("**/api/v1/models?limit=200", answer)
 
-    page = open_page("sim", prepare=hold_all_but_the_first)
+    page = open_page("sim", prepare=hold_all_but_the_first, path="/improve")
     page.get_by_label("Use of hidden: train").select_option("judge")
     page.locator("#improve-file").set_input_files(tmp_path / "broken.json")
-    message = step(page, "choose").locator(".form-message")
+    message = complaint(page)
     expect(message).to_contain_text("is not JSON")
     assert late, "the page asks for the models again as soon as the benches are known"
     with BenchClient(address) as client:
@@ -176,7 +212,7 @@ def test_news_wipe_neither_a_message_nor_what_was_set(
 def test_a_change_is_looked_for_in_runs_that_the_model_was_not_made_from(
     open_page: OpenPage, campaign: dict[str, Any]
 ) -> None:
-    page = open_page("sim")
+    page = open_page("sim", path="/improve")
     page.get_by_label("Model", exact=True).select_option(campaign["model_id"])
     page.get_by_text("What has changed?").click()
     expect(page.get_by_label("Use of hidden: train")).to_have_value("")

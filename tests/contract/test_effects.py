@@ -29,8 +29,12 @@ EVERY = sorted(effects())
 # What the package is made of besides.
 FRAMEWORK = {
     "bounded_parts",
+    "contact_intervals",
     "effect",
+    "electrode_shift",
     "expected",
+    "half_cell_curves",
+    "half_cells",
     "input_correction",
     "reading",
     "spline",

@@ -105,6 +105,18 @@ def test_what_the_model_lacks_is_said(panasonic: Fitted) -> None:
         assert finding["error_after_mV"] <= finding["error_before_mV"]
 
 
+def test_what_a_small_model_of_a_real_cell_lacks_is_named_and_added(tmp_path: Path) -> None:
+    small = fit(tmp_path / "small.json", 2.968, "minimal", *TRAIN, "--initial-soc", 1.0).model
+    starts = ("--initial-soc", 1.0, "--train-initial-soc", "1.0,1.0")
+    found = answer(call("diagnose", small, *HELD_OUT, "--train", *TRAIN, *starts, "--json"))
+    # It knows no temperature: that helps most by itself, whatever else is found beside it.
+    assert found["findings"][0]["effect"] == "temperature_dependence"
+    out = tmp_path / "warm.json"
+    runs = ("--train", *TRAIN, "--validate", *HELD_OUT)
+    added = answer(call("add-effect", small, "temperature_dependence", *runs, *starts, "--out", out, "--json"))
+    assert added["error_after_mV"] < 0.9 * added["error_before_mV"]
+
+
 def test_pulses_and_rests_of_a_large_cell(leaf: Fitted) -> None:
     assert leaf.said["train"]["rmse_mV"] < 10.0  # seen: 2.6
     (run,) = answer(call("observe", leaf.model, LEAF, "--initial-soc", 0.8, "--json"))["runs"]

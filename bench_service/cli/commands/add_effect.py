@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
+from bench_service.cli.arguments import fractions
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_model, read_runs, write_document
-from bench_service.cli.initial_soc import initial_soc
+from bench_service.cli.initial_soc import starts_apart
 from bench_service.cli.output import Output
 from bench_service.cli.tables import usability_lines
 
@@ -27,6 +28,12 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--train", type=Path, nargs="+", required=True, metavar="RUN", help="runs to refit to")
     parser.add_argument("--validate", type=Path, nargs="+", required=True, metavar="RUN", help="runs that only judge")
     add_runs_to_learn_from(parser, "MODEL2.json")
+    parser.add_argument(
+        "--train-initial-soc",
+        type=fractions,
+        metavar="S[,S...]",
+        help="of the training runs alone; --initial-soc is then that of the validation runs",
+    )
 
 
 def _run(options: Namespace, output: Output) -> int:
@@ -42,12 +49,10 @@ def _run(options: Namespace, output: Output) -> int:
     network = read_model(options.model)
     train = read_runs(options.train, options.current_sign, output)
     validate = read_runs(options.validate, options.current_sign, output)
-    soc = initial_soc([*train, *validate], options.initial_soc, network, output)
+    train_soc, soc = starts_apart(train, validate, options, network, output)
     with output.progress("Adding") as report, threadpool_limits(1):
-        added = add_effect(
-            network, options.effect, train, soc[: len(train)], validate, soc[len(train) :], progress=report
-        )
-        network = with_tuned_observer(added.network, train, soc[: len(train)])
+        added = add_effect(network, options.effect, train, train_soc, validate, soc, progress=report)
+        network = with_tuned_observer(added.network, train, train_soc)
     record = replace(network.record, parent=str(options.model))
     write_document(options.out, replace(network, record=record).to_json())
     answer = _answer(added, options.out, options.model)

@@ -6,10 +6,11 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench_service.cli.arguments import fractions
+from bench_service.cli.arguments import fractions, names
 from bench_service.cli.command import Command
-from bench_service.cli.files import add_current_sign, read_model, read_runs
-from bench_service.cli.initial_soc import known_starts
+from bench_service.cli.files import add_current_sign, read_any_model, read_logs, read_runs
+from bench_service.cli.initial_soc import initial_soc, known_starts
+from bench_service.cli.module_tables import show_module
 from bench_service.cli.output import Output
 from bench_service.cli.tables import metrics_table, start_line, usability_lines, where_table
 
@@ -20,9 +21,20 @@ _WORST = 8
 
 
 def _arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL.json")
+    parser.add_argument("model", type=Path, metavar="MODEL.json", help="of a cell, or of a module")
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="CSV, gzipped CSV or Parquet")
     parser.add_argument("--initial-soc", type=fractions, metavar="S[,S...]", help="one value, or one for each run")
+    parser.add_argument(
+        "--baseline",
+        type=names,
+        default=(),
+        metavar="NAME[,NAME...]",
+        help="also fit these to the runs of --train and judge them: 1rc, 2rc (equivalent circuits), esc (Plett)",
+    )
+    parser.add_argument(
+        "--train", type=Path, nargs="+", default=[], metavar="RUN", help="runs the model was made from, for --baseline"
+    )
+    parser.add_argument("--train-initial-soc", type=fractions, metavar="S[,S...]", help="SoC at the start of those")
     parser.add_argument("--out", type=Path, metavar="SERIES.csv", help="also write both voltages with the band")
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with curves and tables")
     add_current_sign(parser)
@@ -32,18 +44,28 @@ def _run(options: Namespace, output: Output) -> int:
     # Lazy: numba and scipy take 1.4 s.
     from bench_service.exchange.atomic import check_writable, write_atomically
     from bench_service.exchange.write import write_results
+    from models.baselines.beside import beside_baselines
     from models.comparison.figures import compare
+    from models.comparison.module_models import compare_module
     from models.comparison.series import series_columns
+    from models.module.network import ModuleNetwork
 
     for path in (options.out, options.report):
         if path is not None:
             check_writable(path)
-    network = read_model(options.model)
-    runs = read_runs(options.runs, options.current_sign, output)
+    network = read_any_model(options.model)
+    logs = read_logs(options.runs, options.current_sign, output)
+    runs = [log.run for log in logs]
+    learned = read_runs(options.train, options.current_sign, output)
+    train = learned, initial_soc(learned, options.train_initial_soc)
     starts = known_starts(runs, options.initial_soc, network, output)
     soc = [value for value, _ in starts]
     with output.progress("Simulating"):
         result: dict[str, Any] = dict(compare(network, runs, soc, [std for _, std in starts]))
+        if options.baseline:
+            result["baselines"] = beside_baselines(network, options.baseline, train, (runs, soc))
+        if isinstance(network, ModuleNetwork):
+            result["module"] = compare_module(network, logs, soc)
     if options.out is not None:
         write_results(options.out, series_columns(network, runs, soc))
         result["file"] = str(options.out)
@@ -63,6 +85,13 @@ def _show(console: Console, result: dict[str, Any]) -> None:
     if result["outside"] is not None and result["inside_training"] is not None:
         rows += [("inside the trained domain", result["inside_training"]), ("outside of it", result["outside"])]
     console.print(metrics_table("Free run against measurement", rows))
+    if "baselines" in result:
+        beside = [(each["name"], each["overall"]) for each in result["baselines"]]
+        console.print(
+            metrics_table("Beside it, fitted to the training runs", [("the model", result["overall"]), *beside])
+        )
+    if "module" in result:
+        show_module(console, result["module"])
     for line in usability_lines(result["usability"]):
         console.print(line)
     console.print(start_line(result))

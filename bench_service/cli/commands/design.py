@@ -115,6 +115,8 @@ def _show(console: Console, figures: dict[str, Any]) -> None:
         least, most = figures["predicted"]["voltage_with_band_V"]
         text += f", voltage {least:.3f} to {most:.3f} V with its band"
     console.print(text)
+    if "coverage" in figures:
+        _show_coverage(console, figures["coverage"])
     if "accuracy" in figures:
         said = figures["accuracy"]
         console.print(
@@ -132,6 +134,17 @@ def _show(console: Console, figures: dict[str, Any]) -> None:
             f"standard deviations {mean:.3g} (normalised); {100.0 * figures['constraints_active_share']:.0f} % of the "
             "samples lie at a limit"
         )
+
+
+def _show_coverage(console: Console, said: dict[str, Any]) -> None:
+    low, high = said["soc"]
+    text = f"goes through {100.0 * said['share']:.0f} % of the asked SoC and current, SoC {low:.3f} to {high:.3f}"
+    if said["temperature_degC"] is not None:
+        least, most = said["temperature_degC"]
+        text += f", {least:.1f} to {most:.1f} degC by its own heat"
+    console.print(text)
+    for reason in said["reasons"]:
+        console.print(reason)
 
 
 COMMAND = Command("design", "design the test that tells the most about a cell, inside its limits", _arguments, _run)

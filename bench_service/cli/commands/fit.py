@@ -14,6 +14,7 @@ from bench_service.cli.arguments import efficiency, fraction, names, positive
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_runs, read_structure, write_document
 from bench_service.cli.initial_soc import initial_soc
+from bench_service.cli.module_fit import add_module_arguments, check_module_options, run_module_fit
 from bench_service.cli.output import Output
 from bench_service.cli.tables import metrics_table, readout_lines, rivals_line, soc_text, terms_line, usability_lines
 
@@ -46,6 +47,7 @@ def _arguments(parser: ArgumentParser) -> None:
     )
     add_runs_to_learn_from(parser, "MODEL.json")
     _charge_arguments(parser)
+    add_module_arguments(parser)
 
 
 def _charge_arguments(parser: ArgumentParser) -> None:
@@ -66,7 +68,9 @@ def _charge_arguments(parser: ArgumentParser) -> None:
 
 
 def _run(options: Namespace, output: Output) -> int:
-
+    check_module_options(options)
+    if options.module:
+        return run_module_fit(options, output)
     # Lazy: numba and scipy take 1.2 s.
     from bench_service.exchange.atomic import check_writable
     from models.observer.tuning.tuning import with_tuned_observer

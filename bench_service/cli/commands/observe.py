@@ -13,7 +13,7 @@ from rich.table import Table
 from bench_service.cli.arguments import fractions, named_numbers
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
-from bench_service.cli.files import add_current_sign, read_model, read_module, read_runs
+from bench_service.cli.files import add_current_sign, read_any_model, read_module, read_runs
 from bench_service.cli.initial_soc import guessed_soc
 from bench_service.cli.output import Output
 from bench_service.cli.tables import usability_lines
@@ -21,9 +21,12 @@ from bench_service.cli.tables import usability_lines
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bench_service.cli.observation import Observation
     from models.data.timeseries import TimeSeries
+    from models.module.network import ModuleNetwork
+    from models.network.local_model_network import LocalModelNetwork
     from models.observer import FuzzyObserver
+    from models.observer.module.module_observer import ModuleObserver
+    from models.observer.observation import Observation
 
 _FIGURES = (
     ("soc_rmse", "SoC RMSE %", 100.0),
@@ -35,7 +38,7 @@ _FIGURES = (
 
 
 def _arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL.json")
+    parser.add_argument("model", type=Path, metavar="MODEL.json", help="of a cell, or of a module (fit --module)")
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="CSV, gzipped CSV or Parquet")
     parser.add_argument(
         "--initial-soc",
@@ -51,28 +54,35 @@ def _arguments(parser: ArgumentParser) -> None:
         help="standard deviation among the module's cells of soc (0.01), capacity (0.02), resistance (0.05), and of "
         "connectors beside them (0.15), as fractions",
     )
+    parser.add_argument(
+        "--gain",
+        choices=("kalman", "steady"),
+        help="kalman: from the covariance of the moment; steady: the local models' gains from the discrete Riccati "
+        "equation, blended; default: as the model has it, which is kalman where nobody has chosen",
+    )
     parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page: estimates, convergence")
-    parser.add_argument("--out", type=Path, metavar="SOC.csv", help="also write the estimates")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="SOC.csv",
+        help="also write the estimates, and the state of charge with all of a run known",
+    )
     add_current_sign(parser)
 
 
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: numba and scipy take 1.2 s.
-    from bench_service.cli.observation import observe
     from bench_service.exchange.atomic import check_writable
-    from models.observer import FuzzyObserver
-    from models.observer.module.module_errors import CellSpread
+    from models.module.network import cell_network
     from models.observer.module.module_observer import ModuleObserver
+    from models.observer.observation import answer_of, observe
 
     for path in (options.out, options.report):
         if path is not None:
             check_writable(path)
-    network = read_model(options.model)
-    cell = FuzzyObserver(network)
-    if options.module is None and options.cell_spread is not None:
-        raise UsageError("--cell-spread is of the cells of a module: give --module MODULE.json too")
-    spread = CellSpread.declared(options.cell_spread or {})
-    observer = cell if options.module is None else ModuleObserver(cell, read_module(options.module), spread)
+    model = read_any_model(options.model)
+    network, observer = cell_network(model), _observer(options, model)
+    cell = observer.cell if isinstance(observer, ModuleObserver) else observer
     runs = read_runs(options.runs, options.current_sign, output)
     as_cells = [observer.mean_cell_run(run) for run in runs] if isinstance(observer, ModuleObserver) else runs
     starts = guessed_soc(as_cells, options.initial_soc, network, output)
@@ -81,7 +91,7 @@ def _run(options: Namespace, output: Output) -> int:
         for done, (run, (soc, soc_std)) in enumerate(zip(runs, starts, strict=True)):
             report(done / len(runs), run.name)
             observed.append(observe(observer, run, soc, soc_std))
-    answer = _answer(observed) | {"usability": network.record.usability}
+    answer = answer_of(observer, observed)
     if options.out is not None:
         _write(options.out, observed)
         answer["file"] = str(options.out)
@@ -92,18 +102,26 @@ def _run(options: Namespace, output: Output) -> int:
     return 0
 
 
-def _answer(observed: Sequence[Observation]) -> dict[str, Any]:
-    # Lazy: numpy takes 50 ms.
-    import numpy as np
+def _observer(options: Namespace, model: LocalModelNetwork | ModuleNetwork) -> FuzzyObserver | ModuleObserver:
+    """Observer of a cell, or of a module: by the model's own module model, or by that of `--module`."""
+    # Lazy: numba and scipy take 1.2 s.
+    from models.module.network import ModuleNetwork
+    from models.observer.module.module_errors import CellSpread
+    from models.observer.module.module_observer import ModuleObserver
+    from models.observer.module.tuning import module_observer
+    from models.observer.observation import observer_of
 
-    innovation_V = np.concatenate([each.innovation_V for each in observed])
-    known = innovation_V[~np.isnan(innovation_V)]
-    n = sum(len(each.time_s) for each in observed)
-    return {
-        "runs": [{"run": each.name, **each.figures, "alarms": each.alarms, **each.sensors} for each in observed],
-        "innovation_rms_mV": 1e3 * float(np.sqrt(np.mean(known**2))) if len(known) else None,
-        "us_per_step": 1e6 * sum(each.seconds for each in observed) / n,
-    }
+    declared = None if options.cell_spread is None else CellSpread.declared(options.cell_spread)
+    if isinstance(model, ModuleNetwork):
+        if options.module is not None:
+            raise UsageError(f"{options.model}: is the model of a module already: leave --module out")
+        return module_observer(model, options.gain, declared)
+    cell = observer_of(model, options.gain)
+    if options.module is not None:
+        return ModuleObserver(cell, read_module(options.module), declared or CellSpread())
+    if declared is not None:
+        raise UsageError("--cell-spread is of the cells of a module: give --module MODULE.json too")
+    return cell
 
 
 def _report(options: Namespace, cell: FuzzyObserver, runs: Sequence[TimeSeries], observed: list[Observation]) -> None:
@@ -132,6 +150,8 @@ def _write(path: Path, observed: Sequence[Observation]) -> None:
     columns: dict[str, Any] = {"run": np.concatenate([np.full(len(each.time_s), each.name) for each in observed])}
     for name in ("time_s", "soc", "soc_std", "model_voltage_V", "innovation_V"):
         columns[name] = np.concatenate([getattr(each, name) for each in observed])
+    for name in ("soc", "soc_std"):
+        columns[f"smoothed_{name}"] = np.concatenate([getattr(each.smoothed, name) for each in observed])
     write_results(path, columns)
 
 
@@ -146,13 +166,18 @@ def _show(console: Console, answer: dict[str, Any]) -> None:
         table.add_row(each["run"], *cells)
     console.print(table)
     for each in answer["runs"]:
+        after, start = each["smoothed"], each["smoothed"]["initial_soc"]
+        error = "" if after["soc_rmse"] is None else f", RMSE {100 * after['soc_rmse']:.2f} %"
+        began = f"it began at {100 * start['value']:.1f} +- {100 * start['std']:.1f} %"
+        console.print(f"{each['run']}: with all of the run known {began}{error}")
+    for each in answer["runs"]:
         for alarm in each["alarms"]:
             console.print(f"{each['run']}: {alarm}")
     for line in usability_lines(answer["usability"]):
         console.print(line)
     if answer["innovation_rms_mV"] is not None:
         console.print(f"innovation: {answer['innovation_rms_mV']:.2f} mV RMS")
-    console.print(f"{answer['us_per_step']:.2f} us per step")
+    console.print(f"{answer['gain']} gain, {answer['us_per_step']:.2f} us per step")
     for key in ("file", "report"):
         if key in answer:
             console.print(f"wrote {answer[key]}")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.guess import QuestionError, state_of
-from bench_service.exchange.foreign.mapping import ROLES, Mapping
+from bench_service.exchange.foreign.mapping import Mapping, quantity_of
 from bench_service.exchange.foreign.spool import Columns
 from bench_service.exchange.foreign.times import DateOrder, TimeTextError, clock_s, durations_s, excel_s
 from bench_service.exchange.foreign.units import CLOCK, DURATION, EXCEL, named_unit
@@ -94,7 +94,7 @@ def assemble(
     for role, position in wanted.numbers.items():
         values = _numbers(block[position])
         unit = mapping.columns[role].unit
-        columns[role] = excel_s(values) if unit == EXCEL else _scaled(values, unit) if ROLES[role] else values
+        columns[role] = excel_s(values) if unit == EXCEL else _scaled(values, unit) if quantity_of(role) else values
     for role, position in wanted.texts.items():
         if role == "cell":
             continue

@@ -10,9 +10,10 @@ import numpy as np
 
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.cyclers import GENERIC, CyclerMap, cycler_maps
-from bench_service.exchange.foreign.mapping import ROLES, Column, Mapping, check_column
+from bench_service.exchange.foreign.mapping import ROLES, Column, Mapping, check_column, quantity_of
 from bench_service.exchange.foreign.times import EXCEL_DAYS, date_order, kind_of_times
 from bench_service.exchange.foreign.units import CLOCK, DURATION, EXCEL, Unit, find_unit, split_name
+from bench_service.streams import cell_number
 
 _DEFAULT_UNITS = {"time": "s", "voltage": "V", "current": "A", "temperature": "degC"}
 # A cell in mV reads more than that, a module in V less.
@@ -86,6 +87,8 @@ def guess(table: Table, known: CyclerMap, where: str, settled: Sequence[str] = (
             found = _find(table, role, generic.columns.get(role, ()), known, "by its name", where)
         if found is not None and found.name not in {each.name for each in columns.values()}:
             columns[role] = found
+    cells = [name for name in table.names if cell_number(name) is not None and name not in settled]
+    columns |= {name: Column(name, "V", "by its name") for name in cells}
     _settle_clock(table, columns)
     states = known.states or _guess_states(table, columns)
     if not states:
@@ -116,10 +119,10 @@ def resolve(table: Table, role: str, column: Column, where: str) -> Column:
     if column.name not in table.names:
         there = ", ".join(map(repr, table.names[:20]))
         raise QuestionError(f"{where}: there is no column {column.name!r}; the file has {there}", role)
-    if column.unit is not None or ROLES[role] is None:
+    if column.unit is not None or quantity_of(role) is None:
         return Column(column.name, column.unit, "chosen")
     _, unit, _ = split_name(column.name)
-    if unit is not None and unit.quantity != ROLES[role]:
+    if unit is not None and unit.quantity != quantity_of(role):
         unit = None
     found = _column(table, role, column.name, unit, cycler_maps()[GENERIC], "chosen")
     if found is None:
@@ -147,7 +150,7 @@ def numbers_of(table: Table, name: str) -> np.ndarray:
 
 
 def _find(table: Table, role: str, wanted: Sequence[str], known: CyclerMap, why: str, where: str) -> Column | None:
-    quantity = ROLES[role]
+    quantity = quantity_of(role)
     for name in wanted:
         fitting = []
         for k, title in enumerate(table.names):
@@ -176,7 +179,7 @@ def _without_count(title: str, table: Table) -> str:
 
 def _column(table: Table, role: str, title: str, unit: Unit | None, known: CyclerMap, why: str) -> Column | None:
     """The column with its unit, or None where its cells are not what the role needs."""
-    quantity = ROLES[role]
+    quantity = quantity_of(role)
     if role in ("state", "cell"):
         return Column(title, None, why)
     cells = cells_of(table, title)

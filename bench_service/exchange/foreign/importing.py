@@ -23,6 +23,7 @@ from bench_service.exchange.foreign.spool import SLICE, Columns, Spool
 from bench_service.exchange.foreign.text_table import NotPlainNumberError
 from bench_service.exchange.foreign.times import has_zone
 from bench_service.exchange.foreign.units import CLOCK, EXCEL
+from bench_service.streams import cell_number
 
 # Columns of a run, in the order in which they are written.
 RUN_COLUMNS = (
@@ -57,6 +58,8 @@ class Imported:
     def names(self) -> tuple[str, ...]:
         """Own names of the run's columns, as they are written."""
         there = [name for name in RUN_COLUMNS if name in self.spool.names]
+        cells = {number: name for name in self.spool.names if (number := cell_number(name)) is not None}
+        there += [cells[number] for number in sorted(cells)]
         # A run has a temperature, be it unknown.
         needs_one = "temperature_degC" not in there and "ambient_degC" not in there
         return (*there[:3], "temperature_degC", *there[3:]) if needs_one else tuple(there)

@@ -10,6 +10,7 @@ from typing import Any
 
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.units import unit_names
+from bench_service.streams import cell_number
 
 SCHEMA = 1
 FOLDER = "mappings"  # below the data directory
@@ -156,11 +157,16 @@ def check_zone(name: str | None, where: str) -> None:
         raise RunFileError(f"{where}: time zone {name!r} is not known; write one such as Europe/Oslo or UTC") from error
 
 
+def quantity_of(role: str) -> str | None:
+    """Quantity of what a column can hold; of a module's cells there are as many roles as there are cells."""
+    return "voltage" if cell_number(role) is not None else ROLES[role]
+
+
 def check_column(role: str, column: Column, where: str) -> Column:
     """Return the column where role and unit can be; raises RunFileError."""
-    if role not in ROLES:
+    if role not in ROLES and cell_number(role) is None:
         raise RunFileError(f"{where}: {role!r} is nothing a column is read as; choose from {', '.join(ROLES)}")
-    quantity = ROLES[role]
+    quantity = quantity_of(role)
     allowed = unit_names(quantity) if quantity is not None else ()
     if column.unit is not None and column.unit not in allowed:
         units = f"one of {', '.join(allowed)}" if allowed else "none"

@@ -15,6 +15,7 @@ from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.importing import Imported
 from bench_service.exchange.foreign.spool import Columns
 from bench_service.exchange.format import Array
+from bench_service.streams import cell_number
 
 SUFFIXES = (".bdf.csv", ".bdf.parquet", ".csv", ".parquet")
 
@@ -96,6 +97,9 @@ def _named(block: Columns, run: Imported, labelled: bool) -> dict[str, Array]:
         return columns
     labels = {own: label for own, (label, _) in BDF_NAMES.items()} | COUNT_NAMES
     named = {label: columns[own] for own, label in labels.items() if own in columns}
+    named |= {
+        own: values for own, values in columns.items() if cell_number(own) is not None
+    }  # it has no label for them
     if run.started_unix_s is not None:
         named[UNIX_TIME_LABEL] = run.started_unix_s + block["time_s"]
     return named

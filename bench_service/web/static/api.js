@@ -120,6 +120,7 @@ export const api = {
   comparisonSeries: (comparisonId, part = {}) => get(`/comparisons/${id(comparisonId)}/series?${query(part)}`, 60),
   models: async () => list(await get("/models?limit=200"), "models"),
   model: (modelId) => get(`/models/${id(modelId)}`),
+  fit: (body) => post("/models", body, 60),
   importModel: (document, name) => post(`/models/import?${query({ name })}`, document, 60),
   chain: (modelId) => get(`/models/${id(modelId)}/chain`),
   addImport: (name) => post("/imports", { name }),
@@ -133,6 +134,7 @@ export const api = {
   addEffect: (modelId, body) => post(`/models/${id(modelId)}/effects`, body, 60),
   // The first work of a worker loads the libraries; on a busy machine that alone takes seconds.
   compare: (body) => post("/comparisons", body, 300),
+  comparison: (comparisonId) => get(`/comparisons/${id(comparisonId)}`),
   where: (comparisonId) => get(`/comparisons/${id(comparisonId)}/where`, 300),
   trend: (body) => post("/trends", body, 60),
   trendUrl: (jobId) => `${BASE}/trends/${id(jobId)}/table`,

@@ -171,6 +171,6 @@ function drawAge(state, parts, bench) {
 function timing(live) {
   const parts = ["Readings are live"];
   if (Number.isFinite(live?.missed_ticks)) parts.push(`missed ticks ${live.missed_ticks}`);
-  if (Number.isFinite(live?.lateness_p99_s)) parts.push(`lateness p99 ${quantity(live.lateness_p99_s * 1000, 1, "ms")}`);
+  if (Number.isFinite(live?.lateness_p99_s)) parts.push(`99 of 100 ticks at most ${quantity(live.lateness_p99_s * 1000, 1, "ms")} late`);
   return parts.join(" · ");
 }

@@ -32,7 +32,7 @@ function figures(result) {
   const { validation = {}, soc = {} } = result;
   const missed = (result.runs ?? []).reduce((sum, run) => sum + (run.missed_ticks ?? 0), 0);
   const noise = result.sensor_noise_mV;
-  const against = Number.isFinite(noise) ? `noise floor ${quantity(noise, 1, "mV")}` : "free run, data the fit never saw";
+  const against = Number.isFinite(noise) ? `noise floor ${quantity(noise, 1, "mV")}` : "on data that the fit never saw";
   return [
     figure("Held-out voltage error", quantity(validation.rmse_mV, 2, "mV"), `RMSE, ${against}`),
     figure("SoC error of the live observer", percent(soc.rmse ?? NaN, 2), Number.isFinite(soc.converged_after_s)
@@ -89,7 +89,7 @@ export function chartBox(title, entries, label, load, keep) {
 }
 
 function overlay(comparisonId, keep) {
-  return chartBox("Held-out run: measured and model", [["voltage", "measured"], ["model", "model, free run"], ["residual", "residual = measured − model"]],
+  return chartBox("Held-out run: measured and model", [["voltage", "measured"], ["model", "model, from current and temperature alone"], ["residual", "residual = measured − model"]],
     "Measured and modelled voltage over test time, residual below", async () => {
       const run = (await api.comparisonSeries(comparisonId))?.runs?.at(-1);
       if (!run?.time_s?.length) throw new Error("the comparison has no series.");

@@ -2,18 +2,21 @@
 import { api } from "./api.js";
 import { el, renderKeyed } from "./dom.js";
 import { duration, timeElement } from "./format.js";
+import { fitForm } from "./improve-fit.js";
+import { ROLES, ownRuns, usedRuns } from "./improve-roles.js";
 
 const MODES = [
   ["structure", "What does the model lack?", "It never fitted well enough. An effect is added and the model refitted to the training runs."],
   ["change", "What has changed?", "The model was right. Something in the cell or the rig is new in the runs that are looked at."],
 ];
-const ROLES = [["", "not used"], ["judge", "look at it"], ["train", "refit to it"]];
 
 /**
- * The form. `view` keeps the choice; `chosen()` starts the comparison, `changed()` when another model or question is taken.
+ * The form. `view` keeps the choice; `chosen()` starts the comparison, `changed()` when another model or question is taken,
+ * `said()` when a run's use is, `fit(job)` when a model is being made.
  * It is built once and `draw()` changes only the lists that are new: news must not wipe a message or what somebody has set.
  */
-export function chooseForm(view, { changed, chosen }) {
+export function chooseForm(view, { changed, chosen, said, fit }) {
+  const making = fitForm(view, { fit });
   const message = el("p", { class: "form-message", role: "alert" });
   const models = el("div", { class: "field" });
   const runs = el("div", { class: "run-list" });
@@ -27,46 +30,15 @@ export function chooseForm(view, { changed, chosen }) {
     if (!message.textContent) chosen();
   });
   const draw = () => {
-    renderKeyed(models, JSON.stringify([view.modelId, view.models.map(modelText)]), () => modelField(view, changed));
-    renderKeyed(runs, JSON.stringify([ownRuns(view), [...view.roles], view.runs.map(({ id, name }) => [id, name])]), () => runTable(view));
+    renderKeyed(models, JSON.stringify([view.modelId, view.models.map((model) => [model.id, modelText(model)])]), () => modelField(view, changed));
+    renderKeyed(runs, JSON.stringify([ownRuns(view), [...view.roles], view.runs.map(({ id, name }) => [id, name])]), () => runTable(view, () => { said(); making.draw(); }));
+    making.draw();
   };
-  return { node: form, draw };
-}
-
-/** Runs by what they are used for. */
-export function usedRuns(view) {
-  const known = view.runs.filter((run) => view.roles.get(run.id)).map((run) => run.id);
-  const own = new Set(ownRuns(view));
-  const judge = known.filter((id) => view.roles.get(id) === "judge");
-  const train = known.filter((id) => view.roles.get(id) === "train");
-  // A change is looked for in every new run, also in those that the model is refitted to later.
-  const looked = view.mode === "change" ? [...judge, ...train.filter((id) => !own.has(id))] : judge;
-  return { judge, train, looked };
-}
-
-export function ownRuns(view) {
-  return (view.models.find((model) => model.id === view.modelId)?.train ?? []).map((run) => run.run_id);
-}
-
-/** What each run is used for: as somebody has said, else as usual. */
-export function rolesOf(view) {
-  return new Map([...usualRoles(view), ...view.said]);
-}
-
-/** What a model's runs are used for where nobody has said otherwise. */
-function usualRoles(view) {
-  const model = view.models.find((each) => each.id === view.modelId);
-  const [own, judge] = [new Set(ownRuns(view)), new Set((model?.validate ?? []).map((run) => run.run_id))];
-  const campaign = model?.campaign_id;
-  return new Map(view.runs.map((run) => {
-    if (own.has(run.id)) return [run.id, view.mode === "structure" ? "train" : ""];
-    const mate = judge.size ? judge.has(run.id) : campaign && run.campaign_id === campaign;
-    return [run.id, mate ? "judge" : ""];
-  }));
+  return { node: [form, making.node], place: making.place, draw };
 }
 
 function fault(view) {
-  if (!view.modelId) return "Choose a model, or load one.";
+  if (!view.modelId) return "Choose a model, load one, or make one below.";
   return usedRuns(view).looked.length ? "" : "Choose at least one run to look at.";
 }
 
@@ -85,7 +57,7 @@ function expectedText({ metrics }) {
 }
 
 function modelField(view, changed) {
-  if (!view.models.length) return [el("span", { text: "Model" }), el("p", { class: "empty", text: "No model yet: run a campaign, or load one." })];
+  if (!view.models.length) return [el("span", { text: "Model" }), el("p", { class: "empty", text: "No model yet: make one from runs below, run a campaign, or load one." })];
   const select = el("select", { id: "improve-model", on: { change: () => { view.modelId = select.value; changed(); } } },
     view.models.map((model) => el("option", { value: model.id, selected: model.id === view.modelId, text: modelText(model) })));
   return [el("label", { for: "improve-model", text: "Model" }), select, ...usabilityNote(view.models.find((model) => model.id === view.modelId))];
@@ -125,15 +97,15 @@ function questions(view, changed) {
     el("span", {}, el("strong", { text: title }), el("span", { class: "about block", text: note })))));
 }
 
-function runTable(view) {
-  if (!view.runs.length) return el("p", { class: "empty", text: "No finished run yet. A campaign makes two." });
+function runTable(view, said) {
+  if (!view.runs.length) return el("p", { class: "empty" }, "No finished run yet. ", el("a", { href: "/import", text: "Import a measured one" }), ", or run a campaign, which makes two.");
   const own = new Set(ownRuns(view));
   const heads = ["Run", "Bench", "Started", "Length", "Use"];
   return el("div", { class: "table-scroll run-choice" }, el("table", { class: "rows" }, el("caption", { text: "Runs" }),
     el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))),
     el("tbody", {}, view.runs.map((run) => {
       const name = run.name ?? `run ${String(run.id).slice(0, 8)}`;
-      const say = () => { view.said.set(run.id, role.value); view.roles.set(run.id, role.value); };
+      const say = () => { view.said.set(run.id, role.value); view.roles.set(run.id, role.value); said(); };
       const role = el("select", { id: `use-of-${run.id}`, "aria-label": `Use of ${name}`, on: { change: say } },
         ROLES.map(([value, text]) => el("option", { value, text, selected: (view.roles.get(run.id) ?? "") === value })));
       const note = own.has(run.id) ? el("span", { class: "about block", text: "the model was made from it" }) : null;

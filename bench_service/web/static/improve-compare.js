@@ -14,14 +14,14 @@ export function compareStep(comparison, runs, unitOf, keep) {
   const names = new Map(runs.map((run) => [run.id, run.name ?? String(run.id).slice(0, 8)]));
   return [
     el("div", { class: "result-figures" },
-      figure("Voltage error", quantity(overall.rmse_mV, 2, "mV"), `RMS in free run, ${times}`),
+      figure("Voltage error", quantity(overall.rmse_mV, 2, "mV"), `RMS, from current and temperature alone; ${times}`),
       figure("95 % of the samples below", quantity(overall.p95_mV, 1, "mV"), `largest ${quantity(overall.max_mV, 1, "mV")}`),
-      fitted ? figure("From a fitted start", quantity(fitted.rmse_mV, 2, "mV"), startWords(comparison.result.runs)) : null,
-      whiteness ? figure("White part of it", quantity(whiteness.white_mV, 2, "mV"), whitenessWords(whiteness)) : null,
+      fitted ? figure("With its start fitted too", quantity(fitted.rmse_mV, 2, "mV"), startWords(comparison.result.runs)) : null,
+      whiteness ? figure("Cannot be foretold", quantity(whiteness.white_mV, 2, "mV"), whitenessWords(whiteness)) : null,
       figure("Outside what the model knows", percent(outside, 1), guessed && known
         ? `of the samples: there it only guesses, ${quantity(guessed.rmse_mV, 1, "mV")}; inside ${quantity(known.rmse_mV, 1, "mV")}` : "of the samples: there it only guesses"),
       band?.coverage_95_inside !== undefined && band?.coverage_95_inside !== null ? figure("Inside the 95 % band", percent(band.coverage_95_inside, 0), "of the samples that the model knows") : null,
-      temperature?.rmse_K !== undefined ? figure("Temperature error", quantity(temperature.rmse_K, 2, "K"), "RMS in free run") : null),
+      temperature?.rmse_K !== undefined ? figure("Temperature error", quantity(temperature.rmse_K, 2, "K"), "RMS") : null),
     corrections.length ? el("p", { class: "about", text: `The runs are read as the model was made: ${corrections.map((each) => correctionWords(each, unitOf)).join(", ")}.` }) : null,
     overlay(comparison, names, keep),
   ];
@@ -53,7 +53,7 @@ function overlay(comparison, names, keep) {
   const series = api.comparisonSeries(comparison.id);
   const box = el("div", { class: "overlays" });
   const show = (index) => box.replaceChildren(chartBox(`Measured and model: ${names.get(comparison.run_ids[index]) ?? MISSING}`,
-    [["voltage", "measured"], ["model", "model, free run"], ["residual", "residual = measured − model"]],
+    [["voltage", "measured"], ["model", "model, from current and temperature alone"], ["residual", "residual = measured − model"]],
     "Measured and modelled voltage over test time, residual below", async () => {
       const run = (await series)?.runs?.[index];
       if (!run?.time_s?.length) throw new Error("the comparison has no series.");

@@ -1,9 +1,11 @@
 // One path: choose runs and a model, compare, see where, learn which effect is missing, add it, watch the error fall.
 import { api } from "./api.js";
 import { chip, el, renderKeyed } from "./dom.js";
-import { chooseForm, ownRuns, rolesOf, usedRuns } from "./improve-choose.js";
+import { readAddress, writeAddress } from "./improve-address.js";
+import { chooseForm } from "./improve-choose.js";
 import { compareStep, whereStep } from "./improve-compare.js";
 import { playBox } from "./improve-play.js";
+import { ownRuns, rolesOf, usedRuns } from "./improve-roles.js";
 import { sealBox } from "./improve-seal.js";
 import { addedStep, watchStep } from "./improve-watch.js";
 import { inText, namedBy, whichStep } from "./improve-which.js";
@@ -12,13 +14,12 @@ import { busyBox, follow } from "./jobs.js";
 const STEPS = [["choose", "Choose"], ["compare", "Compare"], ["where", "Where"], ["which", "Which"], ["add", "Add"], ["watch", "Watch"]];
 const SHOWN_RUNS = 200;
 
+/** Gives `load()`, which asks anew what models and runs there are. */
 export function improvePanel(state) {
   const root = document.getElementById("improve-body");
   const panel = new Improve(root, state);
-  const load = () => panel.load().catch((error) => console.warn(error.message));
-  state.on("campaigns benches-listed", (change) => { if (!change || change.stateBefore !== state.campaigns.get(change.id)?.state) load(); });
-  state.on("runs", () => panel.offer(state.runs ?? []));
   state.on("benches", () => panel.seals.draw());
+  return { load: () => panel.load().catch((error) => console.warn(error.message)) };
 }
 
 class Improve {
@@ -26,7 +27,9 @@ class Improve {
     this.root = root;
     this.state = state;
     // `said`: what somebody has set by hand; `roles`: what every run is used for.
-    this.view = { models: [], runs: [], modelId: null, said: new Map(), roles: new Map(), mode: "structure" };
+    this.place = readAddress(); // where somebody wants to go on; null once that is so
+    this.found = {}; // what of the steps stands in the address
+    this.view = { models: [], runs: [], modelId: null, said: new Map(), roles: new Map(), mode: this.place.mode === "change" ? "change" : "structure" };
     this.effects = new Map(); // what the service knows of each, by name
     this.charts = new Map();
     this.busy = null;
@@ -38,7 +41,7 @@ class Improve {
     this.track = el("ol", { class: "stages steps", "aria-label": "Steps" });
     this.named = []; // by diagnoses, for whoever plays the sealed game
     this.seals = sealBox(state, this.titleOf, () => this.named);
-    this.form = chooseForm(this.view, { chosen: () => this.compare(), changed: () => this.chooseAnew() });
+    this.form = chooseForm(this.view, { chosen: () => this.compare(), changed: () => this.chooseAnew(), said: () => this.remember({}), fit: (job) => this.fitted(job) });
   }
 
   titleOf = (effect) => this.effects.get(effect)?.title ?? effect.replaceAll("_", " ");
@@ -58,13 +61,65 @@ class Improve {
     const chosen = this.view.models.find((model) => model.id === this.view.modelId && !models.some((each) => each.id === model.id));
     this.view.models = chosen ? [chosen, ...models] : models;
     this.takeRuns(runs);
-    if (!this.view.modelId && models.length) this.view.modelId = models[0].id;
+    const place = this.place;
+    this.place = null;
+    if (!this.view.modelId && models.length) this.view.modelId = models.find((model) => model.id === place?.model)?.id ?? models[0].id;
+    if (place) await this.fetchRuns([...(place.look ?? []), ...(place.train ?? [])]);
     if (!this.root.contains(this.track)) {
       this.fill("choose", this.form.node);
       renderKeyed(this.root, "improve", () => [this.track, this.seals.node, ...this.parts.values()]);
     }
+    if (place?.look || place?.train) {
+      const usual = rolesOf(this.view);
+      for (const { id } of this.view.runs) {
+        const role = place.train?.includes(id) ? "train" : place.look?.includes(id) ? "judge" : "";
+        if (role !== usual.get(id)) this.view.said.set(id, role);
+      }
+    }
     this.drawChoose();
     this.seals.draw();
+    if (place) await this.goBackTo(place);
+  }
+
+  /** Runs that the address names and the list has not. */
+  async fetchRuns(ids) {
+    const known = new Set(this.view.runs.map((run) => run.id));
+    const more = await Promise.all(ids.filter((id) => !known.has(id)).map((id) => api.run(id).catch(() => null)));
+    this.takeRuns([...more.filter(Boolean), ...this.view.runs]);
+  }
+
+  /** The steps that an address tells of; what is no longer there is left out. */
+  async goBackTo({ model, comparison, diagnosis, added, doing, job, effect }) {
+    if (job && doing === "fit") return this.fitted({ id: job });
+    if (!model || model !== this.view.modelId) return this.watch();
+    const found = comparison && await api.comparison(comparison).catch(() => null);
+    if (found) {
+      this.started = true;
+      await this.naming;
+      this.found = { comparison };
+      await this.showComparison(found);
+      const named = diagnosis && await api.diagnosis(diagnosis).catch(() => null);
+      if (named) {
+        this.found = { comparison, diagnosis };
+        this.showDiagnosis(named);
+      }
+      const child = added && await api.model(added).catch(() => null);
+      if (child?.metrics?.effect) {
+        this.found = { comparison, diagnosis, added };
+        this.showAdded({ model: child.id, ...child.metrics });
+      }
+    }
+    if (job && found && doing === "which") await this.diagnosed({ id: job });
+    else if (job && found && doing === "add" && effect) await this.addedBy({ id: job }, effect);
+    else await this.watch(added);
+  }
+
+  /** Keep in the address what has been found; what comes after it in the path is no longer so. */
+  remember(found) {
+    this.found = found;
+    const said = this.view.said.size || this.started;
+    const { judge, train } = usedRuns(this.view);
+    writeAddress({ model: this.view.modelId, mode: this.view.mode === "change" ? "change" : "", ...(said ? { look: judge, train } : {}), ...found });
   }
 
   /** What effects are called, and what else there is to know of them; the first question after the service's start takes it seconds, and nothing waits for it. */
@@ -78,15 +133,7 @@ class Improve {
     }
   }
 
-  /** Runs that the page has heard of otherwise; only a finished one can be used. */
-  offer(runs) {
-    const known = new Set(this.view.runs.map((run) => run.id));
-    const fresh = runs.filter((run) => run.n_samples && run.ended_utc && !known.has(run.id));
-    if (!fresh.length || !this.root.contains(this.track)) return;
-    this.takeRuns([...fresh, ...this.view.runs]);
-    this.drawChoose();
-  }
-
+  /** Only a finished run can be used. */
   takeRuns(runs) {
     this.view.runs = runs.filter((run) => run.n_samples && run.ended_utc);
   }
@@ -110,7 +157,7 @@ class Improve {
   drawTrack() {
     const open = STEPS.filter(([key]) => !this.parts.get(key).hidden).map(([key]) => key);
     renderKeyed(this.track, `${open.join()} ${this.busy?.step}`, () => STEPS.map(([key, title], k) => {
-      const [tone, word] = this.busy?.step === key ? ["active", "running"] : open.includes(key) ? ["good", { choose: "chosen", watch: "shown" }[key] ?? "done"] : ["muted", "waiting"];
+      const [tone, word] = this.busy?.step === key ? ["active", "running"] : open.includes(key) && (key !== "choose" || this.view.modelId) ? ["good", { choose: "chosen", watch: "shown" }[key] ?? "done"] : ["muted", "waiting"];
       return el("li", { class: "stage", data: { tone, stage: key } }, el("a", { class: "stage-name", href: `#improve-${key}`, text: `${k + 1} ${title}` }), el("span", { class: "stage-state" }, chip(tone, word)));
     }));
   }
@@ -128,6 +175,7 @@ class Improve {
     for (const id of ownRuns(this.view)) this.view.said.delete(id);
     this.clearFrom("compare");
     this.drawChoose();
+    this.remember({});
     this.watch();
   }
 
@@ -154,6 +202,7 @@ class Improve {
     this.started = true;
     this.round += 1;
     this.clearFrom("compare");
+    this.remember({});
     this.watch();
     const { looked } = usedRuns(this.view);
     const found = await this.work("compare", "Simulating the runs with the model", async () => {
@@ -162,6 +211,11 @@ class Improve {
       return compared;
     });
     if (!found) return;
+    this.remember({ comparison: found.id });
+    await this.showComparison(found);
+  }
+
+  async showComparison(found) {
     this.fill("compare", compareStep(found, this.view.runs, this.unitOf, this.keep("compare"))).scrollIntoView({ block: "start" });
     const where = await this.work("where", "Looking where the error is", () => api.where(found.id));
     const ask = el("button", { type: "button", class: "primary", text: this.view.mode === "change" ? "Find out what has changed" : "Find out what is missing", on: { click: () => this.diagnose() } });
@@ -176,12 +230,24 @@ class Improve {
     const body = { model_id: this.view.modelId, run_ids: looked, mode: this.view.mode, train_run_ids: learned.filter((id) => !looked.includes(id)) };
     this.clearFrom("which");
     this.watch();
+    await this.diagnosed(null, () => api.diagnose(body));
+  }
+
+  /** A diagnosis that is under way, or begins now. */
+  async diagnosed(job, begin) {
+    const { comparison } = this.found;
     const found = await this.work("which", "Holding every known effect against the error", async (update) => {
-      const result = await follow(await api.diagnose(body), update);
+      const begun = job ?? await begin();
+      this.remember({ comparison, doing: "which", job: begun.id });
+      const result = await follow(begun, update);
       await this.naming;
       return api.diagnosis(result.diagnosis_id);
     });
-    if (!found) return;
+    this.remember({ comparison, diagnosis: found?.id });
+    if (found) this.showDiagnosis(found);
+  }
+
+  showDiagnosis(found) {
     const named = namedBy(found.result);
     if (named) this.named = [...this.named.filter(({ effect }) => effect !== named.effect), named];
     this.seals.draw();
@@ -193,25 +259,59 @@ class Improve {
     const { judge, train } = usedRuns(this.view);
     if (!judge.length) return "A run to judge the result is missing: set one to “look at it” above.";
     if (train.length) return "";
-    return this.view.mode === "change" ? "A run after the change to refit to is missing: set one to “refit to it” above." : "A run to refit to is missing: set one to “refit to it” above.";
+    return `A run${this.view.mode === "change" ? " after the change" : ""} to refit to is missing: set one to “learn from it” above.`;
   }
 
   async add(effect) {
     const { judge, train } = usedRuns(this.view);
-    const parent = this.view.modelId;
-    for (const button of this.parts.get("which").querySelectorAll("button[data-effect]")) button.disabled = true;
-    const added = await this.work("add", `Adding ${inText(this.titleOf(effect))} and refitting`, async (update) =>
-      follow(await api.addEffect(parent, { effect, train_run_ids: train, validate_run_ids: judge }), update));
-    for (const button of this.parts.get("which").querySelectorAll("button[data-effect]")) button.disabled = false;
+    await this.addedBy(null, effect, () => api.addEffect(this.view.modelId, { effect, train_run_ids: train, validate_run_ids: judge }));
+  }
+
+  /** An effect that is being added, or is from now on. */
+  async addedBy(job, effect, begin) {
+    const { comparison, diagnosis } = this.found;
+    const buttons = (disabled) => { for (const button of this.parts.get("which").querySelectorAll("button[data-effect]")) button.disabled = disabled; };
+    buttons(true);
+    const added = await this.work("add", `Adding ${inText(this.titleOf(effect))} and refitting`, async (update) => {
+      const begun = job ?? await begin();
+      this.remember({ comparison, diagnosis, doing: "add", job: begun.id, effect });
+      return follow(begun, update);
+    });
+    buttons(false);
+    this.remember({ comparison, diagnosis, added: added?.model });
     if (!added) return;
-    this.fill("add", addedStep(added, this.titleOf, { next: (id) => this.goOn(id) }));
+    this.showAdded(added);
     await this.watch(added.model);
     this.parts.get("add").scrollIntoView({ block: "start" });
   }
 
+  showAdded(added) {
+    this.fill("add", addedStep(added, this.titleOf, { next: (id) => this.goOn(id) }));
+  }
+
+  /** A model that is being made: when it is there it is the one that is looked at. */
+  async fitted(job) {
+    const round = this.round;
+    const box = busyBox("Fitting the model");
+    this.remember({ ...this.found, doing: "fit", job: job.id });
+    this.form.place.replaceChildren(box.node);
+    const made = await follow(job, box.update).catch((error) => error);
+    box.end();
+    if (made instanceof Error) {
+      this.form.place.replaceChildren(el("p", { class: "form-message", role: "alert", text: `Fitting the model: ${made.message}` }));
+      return this.remember({});
+    }
+    this.view.models = await api.models();
+    // Somebody who has gone on meanwhile is left where he is.
+    if (round !== this.round) return this.form.draw();
+    this.view.modelId = made.model_id;
+    this.chooseAnew();
+    await this.compare();
+  }
+
   /** A run that has just been played joins those that are looked at, and the question is asked again. */
   async useAlso(run) {
-    this.offer([run]);
+    this.takeRuns([run, ...this.view.runs.filter((each) => each.id !== run.id)]);
     for (const uses of [this.view.said, this.view.roles]) uses.set(run.id, "judge");
     this.drawChoose();
     await this.compare();

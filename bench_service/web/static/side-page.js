@@ -6,8 +6,8 @@ import { LiveLink } from "./live.js";
 
 const TICK_MS = 1000;
 
-/** `onEvent(event)` for each event; `onBench(name)` after a bench has changed. */
-export function sidePage(state, { onEvent = () => {}, onBench = () => {} } = {}) {
+/** `onEvent(event)` for each event; `onBench(name)` after a bench has changed; `onLive()` each time that the link is there. */
+export function sidePage(state, { onEvent = () => {}, onBench = () => {}, onLive = () => {} } = {}) {
   const heard = (message) => {
     state.lastHeard = Date.now();
     if (message.type === "bench") state.mergeBench(message);
@@ -22,6 +22,7 @@ export function sidePage(state, { onEvent = () => {}, onBench = () => {} } = {})
       state.lastHeard = Date.now();
       api.health().then((health) => { state.health = health; state.tell("health"); }, () => {});
       api.benches().then((benches) => { state.setBenches(benches); api.learnStopPorts(benches.map((bench) => bench.name)); }, () => {});
+      onLive();
     }
     state.tell("link");
   };

@@ -17,9 +17,12 @@ from models.design.constraints.voltage_band import Band
 from models.design.information.experiment import Evaluator, Experiment
 from models.network.compiled_network import flat_network
 
-_RENEWALS = 6
+_RENEWALS = 12
 _BAND_SLACK = 0.01
 _BLENDS = 40
+# From which renewal on the current is made smaller, over which time before each sample that is outside, and to which
+# share.
+_EASED_AFTER, _EASED_S, _EASED_TO = 3, 60.0, 0.7
 
 # Predicted temperature in degC of a current, uncertainty added.
 TemperatureOf = Callable[[FloatArray], FloatArray]
@@ -89,6 +92,11 @@ class Feasible:
         self._evaluator = Evaluator(replace(experiment, sensitivity="free_run"), n_samples)
         self.anchor_A = self._anchor(n_samples)
 
+    @property
+    def limits(self) -> Limits:
+        """What has to be kept."""
+        return self._demands.limits
+
     def project(self, current_A: FloatArray) -> FloatArray:
         """Move a current into the limits: the nearest by bounds and charge, then sample by sample by all the others.
 
@@ -102,26 +110,42 @@ class Feasible:
         limit(self._net, flat, near, where.initial_soc, where.temperature_degC, where.lead, out)
         return out
 
-    def renew(self, current_A: FloatArray, widened: float = 1.0) -> bool:
-        """Take the voltage's band at this current, times a factor, from now on; whether there is one."""
-        window, band = self._demands.limits.voltage_V, self._demands.band
-        if window is None or band is None:
+    def renew(self, current_A: FloatArray) -> bool:
+        """Take the voltage's band at this current from now on; whether there is one."""
+        if self._demands.limits.voltage_V is None or self._demands.band is None:
             return False
-        width = widened * band.width_V(self._experiment, current_A, self._evaluator.predict(current_A))
+        self._take(self._width_V(current_A))
+        return True
+
+    def _width_V(self, current_A: FloatArray) -> FloatArray:
+        """(N,) half width of the voltage's band at a current; 0 where there is none."""
+        band = self._demands.band
+        if band is None:
+            return np.zeros(len(current_A))
+        return band.width_V(self._experiment, current_A, self._evaluator.predict(current_A))
+
+    def _take(self, width: FloatArray) -> None:
+        window = self._demands.limits.voltage_V
+        if window is None:
+            return
         low, high = window[0] + width, window[1] - width
         zero = self._experiment.network.to_volts(np.zeros(1))[0]
         span = self._experiment.network.voltage_span_V
         self._flat = self._flat._replace(watch_voltage=True, y_low=(low - zero) / span, y_high=(high - zero) / span)
-        return True
 
     def finish(self, current_A: FloatArray) -> FloatArray:
         """Return a current that keeps every limit, as near to this one as can be had; checked, not assumed."""
-        current_A = self.project(current_A)
+        current_A, widest = self.project(current_A), np.zeros(len(current_A))
         for number in range(_RENEWALS):
             if not self.excess(current_A):
                 return current_A
-            # The band moves a little with the current that it is taken at.
-            self.renew(current_A, 1.0 + number * _BAND_SLACK)
+            # The band moves with the current that it is taken at: each sample keeps the widest that it has had, else
+            # they would take turns.
+            width = self._width_V(current_A)
+            widest = np.maximum(widest, (1.0 + number * _BAND_SLACK) * width)
+            self._take(widest)
+            if number >= _EASED_AFTER:
+                current_A = self._eased(current_A, width)
             current_A = self.project(current_A)
         if not self.excess(current_A):
             return current_A
@@ -134,6 +158,16 @@ class Feasible:
             else:
                 good, found = share, trial
         return found
+
+    def _eased(self, current_A: FloatArray, width: FloatArray) -> FloatArray:
+        """A smaller current before the voltage would leave its limits: that of the sample alone may come too late."""
+        low, high = self._demands.limits.voltage_V or (-np.inf, np.inf)
+        voltage = self._evaluator.predict(current_A).voltage_V
+        outside = np.flatnonzero((voltage - width < low) | (voltage + width > high))
+        near = np.zeros(len(current_A), dtype=bool)
+        for k in outside.tolist():
+            near[max(0, k - max(1, round(_EASED_S / self._dt_s))) : k + 1] = True
+        return np.where(near, self.anchor_A + _EASED_TO * (current_A - self.anchor_A), current_A)
 
     def excess(self, current_A: FloatArray) -> dict[str, float]:
         """By how much a current breaks each limit; empty where it keeps them all."""

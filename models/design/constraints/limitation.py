@@ -13,6 +13,7 @@ from models.design.constraints.voltage_band import Band
 from models.design.information.experiment import Evaluator, Experiment
 
 _POINTS = 17
+_FINE = 400
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,14 @@ class LimitationRatio:
         inside = values[(self.soc > low) & (self.soc < high)]
         ends = np.interp([low, high], self.soc, values)
         return float(min(ends.min(), inside.min() if len(inside) else 1.0))
+
+    def reach(self, start: float, least: float) -> Window:
+        """Lowest and highest state of charge to which a share of the largest current leads from a start."""
+        grid = np.unique(np.append(np.linspace(self.soc[0], self.soc[-1], _FINE), start))
+        barred_low = grid[(grid < start) & (np.interp(grid, self.soc, self.discharge) < least)]
+        barred_high = grid[(grid > start) & (np.interp(grid, self.soc, self.charge) < least)]
+        low, high = grid[grid > barred_low.max(initial=-np.inf)], grid[grid < barred_high.min(initial=np.inf)]
+        return min(float(low[0]), start), max(float(high[-1]), start)
 
 
 def default_ratio(window: Window) -> LimitationRatio:
@@ -89,8 +98,9 @@ def limitation_ratio(experiment: Experiment, limits: Limits, band: Band, pulse_s
             high = limit_A > 0.0
             edge, most = (limits.voltage_V[1], max) if high else (limits.voltage_V[0], min)
             sign = 1.0 if high else -1.0
-            moved = sign * (most(end) - most(rest))
-            room = sign * (edge - most(rest)) - max(float(width.max()), float(rest_width.max()))
+            # The band widens with the current.
+            moved = sign * (most(end) - most(rest)) + max(float(width.max() - rest_width.max()), 0.0)
+            room = sign * (edge - most(rest)) - float(rest_width.max())
             shares[row, i] = np.clip(room / moved, 0.0, 1.0) if moved > 0.0 else float(room > 0.0)
     return LimitationRatio(grid, shares[0], shares[1])
 

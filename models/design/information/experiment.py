@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor
 
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.design.information.active_models import MarginalPrior, add_products, picked, spread_out, times_block
-from models.design.information.criteria import CRITERIA, inverse_of, root_of_inverse
+from models.design.information.criteria import CRITERIA, inverse_of
 from models.design.information.sensitivity_path import sensitivities, signal_gradient
 from models.design.information.signal_path import current_gradient, signal_values
 from models.network.compiled_network import flat_network
 from models.network.local_model_network import LocalModelNetwork
+from models.uncertainty.correlation import ResidualCorrelation
 
 SENSITIVITIES = ("free_run", "one_step")
 DEFAULT_TEMPERATURE_DEGC = 25.0
+# What tests tell most about changes as slowly as this.
+_MIDDLE_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class Experiment:
         normalised units, is taken as known to `prior_std`
     prior_std : see `prior`
     predictor : predicts the voltage, where `network` is a coarse copy of it; None: `network` does
+    memory : how what the fit cannot explain hangs together in time; None: it is white
+    level_V : (M,) its standard deviation near each local model; None: `noise_V` everywhere
     """
 
     network: LocalModelNetwork
@@ -49,6 +52,8 @@ class Experiment:
     prior: FloatArray | None = field(default=None, repr=False)
     prior_std: float = 1.0
     predictor: LocalModelNetwork | None = field(default=None, repr=False)
+    memory: ResidualCorrelation | None = field(default=None, repr=False)
+    level_V: FloatArray | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -67,7 +72,17 @@ class Experiment:
         """The same with the network that predicts its voltage, of whose parameters nothing is asked."""
         if self.predictor is None:
             return self
-        return replace(self, network=self.predictor, predictor=None, prior=None, sensitivity=SENSITIVITIES[0])
+        bare = replace(self, prior=None, level_V=None, sensitivity=SENSITIVITIES[0])
+        return replace(bare, network=self.predictor, predictor=None)
+
+    @property
+    def working_V(self) -> float:
+        """Standard deviation of white noise that leaves as much unknown of what changes within a minute."""
+        if self.memory is None:
+            return self.noise_V
+        fade = float(np.exp(-self.network.structure.dt_s / _MIDDLE_S)) * self.memory.keep
+        worth = self.memory.white + float(self.memory.shares @ ((1.0 + fade) / (1.0 - fade)))
+        return self.noise_V * float(np.sqrt(worth))
 
     @property
     def lead(self) -> int:
@@ -136,7 +151,7 @@ class Evaluator:
         # The derivative of the criterion to the information on the parameters from number `_begin` on.
         self._by_information, self._begin = lambda: self._prior, 0
         # In normalised units, as the sensitivities.
-        self._variance = (experiment.noise_V / experiment.network.voltage_span_V) ** 2
+        self._variance = (experiment.working_V / experiment.network.voltage_span_V) ** 2
         n, (n_models, n_params) = n_samples + experiment.lead, experiment.network.theta.shape
         n_signals = len(experiment.network.structure.signals)
         self._temperature_degC = np.full(n, experiment.temperature_degC)
@@ -200,6 +215,14 @@ class Evaluator:
         lead, network = self.experiment.lead, self.experiment.network
         psi = spread_out(self._psi[lead:], self._first[lead:], *network.theta.shape)
         return Prediction(network.to_volts(self._y[lead:]), self._soc[lead:].copy(), network.voltage_span_V * psi)
+
+    def level_V(self) -> FloatArray:
+        """(N,) standard deviation of what the fit cannot explain, along the current that was asked for last."""
+        lead, levels = self.experiment.lead, self.experiment.level_V
+        weight, first = self._validity[lead:], self._first[lead:]
+        if levels is None:
+            return np.full(len(first), self.experiment.noise_V)
+        return np.sqrt(sum(weight[:, k] * levels[first + k] ** 2 for k in range(weight.shape[1])))
 
     def touched(self, current_A: FloatArray) -> Touched:
         """Predict the voltage with its sensitivities to what a current reaches only: of hats a part, else all."""
@@ -275,19 +298,3 @@ class Evaluator:
         )
         current_gradient(self._net, self._current_A, self._signals, self._slopes, self._by_signal, self._gradient)
         return self._gradient[self.experiment.lead :].copy()
-
-
-def parameter_std(information: FloatArray) -> FloatArray:
-    """Standard deviation of each parameter, normalised units: the Cramer-Rao bound."""
-    factor, _ = cho_factor(information, lower=True, check_finite=False)
-    return np.sqrt(np.sum(root_of_inverse(factor) ** 2, axis=0))
-
-
-def parameter_names(network: LocalModelNetwork) -> list[str]:
-    """Name of each parameter, as the information matrix orders them; of hats with the place of their knot."""
-    names: Any = network.structure.regressor_names()
-    places = [f"local model {i + 1}" for i in range(network.n_models)]
-    if network.structure.kernel == "hat":
-        low, high = network.scaling[network.structure.axes[0].signal]
-        places = [f"SoC {low + (high - low) * at:.3f}" for at in network.partition.centres[:, 0].tolist()]
-    return [f"{place}: {name}" for place in places for name in names]

@@ -45,7 +45,7 @@ class RivalEvaluator:
                 f"{second.network.structure.dt_s:g} s; they must be the same"
             )
         self._evaluators = (Evaluator(first, n_samples), Evaluator(second, n_samples))
-        self._noise_V = first.noise_V
+        self._noise_V = first.working_V
         self._last: tuple[FloatArray, list[_Refitted]] | None = None
 
     def value(self, current_A: FloatArray) -> float:

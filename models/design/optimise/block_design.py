@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,8 +16,10 @@ from models.design.constraints.voltage_band import recorded_band
 from models.design.information.experiment import Evaluator, Experiment
 from models.design.optimise.ascent import Optimum, optimise
 from models.design.optimise.reference_model import predicted_temperature
-from models.design.sequence.excitation_sequence import BlockDesigner, SequencePlan, fitted_to
+from models.design.sequence.excitation_sequence import BlockDesigner, fitted_to
 from models.design.sequence.load_cycle import amplitude_bounds, load_cycle_bounds, load_histogram, mean_current_range
+from models.design.sequence.sequence_builder import LEAST_SHARE
+from models.design.sequence.sequence_plan import SequencePlan
 from models.network.local_model_network import LocalModelNetwork
 
 OPTIMAL = "optimal"
@@ -24,10 +28,24 @@ _BLOCK_STARTS = 10
 _LEAST_LONGEST_S = 50.0
 # How long the largest current is taken to be held where the voltage limits it.
 _LIMITATION_S = 300.0
+# Left to the window's ends, relative to its width: sums of charge are rounded.
+_EDGE = 1e-6
+# The window of the state of charge where none is given.
+_NO_WINDOW = (0.0, 1.0)
+# Levels that had to be moved are kept if they lie further from the others than this share of the levels' spacing.
+_CLOSEST = 0.25
 # Of the range of the mean current that the intervals of a load cycle leave.
 _RANGE_SHARE = 0.7
 # Rest at the end of a sequence, of its time and at most; its pulses have rests of their own.
 _FINAL_REST_SHARE, _FINAL_REST_S = 0.06, 1800.0
+# Rest at each end of the window, of the time: what the cell's temperature and its history do at the start is else told
+# by nothing.
+_END_REST_SHARE = 0.03
+# Of the largest mean current that a block could have.
+_CARRIED = 0.8
+# How far a block may leave the way that it carries the charge along. Wider loops would undo the branch of hysteresis
+# that the sequence is on, and on such branches a cell is used.
+_BESIDE_SOC, _LEVEL_S = 0.015, 30.0
 
 
 @dataclass(frozen=True)
@@ -140,20 +158,44 @@ def cycle_bounds(experiment: Experiment, request: DesignRequest, n_samples: int,
 
 def plan_of(experiment: Experiment, request: DesignRequest) -> SequencePlan:
     """Plan of a sequence whose blocks fill the time asked for."""
-    network = experiment.network
+    network, ratio = experiment.network, _ratio(experiment, request)
+    reached = ratio.reach(experiment.initial_soc, LEAST_SHARE)
     plan = SequencePlan(
         limits=request.limits,
         capacity_Ah=network.cell.capacity_Ah,
         initial_soc=experiment.initial_soc,
         dt_s=network.structure.dt_s,
-        soc_levels=request.soc_levels,
+        soc_levels=_within(request.soc_levels, reached),
         block_s=network.structure.dt_s,
         longest_s=longest_time_constant_s(network),
-        ratio=_ratio(experiment, request),
+        ratio=ratio,
         rest_ratio=request.rest_ratio,
+        ends=_ends(request, reached),
+        end_rest_s=min(_END_REST_SHARE * request.active_s, _FINAL_REST_S),
+        carry_share=_CARRIED * float(np.mean(request.amplitude_levels)),
         mean_A=_mean_A(request),
     )
     return fitted_to(plan, request.active_s)
+
+
+def _within(levels: tuple[float, ...], reached: Window) -> tuple[float, ...]:
+    """Levels beyond what can be reached are moved to where that ends; those that would be all but the same are one."""
+    spacing = min(np.diff(levels).tolist(), default=0.0)
+    moved = np.clip(levels, min(reached[0], levels[-1]), max(reached[1], levels[0]))
+    kept = [float(moved[0])]
+    for level in moved[1:].tolist():
+        if level - kept[-1] >= _CLOSEST * spacing:
+            kept.append(level)
+    return tuple(kept)
+
+
+def _ends(request: DesignRequest, reached: Window) -> Window | None:
+    """Ends of the window that was asked for, as far as they can be reached; a single level is no sequence over it."""
+    low, high = request.limits.soc
+    if len(request.soc_levels) < 2 or (low, high) == _NO_WINDOW:
+        return None
+    margin = _EDGE * (high - low)
+    return max(low + margin, reached[0]), min(high - margin, reached[1])
 
 
 def _mean_A(request: DesignRequest) -> Window | None:
@@ -187,40 +229,55 @@ def block_designer(
     optima : each block's optimum is appended
     """
     n_samples = round(plan.block_s / plan.dt_s)
-    half = 0.5 * float(np.min(np.diff(plan.soc_levels))) if len(plan.soc_levels) > 1 else 1.0
+    half = min(0.5 * min(np.diff(plan.soc_levels).tolist(), default=2.0), _beside_soc(plan))
     low, high = request.limits.soc
 
-    def block(soc: float, number: int, change: float) -> FloatArray:
-        here = replace(experiment, initial_soc=soc, prior=known[0])
-        bounds = cycle_bounds(experiment, request, n_samples, number)
-        if bounds is None:
-            rng = np.random.default_rng([request.seed, number])
-            bounds = amplitude_bounds(request.amplitude_levels, n_samples, plan.dt_s, request.limits.current_A, rng)
+    def bounds_of(here: Experiment, number: int) -> CurrentBounds:
+        bounds = cycle_bounds(here, request, n_samples, number)
+        if bounds is not None:
+            return bounds
+        rng = np.random.default_rng([request.seed, number])
+        return amplitude_bounds(request.amplitude_levels, n_samples, plan.dt_s, request.limits.current_A, rng)
+
+    def near(soc: float, change: float) -> Limits:
         # The block moves the charge as asked: the duration is the plan's.
         charge_Ah = change * plan.capacity_Ah
         window = (max(low, min(soc, soc + change) - half), min(high, max(soc, soc + change) + half))
-        near = replace(request.limits, soc=window, net_charge_Ah=(charge_Ah, charge_Ah), temperature_degC=None)
-        free = replace(near, soc=request.limits.soc, net_charge_Ah=None)
+        return replace(request.limits, soc=window, net_charge_Ah=(charge_Ah, charge_Ah), temperature_degC=None)
 
-        def best(limits: Limits) -> Optimum:
-            return optimise(
+    def block(soc: float, number: int, change: float) -> FloatArray:
+        here = replace(experiment, initial_soc=soc, prior=known[0])
+        bounds, limits = bounds_of(here, number), near(soc, change)
+        # Near the window's ends the voltage leaves less than it takes to carry the charge on, and the limitation ratio
+        # less of a cycle's currents than its histogram has.
+        free = replace(limits, soc=request.limits.soc, net_charge_Ah=None)
+        found = _first_possible(
+            (limits, near(soc, 0.0) if request.cycle_A is None else free, free),
+            lambda kept: optimise(
                 here,
-                demands_of(here, limits, bounds),
+                demands_of(here, kept, bounds),
                 n_samples,
                 criterion=request.criterion,
                 n_starts=request.n_starts or _BLOCK_STARTS,
                 seed=request.seed + 1000 * number,
-            )
-
-        try:
-            optimum = best(near)
-        except InfeasibleError:
-            if request.cycle_A is None:
-                raise
-            # Near the window's ends the limitation ratio leaves less of the cycle's currents than its histogram has.
-            optimum = best(free)
-        optima.append(optimum)
-        known[0] = Evaluator(here, n_samples).information(optimum.current_A)
-        return optimum.current_A
+            ),
+        )
+        optima.append(found)
+        known[0] = Evaluator(here, n_samples).information(found.current_A)
+        return found.current_A
 
     return block
+
+
+def _first_possible(tries: tuple[Limits, ...], design: Callable[[Limits], Optimum]) -> Optimum:
+    """What can be designed within the first of some limits that leave a way; the last ones' refusal counts."""
+    for limits in tries[:-1]:
+        with contextlib.suppress(InfeasibleError):
+            return design(limits)
+    return design(tries[-1])
+
+
+def _beside_soc(plan: SequencePlan) -> float:
+    """Room of a block beside its way: at the least for half a minute of the largest current."""
+    low_A, high_A = plan.limits.current_A
+    return max(_BESIDE_SOC, max(-low_A, high_A) * _LEVEL_S / 3600.0 / plan.capacity_Ah)

@@ -6,6 +6,8 @@ the design goes on from there.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from models.data.errors import ModelError
@@ -55,15 +57,35 @@ def experiment_with(
     sensitivity : see `Experiment`
     use_prior : count what the training runs have told already, as far as the network's record says it
     temperature_degC : of the cell; by default the middle of the trained range
-    noise_V : by default the noise floor of the training runs, at least 1 mV
+    noise_V : white noise of this size; by default what the model's record says of its error on samples that it was not
+        fitted to, its size near each local model and how it hangs together, at least 1 mV
     coarse : ask for a coarse copy's parameters where the network is a large one by hats; it still predicts the voltage
     """
     degC = _middle_degC(network) if temperature_degC is None else float(temperature_degC)
-    noise = noise_V if noise_V is not None else max(_LEAST_NOISE_V, 1e-3 * float(network.record.noise_floor_mV or 0.0))
+    uncertainty = uncertainty_of(network) if noise_V is None else None
     asked, covariance = coarse_copy(network) if coarse else (network, _covariance(network))
     prior = _information(covariance) if use_prior and covariance is not None else None
     predictor = None if asked is network else network
-    return Experiment(asked, initial_soc, noise, degC, sensitivity, prior, predictor=predictor)
+    found = Experiment(asked, initial_soc, noise_V or _noise_V(network), degC, sensitivity, prior, predictor=predictor)
+    if uncertainty is None:
+        return found
+    level_V = np.maximum(_levels_V(network, asked, uncertainty.level_V), _LEAST_NOISE_V)
+    rms_V = float(np.sqrt(np.mean(level_V**2)))
+    return replace(found, noise_V=rms_V, memory=uncertainty.correlation, level_V=level_V)
+
+
+def _noise_V(network: LocalModelNetwork) -> float:
+    """What the record says of the error, where it does not say how it hangs together."""
+    record = network.record
+    figures = record.validation or record.train or {}
+    return max(_LEAST_NOISE_V, 1e-3 * float(record.noise_floor_mV or 0.0), 1e-3 * float(figures.get("rmse_mV") or 0.0))
+
+
+def _levels_V(network: LocalModelNetwork, asked: LocalModelNetwork, level_V: FloatArray) -> FloatArray:
+    """Of the network's local models at those of its coarse copy, which is one by hats."""
+    if asked is network:
+        return level_V
+    return np.interp(asked.partition.centres[:, 0], network.partition.centres[:, 0], level_V)
 
 
 def _middle_degC(network: LocalModelNetwork) -> float:
@@ -88,8 +110,10 @@ def _information(covariance: FloatArray) -> FloatArray:
     return (vectors / np.maximum(values, least)) @ vectors.T
 
 
-def predicted_temperature(network: LocalModelNetwork, initial_soc: float, ambient_degC: float) -> TemperatureOf | None:
-    """Temperature of a current by the network's thermal model, its error added; None where it has none."""
+def predicted_temperature(
+    network: LocalModelNetwork, initial_soc: float, ambient_degC: float, margin_K: float = _TEMPERATURE_MARGIN_K
+) -> TemperatureOf | None:
+    """Temperature of a current by the network's thermal model, a margin for its error added; None: it has none."""
     found = thermal_of(network)
     if found is None:
         return None
@@ -98,7 +122,7 @@ def predicted_temperature(network: LocalModelNetwork, initial_soc: float, ambien
     def temperature_of(current_A: FloatArray) -> FloatArray:
         played = np.concatenate([[0.0], current_A])
         closed = simulate_closed(network, thermal, losses, played, ambient_degC, initial_soc=initial_soc)
-        return np.maximum(closed.temperature_degC, closed.core_degC) + _TEMPERATURE_MARGIN_K
+        return np.maximum(closed.temperature_degC, closed.core_degC) + margin_K
 
     return temperature_of
 

@@ -14,11 +14,14 @@ import numpy as np
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray, TimeSeries
 from models.design.constraints.limits import InfeasibleError
-from models.design.information.experiment import Evaluator, Experiment, parameter_std
+from models.design.information.coloured import told_information
+from models.design.information.experiment import Experiment
+from models.design.information.parameters import parameter_std
 from models.design.optimise.ascent import Optimum, Progress
 from models.design.optimise.block_design import DesignRequest, block_designer, plan_of
-from models.design.sequence.excitation_sequence import SequencePlan, begin, estimated_duration_s, visit
+from models.design.sequence.excitation_sequence import begin, estimated_duration_s, visit
 from models.design.sequence.sequence_builder import SequenceBuilder
+from models.design.sequence.sequence_plan import SequencePlan
 from models.network.local_model_network import LocalModelNetwork
 
 # Plays currents from a state of charge and gives what was measured.
@@ -170,7 +173,8 @@ def _visited(
 def _with(experiment: Experiment, network: LocalModelNetwork) -> Experiment:
     """Go on with another network; what was known of other parameters does not carry over."""
     same = network.theta.shape == experiment.network.theta.shape
-    return replace(experiment, network=network, prior=experiment.prior if same else None)
+    level_V = experiment.level_V if same else None
+    return replace(experiment, network=network, prior=experiment.prior if same else None, level_V=level_V)
 
 
 def _known(experiment: Experiment, rounds: list[Round]) -> FloatArray:
@@ -178,5 +182,5 @@ def _known(experiment: Experiment, rounds: list[Round]) -> FloatArray:
     total = experiment.prior_information()
     for each in rounds:
         here = replace(experiment, initial_soc=each.soc, prior=total)
-        total = Evaluator(here, len(each.current_A)).information(each.current_A)
+        total = told_information(here, each.current_A)
     return total

@@ -8,10 +8,15 @@ from models.data.timeseries import FloatArray
 from models.design.constraints.limitation import LimitationRatio
 from models.design.constraints.limits import InfeasibleError, Limits
 
-# Of the largest current: pulses, and the moves of the charge that begin with them.
+# Of the largest current: moves of the charge, and the pulses that they begin with.
 PULSE_SHARE_OF_LIMIT = 0.8
+# Pulses behind a block show what the limits allow: a model that has never seen it would have to guess.
+FULL_PULSE = 1.0
 # A move with less than this share of the current would take the time of the whole test.
-_LEAST_SHARE = 0.05
+LEAST_SHARE = 0.05
+# Towards an end of the window the current falls in such steps as the voltage leaves less of it.
+_TAPER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, LEAST_SHARE)
+_TAPER_SOC = 0.01
 
 
 class SequenceBuilder:
@@ -73,6 +78,21 @@ class SequenceBuilder:
             self._move(min(max(level - direction * least, low), high))
         self._move(level)
 
+    def reach(self, soc: float) -> None:
+        """Go towards an end of the window, by smaller currents where the voltage leaves no more, as near as it lets."""
+        sign = 1.0 if soc > self.soc else -1.0
+        steps = np.linspace(self.soc, soc, max(1, int(np.ceil(abs(soc - self.soc) / _TAPER_SOC))) + 1)
+        shares = [self._tapered(sign, float(a), float(b)) for a, b in zip(steps[:-1], steps[1:], strict=True)]
+        for k, share in enumerate(shares):
+            if share == 0.0:
+                break
+            if k + 1 == len(shares) or shares[k + 1] != share:
+                self._hold_until(float(steps[k + 1]), PULSE_SHARE_OF_LIMIT * share * self._limit_A(sign))
+
+    def _tapered(self, sign: float, first: float, second: float) -> float:
+        allowed = self._ratio.least(sign, first, second)
+        return next((share for share in _TAPER if share <= allowed), 0.0)
+
     def current_A(self) -> FloatArray:
         """Return all samples."""
         return np.concatenate(self._parts)
@@ -96,12 +116,19 @@ class SequenceBuilder:
         if abs(needed) < 1e-6 * full_A:
             return
         size_A = PULSE_SHARE_OF_LIMIT * self._allowed_A(needed, soc)
-        if size_A < _LEAST_SHARE * full_A:
+        if size_A < LEAST_SHARE * full_A:
             raise InfeasibleError(
                 f"limit voltage_V and soc_levels are in conflict: between SoC {self.soc:.3f} and {soc:.3f} the "
-                f"predicted voltage, its uncertainty included, leaves less than {100.0 * _LEAST_SHARE:.0f} % of the "
+                f"predicted voltage, its uncertainty included, leaves less than {100.0 * LEAST_SHARE:.0f} % of the "
                 "current. Take levels further from the ends, widen the window, or refine the model first"
             )
+        self._hold_until(soc, size_A)
+
+    def _hold_until(self, soc: float, size_A: float) -> None:
+        """Hold a current, or a little less, for as many whole samples as it takes to a state of charge."""
+        needed = (soc - self.soc) / self._per_A
+        if not abs(needed) > 0.0:
+            return
         count = max(1, int(np.ceil(abs(needed) / size_A - 1e-9)))
         shape = self._trapezoid(float(np.sign(needed)), size_A, count)
         while abs(float(shape.sum())) < abs(needed) * (1.0 - 1e-12):

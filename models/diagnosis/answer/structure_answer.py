@@ -150,8 +150,8 @@ def _remarks(analysis: StructureAnalysis, refits: Refits | None) -> list[str]:
         )
     if analysis.resolution:
         remarks.append(
-            f"the open-circuit curve needs more local models along the SoC: {analysis.resolution} bumps more lower the "
-            "held-out error"
+            f"the open-circuit curve needs more local models along the SoC: {analysis.resolution} more of them lower "
+            "the held-out error"
         )
     if len(analysis.named) > 1 and refits is None:
         remarks.append("two effects are missing together; add one after the other")

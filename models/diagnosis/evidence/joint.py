@@ -39,7 +39,7 @@ class Named:
 
 
 def named_effects(comparison: Comparison, ranking: Ranking) -> tuple[Named, ...]:
-    """One effect, or the two that hold their place beside each other, the larger first.
+    """One effect, or the two that hold their place beside each other, first the one to begin with.
 
     Parameters
     ----------
@@ -126,7 +126,10 @@ def best_form(ranking: Ranking) -> Form:
 
 
 def _accepted(first: Named, second: Named) -> tuple[Named, ...] | None:
-    """Both, the larger first; None where one of them is chance, or no more than what the other one's form leaves."""
+    """Both, first the one to begin with; None where one is chance, or no more than what the other one's form leaves.
+
+    One begins with that which leaves less of the error when it is added alone: it stands in the other's comparison.
+    """
     both = sorted((first, second), key=lambda each: -each.ranking.size_V)
     larger, smaller = (each.ranking for each in both)
     if not (larger.significant and smaller.significant):
@@ -135,4 +138,4 @@ def _accepted(first: Named, second: Named) -> tuple[Named, ...] | None:
         return None
     if smaller.held_out_share < _LEAST_HELD_OUT_SHARE:
         return None
-    return tuple(both)
+    return (first, second) if second.comparison.evidence.cost <= first.comparison.evidence.cost else (second, first)

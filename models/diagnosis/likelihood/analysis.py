@@ -13,8 +13,9 @@ from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.likelihood.background import Background, Weighed
+from models.diagnosis.likelihood.granted import granted
 from models.diagnosis.likelihood.power import first_direction, smallest_shown
-from models.diagnosis.likelihood.shapes import granted, shapes_of
+from models.diagnosis.likelihood.shapes import Moving, shapes_of
 from models.diagnosis.likelihood.sight import Sight, background, look
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.verdict import Tried, Verdict, judge, prior_alone, together, try_shapes
@@ -50,7 +51,11 @@ class Analysis:
         if single[0] == likeliest:
             return (single[1],)
         _, *both = self.verdict.pairs[0]
-        return tuple(sorted(both, key=lambda each: -self.rms_V(each)))
+        found = together(self.back, both)[0].mean
+        first = both[0].columns.shape[1]
+        sizes = (found[:first], found[first:])
+        rms_V = [self._rms_V(each, size) for each, size in zip(both, sizes, strict=True)]
+        return tuple(both if rms_V[0] >= rms_V[1] else reversed(both))
 
     @cached_property
     def sizes(self) -> dict[str, Weighed]:
@@ -69,12 +74,22 @@ class Analysis:
     def rivals(self) -> tuple[Tried, ...]:
         """Effects that explain the runs nearly as well as the first that is named, where one alone is."""
         if len(self.named) != 1:
-            return ()
+            return tuple(each for each in self.tried if self.named and self._stands_for(each))
         best = self.verdict.single[0][0]
         others = [each for p, each in self.verdict.single[1:] if p * THRESHOLDS.rival >= best]
         name = self.named[0].effect
         twin = [each for _, each in self.verdict.single[1:] if each.effect.name == name.twin and each not in others]
         return tuple(twin + others)
+
+    def _stands_for(self, general: Tried) -> bool:
+        """Whether a named pair would be as good with a free curve in the place of a special case of it."""
+        names = {each.effect.name for each in self.named}
+        inner = names & set(general.effect.contains)
+        if general.effect.local is None or not general.effect.absorbed or len(inner) != 1:
+            return False
+        wanted, best = {general.effect.name, *(names - inner)}, self.verdict.pairs[0][0]
+        chance = next((p for p, *both in self.verdict.pairs if {each.effect.name for each in both} == wanted), 0.0)
+        return chance * THRESHOLDS.rival >= best
 
     @property
     def confidence(self) -> float:
@@ -85,9 +100,9 @@ class Analysis:
         alone = sum(p for p, each in self.verdict.single if each is first)
         return min(alone + sum(p for p, *both in self.verdict.pairs if any(each is first for each in both)), 1.0)
 
-    def rms_V(self, tried: Tried) -> float:
-        """How much voltage an effect stands for at the runs' points."""
-        part = tried.contribution[: self.sight.n_voltage]
+    def _rms_V(self, tried: Tried, sizes: FloatArray) -> float:
+        """How much voltage an effect of some sizes stands for at the runs' points."""
+        part = tried.part(sizes)[: self.sight.n_voltage]
         return float(np.sqrt(np.mean(part**2)))
 
     @cached_property
@@ -95,8 +110,7 @@ class Analysis:
         """(N,) what the named effects stand for."""
         out = np.zeros(len(self.back.error))
         for each in self.named:
-            part = each.columns @ self.sizes[each.effect.name].mean
-            out += part if each.moved is None else part + each.moved
+            out += each.part(self.sizes[each.effect.name].mean)
         return out
 
     @cached_property
@@ -172,12 +186,14 @@ def _held(sight: Sight, soc_std: list[float] | None, effects: list[Effect]) -> A
 
 def _moved_soc(analysis: Analysis) -> Callable[[View], FloatArray] | None:
     """The state of charge by the likeliest effect that moves it, where the runs ask for one."""
-    movers = [each for each in analysis.tried if each.effect.shift is not None and each.effect.shift.soc is not None]
+    movers = [
+        each
+        for each in analysis.tried
+        if each.effect.expected.learned and isinstance(each.shape, Moving) and each.shape.soc is not None
+    ]
     best = max(movers, key=lambda each: each.weighed.log_likelihood, default=None)
     if best is None or best.weighed.log_likelihood < THRESHOLDS.asked:
         return None
-    shift, width = best.effect.shift, best.effect.expected.width
-    soc_of = None if shift is None else shift.soc
-    assert soc_of is not None and width is not None
-    size = width(analysis.sight.runs[0].points) * float(best.weighed.mean[0])
-    return lambda view: soc_of(view, size)
+    assert isinstance(best.shape, Moving)
+    soc_of, sizes = best.shape.soc, best.weighed.mean
+    return None if soc_of is None else lambda view: soc_of(sizes, view)

@@ -12,7 +12,8 @@ from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.elsewhere import UNLEARNED, Points, learn, points_of
 from models.diagnosis.known.fitting import Left, fit_known
 from models.diagnosis.known.memory import KnownRuns, simulated_heat
-from models.diagnosis.likelihood.shapes import ALL_RESISTANCES, all_resistances, columns_of, shapes_of
+from models.diagnosis.likelihood.granted import ALL_RESISTANCES, all_resistances
+from models.diagnosis.likelihood.shapes import columns_of, shapes_of
 from models.diagnosis.likelihood.sight import RunSight, Sight
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.thermal.heat_balance import HeatBalance, fit_views, has_temperature
@@ -47,7 +48,8 @@ def _from_run_to_run(cell: KnownCell, views: list[View], left: Left, effects: li
     runs = tuple(RunSight(view, view, np.arange(len(view.index)), None, nobody) for view in views)
     sight = Sight(KnownRuns(cell, UNLEARNED, None), runs, 1.0)
     same = left.run[:, None] == left.run[None, :]
-    every = {one.name: [columns_of(shape) for shape in shapes_of(sight, one)] for one in effects}
+    learned = [one for one in effects if one.expected.learned]
+    every = {one.name: [columns_of(shape) for shape in shapes_of(sight, one)] for one in learned}
     every[ALL_RESISTANCES] = [all_resistances(sight)]
     return {
         name: np.where(same, np.sum([each @ each.T for each in own], axis=0) / len(own), 0.0)

@@ -22,9 +22,6 @@ _STEP = 0.05
 _FURTHEST = 8.0
 # Temperatures that a cell may have had, whatever a wrong reading says.
 _POSSIBLE_DEGC = (-60.0, 150.0)
-ALL_RESISTANCES = "all resistances"
-# The inside of a cell is warmer than its skin: part of a usual misreading that its resistances always show.
-_INSIDE = 0.2
 # A temperature that moves less shows nothing of what temperature does.
 _LEAST_SPAN_K = 1.5
 
@@ -61,6 +58,9 @@ class Moving:
     limits : (2, k) sizes that a search stays within
     physical : (k,) sizes -> values of the effect's parameters, as many as are known
     voltage : (k,) sizes, view -> (m,) change of a run's voltage
+    of : what the name of the first parameter is followed by
+    from_best : whether a search begins from the best of the starts alone
+    soc : (k,) sizes, view -> (n,) state of charge that it makes of the counted one; None: it leaves it alone
     """
 
     simulate: Callable[[FloatArray], FloatArray]
@@ -69,6 +69,9 @@ class Moving:
     limits: FloatArray
     physical: Callable[[FloatArray], tuple[float, ...]]
     voltage: Callable[[FloatArray, View], FloatArray]
+    of: str = ""
+    from_best: bool = False
+    soc: Callable[[FloatArray, View], FloatArray] | None = None
 
     def columns(self, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N,) change at sizes, and (N, k) derivatives there."""
@@ -83,12 +86,19 @@ def shapes_of(sight: Sight, one: Effect) -> tuple[Linear | Moving, ...]:
     if one.needs_temperature and not _moves(sight):
         return ()
     if expected.forms is not None:
-        return _linear(sight, one)
+        return tuple(each for each in _linear(sight, one) if each.columns.any())
     if expected.width is not None and one.shift is not None:
-        return (_shifted(sight, one, one.shift, expected.width(sight.runs[0].points)),)
+        width = expected.width(sight.runs[0].points)
+        moving = [_shifted(sight, one, each, width) for each in (one.shift, *one.or_shifts)]
+        return tuple(each for each in moving if _shows(each))
     if expected.warmth and one.warmth is not None and any(run.warm is not None for run in sight.runs):
         return (_warm(sight, one, one.warmth, expected.warmth),)
     return (_unsaid(sight, one),) if one.regressors is not None and not expected.warmth else ()
+
+
+def _shows(shape: Moving) -> bool:
+    """Whether a small one does anything at all."""
+    return bool(shape.simulate(np.full(shape.size, _STEP)).any())
 
 
 def columns_of(shape: Linear | Moving) -> FloatArray:
@@ -107,46 +117,6 @@ def whole_V(one: Effect, shape: Linear | Moving, sizes: FloatArray, view: View) 
         return one.regressors(view) @ (shape.scale * sizes)
     assert one.expected.forms is not None
     return one.expected.forms(view)[shape.number].columns @ sizes
-
-
-def all_resistances(sight: Sight) -> FloatArray:
-    """(N, 1) V that all resistances make where they are larger by a usual share: from run to run they differ."""
-    volts = [THRESHOLDS.resistance * run.points.overvoltage(run.points.run.current_A)[:, None] for run in sight.runs]
-    return sight.stacked(volts)
-
-
-def granted(sight: Sight, shapes: dict[str, tuple[Linear | Moving, ...]]) -> FloatArray:
-    """(N, k) what of each effect, and of all resistances, is there in any log and no news, another one in each run.
-
-    Parameters
-    ----------
-    sight : of the judged runs
-    shapes : of the effects, by their names
-    """
-    seen = sight.known.elsewhere.granted
-    if not seen:
-        # The cell is known as it is: nothing differs from run to run.
-        return np.zeros((len(sight.own_rows[0]), 0))
-    parts = [np.sqrt(seen.get(ALL_RESISTANCES, 0.0)) * all_resistances(sight)]
-    for name, own in shapes.items():
-        share = effect(name).expected.granted
-        least = share(sight.runs[0].points) if share is not None else 0.0
-        size = max(least, float(np.sqrt(seen.get(name, 0.0)))) / np.sqrt(len(own))
-        parts += [size * columns_of(shape) for shape in own]
-        if _misreads(effect(name)):
-            parts += [_INSIDE * np.where(_is_voltage(sight)[:, None], columns_of(shape), 0.0) for shape in own]
-    every = np.hstack(parts)
-    return np.hstack([np.where(rows[:, None], every, 0.0) for rows in sight.own_rows])
-
-
-def _misreads(one: Effect) -> bool:
-    """Whether an effect is a wrong temperature, which the resistances do not follow."""
-    return one.warmth is not None and one.correction is not None and one.correction.sample is not None
-
-
-def _is_voltage(sight: Sight) -> np.ndarray:
-    """(N,) whether a point is one of the voltage."""
-    return np.arange(len(sight.own_rows[0])) < sight.n_voltage
 
 
 def _moves(sight: Sight) -> bool:
@@ -219,7 +189,10 @@ def _shifted(sight: Sight, one: Effect, shift: Shift, width: float) -> Moving:
     def physical(sizes: FloatArray) -> tuple[float, ...]:
         return (shift.physical(sight.runs[0].points, float(width * sizes[0])),)
 
-    return Moving(simulate, 1, tuple((start,) for start in one.expected.starts), limits, physical, voltage)
+    soc_of = shift.soc
+    soc = None if soc_of is None else lambda sizes, view: soc_of(view, float(width * sizes[0]))
+    starts = tuple((start,) for start in one.expected.starts)
+    return Moving(simulate, 1, starts, limits, physical, voltage, shift.of, one.expected.from_best, soc)
 
 
 def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width: float) -> FloatArray:
@@ -232,6 +205,9 @@ def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width
         heat_W = width * one.inner_heat_W(cell.open_circuit_V(view.soc[view.index]))
     elif one.overpotential:
         heat_W = current_A * shift.voltage(view, width)
+    elif shift.current_A is not None and shift.soc is not None:
+        was_W = _loss_W(sight, view, view.run.current_A, view.soc)
+        heat_W = _loss_W(sight, view, shift.current_A(view, width), shift.soc(view, width)) - was_W
     elif shift.soc is not None:
         signals, surface = view.inputs.signals, view.inputs.surface
         was, moved = (
@@ -242,6 +218,14 @@ def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width
     else:
         return np.zeros(len(run.warm_place))
     return sight.warmed(run, heat_W[:, None])[:, 0]
+
+
+def _loss_W(sight: Sight, view: View, current_A: FloatArray, soc: FloatArray) -> FloatArray:
+    """(m,) heat of a current through the model's resistances."""
+    cell = sight.known.cell
+    inputs = cell.inputs(view.run, view.index, current_A, view.run.temperature_degC)
+    loss_V = cell.through(inputs.signals, soc[view.index] + inputs.surface, cell.resistive)
+    return current_A[view.index] * loss_V
 
 
 def _warm(sight: Sight, one: Effect, warmth: Warmth, usual: tuple[float, ...]) -> Moving:

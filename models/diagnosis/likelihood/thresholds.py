@@ -27,6 +27,7 @@ class Thresholds:
     claim : probability of "nothing" below which something is said to be there
     worse : factor by which an explanation may raise the voltage's error, start and all that is open left aside: more is
         an explanation by what nobody knows, which only its opposite hides
+    as_good : part of a free curve's gain of the logarithm with which a special case of one size stands in its place
     in_question : difference of logarithms to the likeliest, within which pairs are asked for that
     rival : factor of the probability within which two effects cannot be told apart
     power : share of cases in which an effect of the stated size is seen
@@ -62,6 +63,7 @@ class Thresholds:
     twins: float = 0.1
     claim: float = 0.05
     worse: float = 1.2
+    as_good: float = 0.85
     in_question: float = 8.0
     rival: float = 10.0
     power: float = 0.9

@@ -29,6 +29,6 @@ def values_of(analysis: Analysis, tried: Tried) -> dict[str, Value]:
     slopes = slopes / steps[:, None]
     stds = np.sqrt(np.maximum(np.einsum("ip,ij,jp->p", slopes, covariance, slopes), 0.0))
     return {
-        each.name: Value(float(value), float(std), each.unit)
-        for each, value, std in zip(tried.effect.parameters, at, stds, strict=False)
+        each.name + (shape.of if k == 0 else ""): Value(float(value), float(std), each.unit)
+        for k, (each, value, std) in enumerate(zip(tried.effect.parameters, at, stds, strict=False))
     }

@@ -43,7 +43,11 @@ class Tried:
     @property
     def contribution(self) -> FloatArray:
         """(N,) its part of both channels."""
-        part = self.columns @ self.weighed.mean
+        return self.part(self.weighed.mean)
+
+    def part(self, sizes: FloatArray) -> FloatArray:
+        """(N,) the same for other sizes."""
+        part = self.columns @ sizes
         return part if self.moved is None else part + self.moved
 
 
@@ -62,7 +66,7 @@ def _linear(back: Background, one: Effect, shape: Linear) -> Tried:
 def _moving(back: Background, one: Effect, shape: Moving) -> Tried:
     """Simulate again about what the runs ask for, from each start; the likeliest of what was simulated is taken."""
     seen: list[Tried] = []
-    for start in shape.starts:
+    for start in (_best_start(back, shape),) if shape.from_best else shape.starts:
         sizes = np.array(start)
         for _ in range(_STEPS):
             at, columns = shape.columns(sizes)
@@ -77,6 +81,12 @@ def _moving(back: Background, one: Effect, shape: Moving) -> Tried:
             if settled:
                 break
     return max(seen, key=lambda each: each.weighed.log_likelihood)
+
+
+def _best_start(back: Background, shape: Moving) -> tuple[float, ...]:
+    """The start that leaves least."""
+    left = np.column_stack([back.error - shape.simulate(np.array(start)) for start in shape.starts])
+    return shape.starts[int(np.argmin(np.sum(back.white(left, 1.0) ** 2, axis=0)))]
 
 
 def _broken(back: Background, shape: Moving, weighed: Weighed, columns: FloatArray, moved: FloatArray) -> float:
@@ -140,6 +150,45 @@ def _shares(tried: list[Tried]) -> FloatArray:
     return np.array([each.effect.expected.share for each in tried])
 
 
+def _simplest_first(
+    tried: list[Tried], couples: list[tuple[int, int]], single_logs: FloatArray, joint_logs: FloatArray
+) -> None:
+    """Give special cases that explain nearly as much as a free curve their share of what speaks for that.
+
+    A curve over the state of charge can be bent to what a model is off by, too; a cause of one size, with which nearly
+    all of it is explained, cannot. Alone or beside another effect they divide the curve's probability among them, by
+    their prior shares and by what each explains.
+
+    Parameters
+    ----------
+    tried : every effect
+    couples : numbers of the effects of each pair
+    single_logs, joint_logs : logarithms of the probabilities, changed in place
+    """
+    at, number = THRESHOLDS, {each.effect.name: i for i, each in enumerate(tried)}
+    place = {pair: c for c, pair in enumerate(couples)}
+    logs = [each.weighed.log_likelihood for each in tried]
+    for e, general in enumerate(tried):
+        if general.effect.local is None or not general.effect.absorbed or logs[e] < at.asked:
+            continue
+        inner = [number[name] for name in general.effect.contains if name in number]
+        worth = [i for i in inner if logs[i] >= at.as_good * logs[e]]
+        best = max((logs[i] for i in worth), default=0.0)
+        shares = {i: tried[i].effect.expected.share * np.exp(at.tempering * (logs[i] - best)) for i in worth}
+        whole = general.effect.expected.share + sum(shares.values())
+        parts = {i: float(np.log(share / whole)) for i, share in shares.items()}
+        kept = float(np.log(general.effect.expected.share / whole))
+        for i, part in parts.items():
+            single_logs[i] = max(single_logs[i], single_logs[e] + part)
+        single_logs[e] += kept
+        for other in set(range(len(tried))) - {e, *worth}:
+            free = place[min(e, other), max(e, other)]
+            for i, part in parts.items():
+                own = place[min(i, other), max(i, other)]
+                joint_logs[own] = max(joint_logs[own], joint_logs[free] + part)
+            joint_logs[free] += kept
+
+
 def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
     """Weigh everything against everything.
 
@@ -159,6 +208,7 @@ def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
     single_logs = alone + at.tempering * np.array([each.weighed.log_likelihood for each in tried])
     single_logs[[_worsens(back, each.contribution, n_voltage) for each in tried]] = -np.inf
     joint_logs = joint + at.tempering * (np.array(gains) - broken)
+    _simplest_first(tried, couples, single_logs, joint_logs)
     nothing_logs = np.array([np.log(at.nothing), np.log(at.unknown) + at.tempering * back.unknown])
     least = max(float(nothing_logs.max()), *single_logs.tolist()) - at.in_question
     for c in np.argsort(-joint_logs):

@@ -16,6 +16,7 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.evidence.candidates import Candidate, Comparison, lean_columns, try_effect, try_lean
 from models.diagnosis.evidence.joint import Named, named_effects
 from models.diagnosis.evidence.noise import noise_mse
+from models.diagnosis.evidence.parameters import parameters
 from models.diagnosis.evidence.ranking import Ranking, rank
 from models.diagnosis.reference.reference import Reference
 from models.diagnosis.reference.samples import Samples, all_samples, visible
@@ -87,7 +88,8 @@ def analyse_structure(
     everything = evidence.solve(np.hstack(list(columns.values()))).cost / len(error)
     noise = min(noise_mse(samples), everything)
     comparison = Comparison(samples, tuple(usable), columns, evidence, everything, noise, _BIAS_ALLOWANCE)
-    candidates = [try_effect(comparison, effect) for effect in usable]
+    tried = [try_effect(comparison, effect) for effect in usable]
+    candidates = [each for each in tried if _possible(comparison, each)] or tried
     ranking = rank(comparison, candidates)
     n_train = sum(len(view.index) for view in samples.views[: len(train)])
     named = named_effects(comparison, ranking) if ranking.something_new else ()
@@ -101,6 +103,15 @@ def analyse_structure(
     if named and 0 < n_train < len(error) and not _lowers(named[-1], n_train, float(np.mean(error[n_train:] ** 2))):
         named = ()
     return StructureAnalysis(comparison, ranking, named, n_train, resolution)
+
+
+def _possible(comparison: Comparison, candidate: Candidate) -> bool:
+    """Whether an effect is no larger than any cell shows it; one that explains more by being so explains nothing."""
+    effect = candidate.effect
+    if effect.lean is None or effect.lean.possible is None:
+        return True
+    first = parameters(comparison, candidate)[effect.parameters[0].name]
+    return abs(first.value) <= effect.lean.scale * effect.lean.possible(comparison.runs.views[0])
 
 
 def _helps(named: Named, n_train: int) -> bool:

@@ -24,9 +24,9 @@ from models.observer.filter.gains import (
     knot_slopes,
     observer_matrices,
     output_rows,
-    steady_state_gains,
 )
 from models.observer.filter.settings import ObserverSettings, default_settings, error_levels
+from models.observer.filter.steady import designed_gains
 
 # Two local models overlap where both weigh at least this much.
 _OVERLAP = 0.02
@@ -66,9 +66,9 @@ def stability(network: LocalModelNetwork, settings: ObserverSettings | None = No
     settings : noise; by default the model's own
     """
     assumed = settings or default_settings(network)
-    matrices, process = observer_matrices(network, assumed)
+    matrices, _ = observer_matrices(network, assumed)
     rows = output_rows(network, assumed, error_levels(network))
-    gains = steady_state_gains(matrices, rows, process, (assumed.voltage_std_V / network.voltage_span_V) ** 2)[:, :-1]
+    gains = designed_gains(network, assumed)[:, :-1]
     left = np.eye(matrices.shape[1]) - gains[:, :, None] * rows[:, None, :]
     if network.structure.kernel == "hat":
         return common_lyapunov(_maps_between_knots(network, left, matrices))

@@ -13,9 +13,10 @@ from models.network.compiled_network import FlatNetwork, flat_network
 from models.network.local_model_network import LocalModelNetwork
 from models.network.signals.loop_form import LOOP
 from models.observer.filter import packing, places
-from models.observer.filter.gains import observer_matrices, output_rows, state_matrices, steady_state_gains
+from models.observer.filter.gains import output_rows, state_matrices
 from models.observer.filter.packing import Layout, pack
 from models.observer.filter.settings import ObserverSettings, default_settings, error_levels
+from models.observer.filter.steady import designed_gains
 
 # Hypotheses for an initial state of charge that is not known well: this many, evenly over 0..1.
 _HYPOTHESES = 32
@@ -238,8 +239,7 @@ class FuzzyObserver:
             constants[place] = value
         gains = np.zeros((network.n_models, self._layout.states + 1))
         if s.gain == "steady":
-            matrices, process = observer_matrices(network, s)
-            steady = steady_state_gains(matrices, rows, process, constants[places.R_VOLTAGE])
+            steady = designed_gains(network, s, self.more_slow_V)
             gains[:, : self._n + 3], gains[:, -1] = steady[:, :-1], steady[:, -1]
         errors = np.ascontiguousarray(rows[:, self._n + 1 :].T)
         return pack(net, errors, gains, constants, self._layout)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray, TimeSeries
 from models.module.models import ModuleModel
 from models.observer.filter import places
@@ -77,6 +78,10 @@ class ModuleObserver:
         """Return a module's run as its mean cell sees it, for `tuning.tune`."""
         cell_V = (run.voltage_V - self.beside_cells_V(run.current_A)) / self.module.cells_in_series
         return replace(run, current_A=self.module.cell_current_A(run.current_A), voltage_V=cell_V)
+
+    def mean_cell_grid(self, run: GridRun) -> GridRun:
+        """Return a module's run on the grid with the current of its mean cell, for `smoothing.smoothed_soc`."""
+        return replace(run, current_A=self.module.cell_current_A(run.current_A))
 
     def beside_cells_V(self, current_A: FloatArray) -> FloatArray:
         """(n,) voltage over what is not a cell; with an unknown current the offset of rest."""

@@ -25,6 +25,8 @@ _LEAST_REST_S = 600.0
 # Errors of a count hang together for as long as a run lasts; its trend is known no better than its scatter over so many
 # independent stretches.
 _STRETCHES = 10.0
+# Of the drift that a trend says, so much at least must be seen.
+_SEEN_SHARE = 0.25
 
 
 def suspected_offset(data: Training) -> list[Reason]:
@@ -88,8 +90,12 @@ def _against_reference_A(data: Training) -> float | None:
         columns = np.column_stack([run.time_s, run.soc_ref - run.soc_ref[0], np.ones(len(run))])
         solution, _, rank, _ = np.linalg.lstsq(columns, away, rcond=None)
         left = away - columns @ solution
-        spread = float(np.std(run.time_s)) * np.sqrt(_STRETCHES)
+        # Under one current charge moves as time does, and neither tells which of the two it is.
+        alone_s = run.time_s - columns[:, 1:] @ np.linalg.lstsq(columns[:, 1:], run.time_s, rcond=None)[0]
+        spread = float(np.std(alone_s)) * np.sqrt(_STRETCHES)
         error = float(np.std(left)) / max(spread, 1e-9)
-        if rank == columns.shape[1] and abs(solution[0]) > _CERTAIN * error:
+        # A trend that hardly shows in the count, because a capacity just as wrong hides it, is none that was seen.
+        seen = float(np.ptp(away)) >= _SEEN_SHARE * abs(solution[0]) * float(run.time_s[-1])
+        if rank == columns.shape[1] and seen and abs(solution[0]) > _CERTAIN * error:
             found.append(float(solution[0]) * 3600.0 * data.cell.capacity_Ah)
     return float(np.median(found)) if found else None

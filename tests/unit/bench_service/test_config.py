@@ -105,3 +105,10 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match="cannot be read"):
         load_config(tmp_path / "b.toml", {})
+
+
+def test_the_gain_of_live_observers_is_one_of_two() -> None:
+    text = "[bench.a]\nsimulate = {}\nobserver_gain = '%s'"
+    assert parse_config(text % "steady").bench["a"].observer_gain == "steady"
+    with pytest.raises(ConfigError, match="bench.a.observer_gain: .*'kalman' or 'steady'"):
+        parse_config(text % "best")

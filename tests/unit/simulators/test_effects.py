@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simulators.catalogue import CELLS
-from simulators.cell import Cell
+from simulators.cell import Cell, contact_is_bad
 from simulators.effects import EFFECTS, apply_effects
 from simulators.sensors import Measurement, SensorParameters, Sensors
 
@@ -52,6 +52,13 @@ CASES: dict[str, tuple[Callable[[], float], float]] = {
     "series_resistance": (lambda: moved_by("series_resistance", 0.01, PULSE), 0.02),
     "soc_dependence": (lambda: moved_by("soc_dependence", 0.1, PULSE), 0.2 * math.exp(-0.5 / 0.15)),
     "voltage_offset": (lambda: moved_by("voltage_offset", 0.003, PULSE), 0.003),
+    "voltage_gain": (lambda: moved_by("voltage_gain", 0.01, [(0.0, 1.0)]) / volts({}, [(0.0, 1.0)]), 0.01),
+    "current_gain": (
+        lambda: play({"current_gain": 0.02}, PULSE).current_A - play({"current_gain": 0.0}, PULSE).current_A,
+        0.04,
+    ),
+    # Bad at first, good after twenty minutes.
+    "intermittent_contact": (lambda: moved_by("intermittent_contact", 0.01, PULSE), 0.02),
     "entropic_voltage": (lambda: moved_by("entropic_voltage", 5e-4, [(0.0, 1.0)], 45.0), 0.01),
     "charge_discharge_asymmetry": (
         lambda: moved_by("charge_discharge_asymmetry", 1.5, [(0.5, 1e-6)], reference=1.0),
@@ -116,8 +123,40 @@ def test_effects_on_heat() -> None:
     assert reversible == pytest.approx(2.0 * 298.15 * 1e-3 * 100.0 / 45.0, rel=0.15)
 
 
+def test_a_contact_comes_and_goes() -> None:
+    bad = [contact_is_bad(10.0 * k) for k in range(1000)]
+    assert 0.2 < np.mean(bad) < 0.4
+    assert np.count_nonzero(np.diff(bad)) > 10
+    gone: Profile = [(0.0, 1200.0), *PULSE]
+    assert not contact_is_bad(1200.0)
+    assert moved_by("intermittent_contact", 0.01, gone) == 0.0
+
+
+def test_a_core_that_is_warmer_resists_less_than_its_case_tells() -> None:
+    cycle: Profile = [(3.0, 60.0), (-3.0, 60.0)] * 10
+    cold, warm = (volts({"core_temperature": each}, [*cycle, (3.0, 1.0)]) for each in (0.0, 5.0))
+    assert 1e-3 < cold - warm < 0.05
+
+
+@pytest.mark.parametrize("name", ["nmc", "lfp"])
+def test_electrodes_age_from_the_fresh_cell(name: str) -> None:
+    fresh, quiet = CELLS[name].parameters, SensorParameters()
+    assert apply_effects(fresh, quiet, {"lithium_loss": 0.0})[0] == fresh
+    slipped, _ = apply_effects(fresh, quiet, {"lithium_loss": 0.1})
+    shrunk, _ = apply_effects(fresh, quiet, {"active_material_loss": 0.1})
+    assert slipped.capacity_Ah == pytest.approx(0.9 * fresh.capacity_Ah)
+    assert shrunk.capacity_Ah == pytest.approx(0.95 * fresh.capacity_Ah)
+    # The negative electrode's step comes as much charge after empty as before, or sooner where there is less of it.
+    first = fresh.open_circuit.steps[0].centre
+    assert slipped.open_circuit.steps[0].centre * 0.9 == pytest.approx(first)
+    assert shrunk.open_circuit.steps[0].centre * 0.95 == pytest.approx(0.9 * first)
+    # Full is where it was: what the positive electrode has given when it is.
+    assert slipped.open_circuit.voltage_V(1.0) == pytest.approx(fresh.open_circuit.voltage_V(1.0), abs=2e-3)
+
+
 def test_every_effect_is_covered() -> None:
     others = {"capacity", "self_discharge", "resistance_growth", "heat_transfer", "reversible_heat"}
+    others |= {"core_temperature", "lithium_loss", "active_material_loss"}
     assert set(CASES) | others == set(EFFECTS)
 
 
@@ -126,7 +165,9 @@ def test_unknown_effect_lists_the_names() -> None:
         apply_effects(CELLS["nmc"].parameters, QUIET, {"hysterisis": 0.01})
 
 
-@pytest.mark.parametrize("name,value", [("capacity", 0.0), ("relaxation", math.nan), ("voltage_offset", math.inf)])
+@pytest.mark.parametrize(
+    "name,value", [("capacity", 0.0), ("relaxation", math.nan), ("voltage_offset", math.inf), ("lithium_loss", 1.0)]
+)
 def test_impossible_value_names_the_effect(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"effect {name}={value}"):
         apply_effects(CELLS["nmc"].parameters, QUIET, {name: value})

@@ -4,12 +4,12 @@ import pytest
 
 from simulators.catalogue import CELLS, cell_type
 from simulators.effects import EFFECTS, apply_effects
-from simulators.hidden_effect import HIDDEN, draw
+from simulators.hidden_effect import BY_NAME, HIDDEN, draw
 from simulators.sensors import SensorParameters
 
 
 @pytest.mark.parametrize("cell", sorted(CELLS))
-@pytest.mark.parametrize("name", sorted(HIDDEN))
+@pytest.mark.parametrize("name", sorted((*HIDDEN, *BY_NAME)))
 def test_whatever_is_drawn_can_be_built_and_changes_the_cell(cell: str, name: str) -> None:
     parameters, sensors = cell_type(cell).parameters, SensorParameters()
     for seed in range(5):
@@ -34,5 +34,5 @@ def test_the_seal_closes_the_contents_and_cannot_be_guessed_from_name_and_size()
 
 
 def test_an_effect_that_cannot_be_hidden_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match="one of capacity"):
+    with pytest.raises(ValueError, match="one of active_material_loss, capacity"):
         draw("phlogiston", cell_type("nmc").parameters, 1)

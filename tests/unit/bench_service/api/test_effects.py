@@ -56,3 +56,16 @@ def test_versions_of_a_model_that_is_not_there_are_404() -> None:
     store = Store(models={"family": NotFoundError.of("model", "m9")})
     answer = client_of(effects.router, store=store).get("/models/m9/chain")
     assert (answer.status_code, error_of(answer)["message"]) == (404, "unknown model 'm9'")
+
+
+def test_a_model_learns_from_runs_in_their_order() -> None:
+    learning = AsyncPart(start_learning=JOB)
+    client = client_of(effects.router, learning=learning)
+    assert client.post("/models/m1/learn", json={"run_ids": ["r2", "r1"]}).status_code == 202
+    body = {"run_ids": ["r1"], "validate_run_ids": ["r3"]}
+    client.post("/models/m1/learn", json=body)
+    first, second = (arguments[0] for _, arguments, _ in learning.calls)
+    assert (first.model_id, list(first.run_ids), list(first.validate_run_ids)) == ("m1", ["r2", "r1"], [])
+    assert list(second.validate_run_ids) == ["r3"]
+    for wrong in ({}, {"run_ids": []}, {"run_ids": ["r1"], "memory_s": 1}):
+        assert client.post("/models/m1/learn", json=wrong).status_code == 422

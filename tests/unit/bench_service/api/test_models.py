@@ -7,7 +7,7 @@ import pytest
 
 from bench_service.api import models
 from bench_service.api.strict import MAX_BODY_BYTES
-from bench_service.campaign.modelling import FitOrder
+from bench_service.campaign.modelling import FitOrder, ModuleOrder
 from bench_service.jobs.runner import Job
 from bench_service.store.records import ModelRecord
 from models.data.errors import ModelError
@@ -50,6 +50,14 @@ def test_what_is_left_out_of_a_fit() -> None:
     assert (order.structure, list(order.validate), order.seed) == ("auto", [], None)
     assert list(order.without) == []
     assert (order.initial_soc_std, order.coulombic_efficiency) == (0.0, 1.0)
+
+
+def test_the_runs_of_a_fit_may_be_of_a_module() -> None:
+    for given in ({}, {"in_series": 6, "parallel": 2}, {"cell_model_id": "m0"}):
+        assert fitted({"module": given})[1].calls[0][1][0].module == ModuleOrder(**given)
+    assert fitted({})[1].calls[0][1][0].module is None
+    for wrong in ({"in_series": 0}, {"parallel": "2"}, {"cells": 6}):
+        assert fitted({"module": wrong})[0].status_code == 422
 
 
 def test_a_fit_may_doubt_where_its_runs_begin_and_lose_charge() -> None:

@@ -21,12 +21,13 @@ def started(changes: dict[str, Any]) -> tuple[Any, AsyncPart]:
 
 def test_an_order_goes_on_as_it_was_given() -> None:
     limits = {"voltage_V": [3.0, 4.2], "ramp_A_per_s": 5}
-    answer, part = started({"limits": limits, "model_id": "m1", "observer_initial_soc": 0.6, "seed": 3})
+    observer = {"model_id": "m1", "observer_initial_soc": 0.6, "observer_gain": "steady"}
+    answer, part = started({"limits": limits, "seed": 3} | observer)
     assert (answer.status_code, answer.json()["state"]) == (201, "running")
     ((_, (benches, order), _),) = part.calls
     assert benches is BENCHES
     assert (order.bench, order.profile_id, order.dt_s, order.initial_soc) == ("sim", "p1", 0.1, 0.5)
-    assert (order.model_id, order.observer_initial_soc, order.seed) == ("m1", 0.6, 3)
+    assert (order.model_id, order.observer_initial_soc, order.observer_gain, order.seed) == ("m1", 0.6, "steady", 3)
     given = {name: value for name, value in order.limits.items() if value is not None}
     assert given == {"voltage_V": (3.0, 4.2), "ramp_A_per_s": 5.0}
 
@@ -43,6 +44,7 @@ def test_limits_that_are_left_out_are_the_benchs_own() -> None:
         ({"initial_soc": 1.01}, ["initial_soc"]),
         ({"initial_soc": None}, ["initial_soc"]),
         ({"observer_initial_soc": -0.1}, ["observer_initial_soc"]),
+        ({"observer_gain": "best"}, ["observer_gain"]),
         ({"limits": {"voltage_V": [3.0]}}, ["limits", "voltage_V", 1]),
         ({"limits": {"voltage_v": [3.0, 4.2]}}, ["limits", "voltage_v"]),
         ({"limits": {"ramp_A_per_s": 0}}, ["limits", "ramp_A_per_s"]),
@@ -134,3 +136,12 @@ def test_runs_are_looked_for_by_words() -> None:
     store = Store(runs={"page": [run_record()]})
     assert client_of(runs.router, store=store).get("/runs?q=formation%20b&state=completed").status_code == 200
     assert store.calls[0][1] == (None, "completed", None, 100, 0, "formation b", None)
+
+
+def test_a_run_that_is_learned_from_goes_another_way() -> None:
+    learning, plain = AsyncPart(start_run=run_record(state="running")), AsyncPart(start=run_record(state="running"))
+    client = client_of(runs.router, runs=plain, learning=learning, benches=BENCHES)
+    assert client.post("/runs", json=BODY | {"model_id": "m1", "learn": True}).status_code == 201
+    ((_, (benches, order), _),) = learning.calls
+    assert benches is BENCHES and order.model_id == "m1" and plain.calls == []
+    assert client.post("/runs", json=BODY | {"learn": "yes"}).status_code == 422

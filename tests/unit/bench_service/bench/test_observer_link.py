@@ -16,10 +16,11 @@ OFFSET_A, LATE = 0.3, 2
 N = 40
 
 
-def link(*effects: dict[str, Any]) -> ObserverLink:
+def link(*effects: dict[str, Any], settings: dict[str, Any] | None = None) -> ObserverLink:
     network = hand_network.everything(1)
     network = replace(network, record=replace(network.record, effects=effects))
-    request: Any = SimpleNamespace(observer={"model": network.to_json()}, dt_s=hand_network.DT_S, initial_soc=0.5)
+    order = {"model": network.to_json(), "settings": settings}
+    request: Any = SimpleNamespace(observer=order, dt_s=hand_network.DT_S, initial_soc=0.5)
     built = build_observer(request)
     assert built is not None
     return built
@@ -49,3 +50,15 @@ def test_a_wrong_current_and_a_late_voltage_are_put_right() -> None:
 def test_a_model_with_a_damaged_correction_has_no_observer() -> None:
     with pytest.raises(ObserverError, match="cannot start"):
         link(correction("current_offset", offset_A=math.inf))
+
+
+def test_the_gain_is_what_the_order_says() -> None:
+    rng = np.random.default_rng(4)
+    current, voltage = rng.normal(0.0, 1.0, N), 3.6 + 0.01 * rng.normal(size=N)
+    # Sure of its start, so that the steady-state gains hold from the first sample on.
+    sure = {"initial_soc": 0.5, "initial_soc_std": 1e-4}
+    found = {gain: rows(link(settings=sure | {"gain": gain}), current, voltage) for gain in ("kalman", "steady")}
+    assert rows(link(settings=sure), current, voltage) == found["kalman"]
+    assert found["steady"] != found["kalman"]
+    with pytest.raises(ObserverError, match="gain is 'best'"):
+        link(settings={"gain": "best"})

@@ -1,12 +1,13 @@
 """Where runs start: as the user says, as the run says, by a rest, or at a guess."""
 
+from argparse import Namespace
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bench_service.cli.errors import UsageError
-from bench_service.cli.initial_soc import guessed_soc, initial_soc
+from bench_service.cli.initial_soc import guessed_soc, initial_soc, starts_apart
 from bench_service.cli.output import Output
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
@@ -36,6 +37,30 @@ def test_what_the_user_says_counts_for_all_or_for_each() -> None:
 def test_another_number_of_values_is_refused(runs: list[TimeSeries], given: tuple[float, ...], wanted: str) -> None:
     with pytest.raises(UsageError, match=wanted):
         initial_soc(runs, given)
+
+
+@pytest.mark.parametrize(
+    ("given", "train_given", "starts"),
+    [
+        ((0.7,), None, ([0.7], [0.7, 0.7])),
+        ((0.1, 0.2, 0.3), None, ([0.1], [0.2, 0.3])),
+        ((0.2, 0.3), (0.1,), ([0.1], [0.2, 0.3])),
+        ((0.2,), (0.1,), ([0.1], [0.2, 0.2])),
+        ((0.2, 0.3), None, ([0.4], [0.2, 0.3])),
+        (None, (0.1,), ([0.1], [0.4, 0.4])),
+    ],
+)
+def test_runs_to_learn_from_start_apart_from_those_that_judge(
+    given: tuple[float, ...] | None, train_given: tuple[float, ...] | None, starts: tuple[list[float], list[float]]
+) -> None:
+    options = Namespace(initial_soc=given, train_initial_soc=train_given)
+    assert starts_apart([KNOWN], [KNOWN, KNOWN], options, model(), Output(True)) == starts
+
+
+def test_the_option_of_the_runs_to_learn_from_is_named_where_it_is_wrong() -> None:
+    options = Namespace(initial_soc=(0.2,), train_initial_soc=(0.1, 0.2, 0.3))
+    with pytest.raises(UsageError, match="--train-initial-soc has 3 values"):
+        starts_apart([KNOWN], [KNOWN], options, model(), Output(True))
 
 
 def test_a_run_with_a_reference_starts_there() -> None:

@@ -58,6 +58,19 @@ def test_without_the_module_model_the_alarm_says_why(
     assert "does not fit" in json.loads(capsys.readouterr().out)["runs"][0]["alarms"][0]
 
 
+def test_the_gain_is_chosen_on_the_command_line(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, found = _write(tmp_path / "run.csv", 1, 1), {}
+    for given in ([], ["--gain", "kalman"], ["--gain", "steady"]):
+        assert main(["observe", str(model), str(run), "--initial-soc", "0.4", *given, "--json"]) == 0
+        found[given[-1] if given else ""] = json.loads(capsys.readouterr().out)
+    assert [each["gain"] for each in found.values()] == ["kalman", "kalman", "steady"]
+    assert found[""]["runs"] == found["kalman"]["runs"] != found["steady"]["runs"]
+    assert all(set(each) == set(found[""]) for each in found.values())
+    assert max(each["runs"][0]["soc_rmse"] for each in found.values()) < 0.02
+
+
 def test_a_declared_spread_of_the_cells_widens_the_band(
     model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -93,8 +93,8 @@ def test_empty_fields_are_missing_values_and_never_zero(tmp_path: Path) -> None:
 
 def test_other_columns_are_ignored_and_named(tmp_path: Path) -> None:
     rows = [f"{row},4.1,0.5" for row in cell_rows()]
-    read = read_run_file(write(tmp_path / "a.csv", rows, HEADER + ",v_cell1_V,soc_ref"))
-    assert read.ignored_columns == ("v_cell1_V",)
+    read = read_run_file(write(tmp_path / "a.csv", rows, HEADER + ",humidity,soc_ref"))
+    assert read.ignored_columns == ("humidity",)
     assert read.series.soc_ref is not None
     assert read.series.soc_ref[0] == 0.5
 
@@ -229,3 +229,17 @@ def test_parquet_with_text_in_a_column(tmp_path: Path) -> None:
 def test_broken_parquet(tmp_path: Path) -> None:
     (tmp_path / "a.parquet").write_bytes(b"PAR1 and nothing that follows")
     assert "not a readable Parquet file" in refused(tmp_path / "a.parquet")
+
+
+def test_voltages_of_a_modules_cells_stand_beside_the_run(tmp_path: Path) -> None:
+    rows = [f"{k},{(-1) ** k},{7.4 + 0.01 * (-1) ** k},20,3.{k}1,{'' if k == 2 else f'3.{k}2'}" for k in range(6)]
+    path = tmp_path / "module.csv"
+    header = "time_s,current_A,voltage_V,temperature_degC,v_cell2_V,v_cell1_V"
+    path.write_text("\n".join([header, *rows]))
+    read = read_run_file(path, "charge-positive")
+    assert read.ignored_columns == () and read.cells_V is not None
+    np.testing.assert_allclose(read.cells_V[:, 1], [3.01, 3.11, 3.21, 3.31, 3.41, 3.51])
+    assert np.isnan(read.cells_V[2, 0]) and read.cells_V[3, 0] == 3.32
+    path.write_text("\n".join([header.replace("v_cell1_V", "v_cell3_V"), *rows]))
+    with pytest.raises(RunFileError, match="v_cell2_V but no v_cell1_V"):
+        read_run_file(path, "charge-positive")

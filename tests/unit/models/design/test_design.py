@@ -5,7 +5,7 @@ from models.data.errors import ModelError
 from models.design.constraints.limits import InfeasibleError, Limits
 from models.design.design import design
 from models.design.optimise.block_design import DesignRequest, longest_time_constant_s
-from models.design.sequence.excitation_sequence import REST_RATIO
+from models.design.sequence.sequence_plan import REST_RATIO
 from tests.unit.models.design.networks import experiment, resistive
 
 LIMITS = Limits((-6.0, 4.0), (0.1, 0.9), voltage_V=(3.1, 4.0))

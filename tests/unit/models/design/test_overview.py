@@ -3,7 +3,8 @@ import pytest
 
 from models.design.constraints.limits import Limits
 from models.design.design import design
-from models.design.information.experiment import Evaluator, parameter_std
+from models.design.information.experiment import Evaluator
+from models.design.information.parameters import parameter_std
 from models.design.optimise.block_design import DesignRequest
 from models.design.overview import coverage, family_std, mean_std, mean_std_over_time
 from tests.unit.models.design.networks import experiment

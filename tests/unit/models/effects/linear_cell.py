@@ -10,18 +10,24 @@ from models.effects.thermal_view import ThermalView
 from models.effects.view import ModelInputs, View
 
 SLOPE_V, RESISTANCE_OHM, CAPACITY_AH = 0.8, 0.03, 2.0
+PER_K = 1.0 / 30.0
 
 
 @dataclass(frozen=True)
 class LinearCell:
-    """V = 3 + 0.8 SoC + 30 mOhm I."""
+    """V = 3 + 0.8 SoC + 30 mOhm I; 1 mOhm less for each kelvin by which it is warmer than was measured."""
 
     capacity_Ah: float = CAPACITY_AH
     soc_range: tuple[float, float] = (0.1, 0.9)
     activation_K: float = 0.0
+    typical_Ohm: float = RESISTANCE_OHM
 
     def inputs(self, run, index, current_A, temperature_degC):
-        return ModelInputs(np.zeros(len(index)), current_A[index][None, :])
+        warmer_K = temperature_degC - run.temperature_degC
+        return ModelInputs(np.zeros(len(index)), (current_A * (1.0 - warmer_K * PER_K))[index][None, :])
+
+    def open_circuit_V(self, soc):
+        return 3.0 + SLOPE_V * soc
 
     def voltage_V(self, inputs, soc):
         return 3.0 + SLOPE_V * soc + RESISTANCE_OHM * inputs.signals[0]
@@ -38,8 +44,8 @@ def run(n: int = 2000) -> GridRun:
     return to_grid(series, 1.0)
 
 
-def linear_view() -> View:
-    return View(LinearCell(), run(), 0.5, np.arange(0, 2000, 3))
+def linear_view(model: LinearCell | None = None, n: int = 2000) -> View:
+    return View(model or LinearCell(), run(n), 0.5, np.arange(0, n, 3))
 
 
 def thermal_view(heat_W: float = 2.0, n: int = 6000) -> ThermalView:

@@ -3,10 +3,12 @@ import pytest
 
 from models.data.errors import ModelError
 from models.effects import effect
+from models.effects.reading import Reading
 from models.effects.spline import SplineBasis
 from models.effects.view import View
+from models.network.signals.filters import low_pass
 from models.network.structure import full_structure, minimal_structure
-from tests.unit.models.effects.linear_cell import CAPACITY_AH, RESISTANCE_OHM, SLOPE_V, linear_view, thermal_view
+from tests.unit.models.effects.linear_cell import CAPACITY_AH, PER_K, RESISTANCE_OHM, SLOPE_V, linear_view, thermal_view
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +56,44 @@ def test_capacity_scales_the_charge_since_the_start(view: View) -> None:
     expected = SLOPE_V * (view.soc - 0.5)[view.index] * (1.0 / 0.8 - 1.0)
     np.testing.assert_allclose(shift.voltage(view, -0.2), expected, atol=1e-12)
     assert shift.physical(view, -0.2) == pytest.approx(1.6)
+
+
+def test_a_gain_of_the_current_scales_charge_and_load(view: View) -> None:
+    shift = effect("current_gain").shift
+    assert shift is not None
+    share = 1.0 / 1.02 - 1.0
+    expected = SLOPE_V * (view.soc - 0.5)[view.index] * share + RESISTANCE_OHM * view.run.current_A[view.index] * share
+    np.testing.assert_allclose(shift.voltage(view, 0.02), expected, atol=1e-12)
+
+
+def test_a_gain_of_the_voltage_is_a_share_of_it(view: View) -> None:
+    forms = effect("voltage_gain").expected.forms
+    assert forms is not None
+    (form,) = forms(view)
+    np.testing.assert_allclose(form.columns[:, 0] / form.told[0].weights[0], view.voltage_V, atol=1e-12)
+
+
+def test_gains_are_put_right() -> None:
+    read = Reading(1.02, 3.737, 25.0, 25.0)
+    for name, value in (("current_gain", 0.02), ("voltage_gain", 0.01)):
+        correction = effect(name).correction
+        assert correction is not None and correction.sample is not None
+        assert not correction.possible({"gain": -1.0})
+        read = correction.sample(read, {"gain": value})
+    assert read.current_A == pytest.approx(1.0) and read.voltage_V == pytest.approx(3.7)
+
+
+def test_a_warm_core_resists_less_after_minutes_of_load(view: View) -> None:
+    shift = effect("core_temperature").shift
+    assert shift is not None
+    change_V = shift.voltage(view, 5.0)
+    current_A = view.run.current_A[view.index]
+    # Against the current, whichever way it flows, and more once the core has warmed up.
+    assert (change_V * current_A <= 1e-12).all()
+    heat_W = RESISTANCE_OHM * view.run.current_A**2
+    np.testing.assert_allclose(view.loss_W, heat_W, atol=1e-12)
+    settled = low_pass(heat_W, 100.0, 1.0)[view.index]
+    np.testing.assert_allclose(change_V, -RESISTANCE_OHM * PER_K * 5.0 * settled * current_A, atol=1e-9)
 
 
 def test_a_leak_and_an_offset_differ_by_the_current_alone(view: View) -> None:

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench_service.cli.observation import observe
 from models.comparison.figures import compare
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
@@ -15,6 +14,7 @@ from models.effects.reading import Reading
 from models.network.model_record import ModelRecord
 from models.network.signals import soc_by_counting
 from models.observer import FuzzyObserver
+from models.observer.observation import observe
 from models.pipeline.addition import add_effect
 from models.pipeline.fit import fit_network
 from tests.unit.models.diagnosis.cells import SOC, bare, measured

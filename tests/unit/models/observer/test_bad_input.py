@@ -98,7 +98,7 @@ def test_live_judges_as_replay_does(observer: FuzzyObserver, run: TimeSeries) ->
 
 
 def test_another_sampling_time_is_put_on_the_models_grid() -> None:
-    from bench_service.cli.observation import observe
+    from models.observer.observation import observe
 
     runs = [synthetic.run(5000, seed=2, noise_V=1e-3)]
     network = fit_network(runs, capacity_Ah=synthetic.CAPACITY_AH, structure="minimal").network

@@ -1,6 +1,7 @@
 """Long records in bounded memory, what is written, and votes on the sign."""
 
 import tracemalloc
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -134,3 +135,15 @@ def test_long_stages_and_a_held_voltage_are_enough(tmp_path: Path) -> None:
     run = import_file(path, Choices(current_sign="discharge-positive"))
     np.testing.assert_allclose(run.columns()["current_A"], current_A, rtol=1e-9)
     run.close()
+
+
+def test_voltages_of_a_modules_cells_come_along(tmp_path: Path) -> None:
+    rows = [f"{k},{(-1) ** k},{7.4 + 0.01 * (-1) ** k},20,3.{k}1,3.{k}2" for k in range(9)]
+    path = tmp_path / "module.csv"
+    path.write_text("\n".join(["time_s,current_A,voltage_V,temperature_degC,v_cell2_V,v_cell1_V", *rows]))
+    with closing(import_file(path, Choices(current_sign="charge-positive"))) as run:
+        assert run.names[-2:] == ("v_cell1_V", "v_cell2_V") and run.ignored_columns == ()
+        assert run.columns()["v_cell1_V"][4] == 3.42
+        write_imported(tmp_path / "run.bdf.csv", run)
+    read = read_run_file(tmp_path / "run.bdf.csv", "charge-positive")
+    assert read.cells_V is not None and read.cells_V[4].tolist() == [3.42, 3.41]

@@ -5,12 +5,8 @@ from hypothesis import strategies as st
 
 from models.data.errors import ModelError
 from models.design.constraints.limits import InfeasibleError, Limits
-from models.design.sequence.excitation_sequence import (
-    SequencePlan,
-    build_sequence,
-    estimated_duration_s,
-    fitted_to,
-)
+from models.design.sequence.excitation_sequence import build_sequence, estimated_duration_s, fitted_to
+from models.design.sequence.sequence_plan import SequencePlan
 
 CAPACITY_AH, DT_S = 2.0, 1.0
 
@@ -68,8 +64,8 @@ def test_pulses_before_and_after_are_followed_by_rests_of_their_ratio() -> None:
 
 def test_blocks_carry_the_charge_on_towards_the_next_level() -> None:
     wanted = plan(block_s=3600.0)
-    # From 0.8 down to 0.5 with two pulses of 20 s at 3.2 A on the way.
-    assert wanted.carried_soc(0, 0.8) == pytest.approx(-0.3 + 2.0 * 3.2 * 20.0 / 7200.0)
+    # From 0.8 down to 0.5 with pulses of 20 s at 4 A and at 3.2 A on the way.
+    assert wanted.carried_soc(0, 0.8) == pytest.approx(-0.3 + (4.0 + 3.2) * 20.0 / 7200.0)
     assert plan().carried_soc(0, 0.8) == pytest.approx(-0.2 * 4.0 * 120.0 / 7200.0)
     assert wanted.carried_soc(4, 0.8) == wanted.carried_soc(5, 0.8) == 0.0
     shorter = estimated_duration_s(wanted) - len(wanted.visits()) * 3600.0

@@ -3,8 +3,9 @@ import pytest
 
 from models.data.errors import ModelError
 from models.design.constraints.limits import Limits
-from models.design.sequence.excitation_sequence import SequencePlan, build_sequence
+from models.design.sequence.excitation_sequence import build_sequence
 from models.design.sequence.repeatability import repeatability
+from models.design.sequence.sequence_plan import SequencePlan
 
 PLAN = SequencePlan(Limits((-4.0, 2.0), (0.1, 0.9)), 2.0, 0.5, 1.0, (0.3, 0.6), 400.0, 100.0)
 

@@ -127,7 +127,7 @@ def test_refits_that_come_near_each_other_are_rivals() -> None:
 def test_remarks_on_the_curve_on_pairs_and_on_missing_training_runs() -> None:
     analysis, record = analysed(0.0)
     assert answered(analysis, record).remarks == ()
-    assert "20 bumps more" in answered(replace(analysis, resolution=20), record).remarks[0]
+    assert "20 more of them" in answered(replace(analysis, resolution=20), record).remarks[0]
     assert "held-out blocks" in answered(replace(analysis, n_train=0), record).remarks[0]
     found, record = analysed(transfer_V(), "charge_transfer")
     pair = replace(found, named=(*found.named, *found.named))

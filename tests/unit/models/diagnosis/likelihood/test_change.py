@@ -11,8 +11,10 @@ from models.diagnosis import diagnose
 from models.diagnosis.answer.findings import Diagnosis
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.record import from_json, to_json
+from models.diagnosis.likelihood.analysis import analyse
 from models.diagnosis.likelihood.learning import know
-from models.effects import effects
+from models.diagnosis.likelihood.values import values_of
+from models.effects import effect, effects
 from models.identification.bounded.variants import Variant
 from models.network.model_record import ModelRecord
 from simulators.catalogue import CELLS
@@ -47,18 +49,18 @@ def test_nothing_is_found_where_nothing_changed(memory: KnownRuns) -> None:
 
 
 @pytest.mark.parametrize(
-    ("cell", "effect", "parameter", "value"),
+    ("cell", "name", "parameter", "value"),
     [
         (replace(CELL, series_resistance_Ohm=0.006), "series_resistance", "resistance_Ohm", 0.006),
         (replace(CELL, hysteresis_amplitude_V=0.02), "hysteresis", "amplitude_V", 0.016),
     ],
 )
 def test_a_change_is_named_and_sized(
-    memory: KnownRuns, cell: CellParameters, effect: str, parameter: str, value: float
+    memory: KnownRuns, cell: CellParameters, name: str, parameter: str, value: float
 ) -> None:
     answer = diagnosed(memory, measured(cell, 2))
     first = answer.findings[0]
-    assert (first.effect, first.rank) == (effect, 1)
+    assert (first.effect, first.rank) == (name, 1)
     found = first.parameters[parameter]
     assert found.std is not None and found.std < 0.5 * value
     assert abs(found.value - value) < 2.5 * found.std
@@ -99,6 +101,34 @@ def test_an_offset_of_the_current_and_a_leak_name_each_other(memory: KnownRuns) 
     assert set(answer.next_experiment["rivals"]) == {"current_offset", "self_discharge"}
     drift = next(each for each in answer.findings if each.effect == "current_offset")
     assert drift.parameters["offset_A"].value == pytest.approx(0.02, rel=0.2)
+
+
+def test_a_contact_that_comes_and_goes_is_named_and_sized(memory: KnownRuns) -> None:
+    run = measured(CELL, 2)
+    bad = np.sin(run.time_s / 380.0) > 0.5
+    answer = diagnosed(memory, replace(run, voltage_V=run.voltage_V + 0.008 * bad * run.current_A))
+    assert answer.findings[0].effect == "intermittent_contact"
+    assert answer.findings[0].parameters["resistance_Ohm"].value == pytest.approx(0.008, rel=0.1)
+
+
+def test_a_gain_of_the_current_is_told_from_another_capacity_by_its_heat(memory: KnownRuns) -> None:
+    run = measured(CELL, 2)
+    first = diagnosed(memory, replace(run, current_A=1.04 * run.current_A)).findings[0]
+    assert first.effect == "current_gain"
+    assert first.parameters["gain"].value == pytest.approx(0.04, rel=0.2)
+
+
+def test_what_is_granted_from_run_to_run_is_not_learned_of_effects_that_others_stand_for(memory: KnownRuns) -> None:
+    known = set(memory.elsewhere.granted)
+    assert {"capacity", "voltage_offset", "ocv_shape"} <= known
+    assert not known & {each.name for each in effects().values() if not each.expected.learned}
+
+
+def test_either_electrode_is_tried_and_told_by_its_name(memory: KnownRuns) -> None:
+    found = analyse(memory, [to_grid(measured(CELL, 2), 1.0)], [SOC], None, [effect("active_material_loss")])
+    (tried,) = found.tried
+    (name,) = values_of(found, tried)
+    assert name in ("share_lost of the negative electrode", "share_lost of the positive electrode")
 
 
 def test_a_leak_that_warms_the_cell_is_no_wrong_temperature_reading(memory: KnownRuns) -> None:

@@ -3,7 +3,8 @@ import numpy as np
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background
 from models.diagnosis.likelihood.shapes import Linear
-from models.diagnosis.likelihood.verdict import judge, try_shapes
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.diagnosis.likelihood.verdict import Tried, judge, try_shapes
 from models.effects import effect
 
 N = 60
@@ -34,3 +35,32 @@ def test_an_effect_that_lowers_it_is() -> None:
     verdict = judge(back, [tried], N)
     assert verdict.something
     assert verdict.single[0][0] > 0.9
+
+
+def curve_against_a_loss(extra_V: float) -> tuple[Background, list[Tried]]:
+    """A moved curve that can be anything, beside lost lithium, which is nearly all of it."""
+    bumps = np.stack([np.exp(-0.5 * ((TIME - each) / 0.1) ** 2) for each in np.linspace(0.0, 1.0, 8)], axis=1)
+    slipped = bumps @ np.array([0.4, -1.0, 0.7, 0.2, -0.9, 1.0, 0.1, -0.5])
+    error_V = 0.02 * slipped + extra_V * bumps[:, 3]
+    back = against(1e-4 * TIME, error_V)
+    shapes = {"ocv_shape": 0.01 * bumps, "lithium_loss": 0.01 * slipped[:, None], "relaxation": 0.01 * TIME[:, None]}
+    return back, [try_shapes(back, effect(name), (Linear(each, (), (), 0),)) for name, each in shapes.items()]
+
+
+def test_a_cause_of_one_size_stands_before_a_free_curve_that_explains_hardly_more() -> None:
+    back, tried = curve_against_a_loss(4e-3)
+    curve, loss, _ = (each.weighed.log_likelihood for each in tried)
+    assert THRESHOLDS.as_good * curve < loss < curve
+    verdict = judge(back, tried, N)
+    (first, named), (second, rival) = verdict.single[:2]
+    assert (named.effect.name, rival.effect.name) == ("lithium_loss", "ocv_shape")
+    # They share what spoke for the curve.
+    assert second * THRESHOLDS.rival > first > second
+
+
+def test_one_that_explains_clearly_less_does_not() -> None:
+    back, tried = curve_against_a_loss(0.0)
+    poor = Linear(tried[1].columns + 0.02 * np.cos(31.0 * TIME)[:, None], (), (), 0)
+    tried[1] = try_shapes(back, effect("lithium_loss"), (poor,))
+    assert tried[1].weighed.log_likelihood < THRESHOLDS.as_good * tried[0].weighed.log_likelihood
+    assert judge(back, tried, N).single[0][1].effect.name == "ocv_shape"

@@ -1,0 +1,56 @@
+"""What is there in any log and no news: a little of each effect, another one in each run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.diagnosis.likelihood.shapes import Linear, Moving, columns_of
+from models.diagnosis.likelihood.sight import Sight
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.effects import Effect, effect
+
+ALL_RESISTANCES = "all resistances"
+# The inside of a cell is warmer than its skin: part of a usual misreading that its resistances always show.
+_INSIDE = 0.2
+
+
+def all_resistances(sight: Sight) -> FloatArray:
+    """(N, 1) V that all resistances make where they are larger by a usual share: from run to run they differ."""
+    volts = [THRESHOLDS.resistance * run.points.overvoltage(run.points.run.current_A)[:, None] for run in sight.runs]
+    return sight.stacked(volts)
+
+
+def granted(sight: Sight, shapes: dict[str, tuple[Linear | Moving, ...]]) -> FloatArray:
+    """(N, k) what of each effect, and of all resistances, is there in any log and no news, another one in each run.
+
+    Parameters
+    ----------
+    sight : of the judged runs
+    shapes : of the effects, by their names
+    """
+    seen = sight.known.elsewhere.granted
+    if not seen:
+        # The cell is known as it is: nothing differs from run to run.
+        return np.zeros((len(sight.own_rows[0]), 0))
+    parts = [np.sqrt(seen.get(ALL_RESISTANCES, 0.0)) * all_resistances(sight)]
+    for name, own in shapes.items():
+        share = effect(name).expected.granted
+        least = share(sight.runs[0].points) if share is not None else 0.0
+        size = max(least, float(np.sqrt(seen.get(name, 0.0)))) / np.sqrt(len(own))
+        if size:
+            parts += [size * columns_of(shape) for shape in own]
+        if _misreads(effect(name)):
+            parts += [_INSIDE * np.where(_is_voltage(sight)[:, None], columns_of(shape), 0.0) for shape in own]
+    every = np.hstack(parts)
+    return np.hstack([np.where(rows[:, None], every, 0.0) for rows in sight.own_rows])
+
+
+def _misreads(one: Effect) -> bool:
+    """Whether an effect is a wrong temperature, which the resistances do not follow."""
+    return one.warmth is not None and one.correction is not None and one.correction.sample is not None
+
+
+def _is_voltage(sight: Sight) -> np.ndarray:
+    """(N,) whether a point is one of the voltage."""
+    return np.arange(len(sight.own_rows[0])) < sight.n_voltage

@@ -1,0 +1,33 @@
+"""Material of one electrode that takes in lithium no longer."""
+
+from __future__ import annotations
+
+from models.effects.effect import CURVE, Effect, Parameter
+from models.effects.electrode_shift import loss_shift, regressor
+from models.effects.expected import Expected
+from models.effects.half_cells import HalfCells
+
+# Before it shows as much in the capacity as lost lithium does, more of it has to be lost.
+_USUAL = 0.08
+# A curve whose steps draw together changes the more slowly the further it goes.
+_STARTS = (0.0, 0.5, 1.0, 1.6, 2.3, 3.1, 4.0, 5.0)
+
+_NEGATIVE = loss_shift(HalfCells.less_negative, " of the negative electrode")
+_POSITIVE = loss_shift(HalfCells.less_positive, " of the positive electrode")
+
+EFFECT = Effect(
+    name="active_material_loss",
+    title="Lost active material of one electrode",
+    recognise="the steps of one electrode in the open-circuit curve lie closer together than before, those of the "
+    "other one as they did",
+    source="Dubarry, Truchot and Liaw, J. Power Sources 219, 2012; Birkl et al., J. Power Sources 341, 2017",
+    parameters=(Parameter("share_lost", "1", "material that is lost, over the electrode named"),),
+    slow=True,
+    regressors=regressor(_NEGATIVE),
+    shift=_NEGATIVE,
+    or_shifts=(_POSITIVE,),
+    absorbed=True,
+    renews=(CURVE,),
+    part_of=("ocv_shape",),
+    expected=Expected(width=lambda _view: _USUAL, starts=_STARTS, from_best=True, share=0.3, learned=False),
+)

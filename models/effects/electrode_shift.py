@@ -1,0 +1,52 @@
+"""What slipped or smaller electrodes do to a run: another capacity and another open-circuit curve at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from models.data.timeseries import FloatArray
+from models.effects.effect import Shift
+from models.effects.half_cells import HalfCells, half_cells
+from models.effects.view import View
+
+# Of a share that is lost; a little less than nothing, so that a search may begin on either side of it.
+_STEP, _LIMITS = 2e-3, (-0.02, 0.4)
+
+Loss = Callable[[HalfCells, float], HalfCells]
+
+
+def loss_shift(loss: Loss, of: str = "") -> Shift:
+    """A share that is lost, simulated again.
+
+    Parameters
+    ----------
+    loss : fresh electrodes, share -> electrodes
+    of : added to the name of the parameter
+    """
+
+    def soc(view: View, share: float) -> FloatArray:
+        """The run's initial SoC is a fraction of the new capacity."""
+        fresh = half_cells(view.model)
+        if fresh is None:
+            return view.soc
+        return view.initial_soc + (view.soc - view.initial_soc) * (fresh.capacity / loss(fresh, share).capacity)
+
+    def voltage(view: View, share: float) -> FloatArray:
+        fresh = half_cells(view.model)
+        if fresh is None:
+            return 0.0 * view.voltage_V
+        aged = loss(fresh, share)
+        counted = soc(view, share)[view.index]
+        # By as much charge as before the surface of the particles runs ahead: more of what is left.
+        inputs = replace(view.inputs, surface=view.inputs.surface * (fresh.capacity / aged.capacity))
+        at = counted + inputs.surface
+        bent_V = aged.open_circuit_V(at) - fresh.open_circuit_V(at)
+        return view.model.voltage_V(inputs, counted) - view.voltage_V + bent_V
+
+    return Shift(voltage, lambda _view: _STEP, lambda _view: _LIMITS, soc=soc, of=of)
+
+
+def regressor(shift: Shift) -> Callable[[View], FloatArray]:
+    """(m, 1) its voltage for a share of 1, to first order."""
+    return lambda view: shift.voltage(view, _STEP)[:, None] / _STEP

@@ -1,0 +1,81 @@
+"""Published open-circuit potentials of electrodes over lithium, in V over their filling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+
+
+@dataclass(frozen=True)
+class PositiveCurve:
+    """Potential of a positive electrode.
+
+    Attributes
+    ----------
+    low, high : fillings between which the formula holds
+    usual : fillings of an empty and of a full cell
+    potential_V : (n,) fillings -> (n,)
+    """
+
+    low: float
+    high: float
+    usual: tuple[float, float]
+    potential_V: Callable[[FloatArray], FloatArray]
+
+
+def _graphite(x: FloatArray) -> FloatArray:
+    """Graphite (Mohtat et al., J. Electrochem. Soc. 167, 2020, 110561)."""
+    x = np.maximum(x, -0.05)
+    stages = ((0.0120, 0.127, 0.016), (0.0118, 0.155, 0.016), (0.0035, 0.220, 0.020), (0.0095, 0.190, 0.013))
+    more = ((0.0145, 0.490, 0.020), (0.0800, 1.030, 0.055))
+    return 0.063 + 0.8 * np.exp(-75.0 * (x + 0.007)) - sum(h * np.tanh((x - c) / w) for h, c, w in (*stages, *more))
+
+
+def _graphite_silicon(x: FloatArray) -> FloatArray:
+    """Graphite with some silicon oxide of the LG M50 (Chen et al., J. Electrochem. Soc. 167, 2020, 080534)."""
+    x = np.maximum(x, -0.05)
+    steps = ((0.0909, 29.8538, 0.1234), (0.04478, 14.9159, 0.2769), (0.0205, 30.4444, 0.6103))
+    return 1.9793 * np.exp(-39.3631 * x) + 0.2482 - sum(h * np.tanh(k * (x - c)) for h, k, c in steps)
+
+
+def _nmc811(y: FloatArray) -> FloatArray:
+    """Nickel-rich oxide of the LG M50 (Chen et al. 2020)."""
+    steps = ((-0.0428, 18.5138, 0.5542), (-17.7326, 15.7890, 0.3117), (17.5842, 15.9308, 0.3120))
+    return 4.4875 - 0.8090 * y + sum(h * np.tanh(k * (y - c)) for h, k, c in steps)
+
+
+def _nmc532(y: FloatArray) -> FloatArray:
+    """Layered oxide of nickel, manganese and cobalt (Mohtat et al. 2020)."""
+    power = np.polynomial.Polynomial([4.3452, -1.6518, 1.6225, -2.0843, 3.5146, -2.2166])
+    return power(y) - 0.5623e-4 * np.exp(109.451 * y - 100.006)
+
+
+def _nca(y: FloatArray) -> FloatArray:
+    """Oxide of nickel, cobalt and aluminium (Kim et al., J. Electrochem. Soc. 158, 2011, A955)."""
+    power = np.polynomial.Polynomial(
+        [11.8058, -66.3691, 264.427, -554.774, 621.3475, -344.566, 81.246, -23.488, 15.056, -2.222, 1.638]
+    )
+    return power(y) - 0.61386 * np.exp(5.8201 * y**136.4)
+
+
+def _olivine(y: FloatArray) -> FloatArray:
+    """Iron phosphate (Afshar, Morris and Khajepour, arXiv:1709.03970, 2017)."""
+    return 3.4077 - 0.020269 * y + 0.5 * np.exp(-150.0 * y) - 0.9 * np.exp(-30.0 * (1.0 - y))
+
+
+NEGATIVES: MappingProxyType[str, Callable[[FloatArray], FloatArray]] = MappingProxyType(
+    {"graphite": _graphite, "graphite-silicon": _graphite_silicon}
+)
+POSITIVES: MappingProxyType[str, PositiveCurve] = MappingProxyType(
+    {
+        "nmc811": PositiveCurve(0.2, 0.98, (0.9, 0.27), _nmc811),
+        "nmc532": PositiveCurve(0.05, 0.96, (0.9, 0.25), _nmc532),
+        "nca": PositiveCurve(0.36, 0.98, (0.93, 0.42), _nca),
+        "olivine": PositiveCurve(0.005, 0.995, (0.95, 0.05), _olivine),
+    }
+)

@@ -1,0 +1,162 @@
+"""A full cell's open-circuit curve taken apart into its two electrodes, which may slip against each other or shrink.
+
+With the charge q in the negative electrode, all in units of the fresh cell's capacity, the cell's voltage at rest is
+U(q) = U_p((N - q) / C_p) - U_n(q / C_n): C_n and C_p are the electrodes' capacities, N the lithium that both hold. The
+cell is empty and full where U meets the voltages that it had there when fresh (Dubarry, Truchot and Liaw, J. Power
+Sources 219, 2012; Birkl et al., J. Power Sources 341, 2017).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.effects.half_cell_curves import NEGATIVES, POSITIVES
+from models.effects.view import OwnModel
+
+# Points of the full cell's curve that the electrodes are matched to, and of the charge on which it is drawn.
+_MATCHED, _DRAWN, _TABLE = 40, 2401, 600
+# Evaluations of a match.
+_STEPS = 30
+# Charge beyond empty and full that is drawn.
+_BEYOND = 0.35
+# A match that leaves more than this in the root mean square, V, is none: electrodes of other materials.
+_GOOD_V = 0.015
+# Fillings of graphite and of its counterpart in a usual cell, empty and full (Birkl et al. 2017).
+_USUAL_N, _USUAL_P = (0.03, 0.85), (0.93, 0.35)
+# No positive electrode is flatter than this beyond where its curve is known, V per filling.
+_STEEP_V = 1.0
+# Lithium cells against graphite rest above this when half full; no other cell's curve is taken apart.
+_LEAST_V = 2.8
+
+
+@dataclass(frozen=True)
+class HalfCells:
+    """Two electrodes.
+
+    Attributes
+    ----------
+    negative : name of its published curve
+    negative_Ah, positive_Ah, lithium_Ah : capacity of either electrode and the lithium in both, over the cell's fresh
+        capacity
+    filling, potential_V : (k,) curve of the positive electrode, by falling potential
+    limits_V : of the cell at rest, empty and full
+    left_V : root mean square of what published curves leave of the cell's own
+    """
+
+    negative: str
+    negative_Ah: float
+    positive_Ah: float
+    lithium_Ah: float
+    filling: FloatArray
+    potential_V: FloatArray
+    limits_V: tuple[float, float]
+    left_V: float
+
+    def voltage_V(self, charge: FloatArray) -> FloatArray:
+        """(n,) of the cell at rest for a charge in the negative electrode."""
+        filling = (self.lithium_Ah - charge) / self.positive_Ah
+        known = np.interp(filling, self.filling, self.potential_V)
+        low, high = self.filling[0], self.filling[-1]
+        ends = np.gradient(self.potential_V, self.filling)[[0, -1]]
+        slopes = np.minimum(ends, -_STEEP_V)
+        beyond = slopes[0] * np.minimum(filling - low, 0.0) + slopes[1] * np.maximum(filling - high, 0.0)
+        return known + beyond - NEGATIVES[self.negative](charge / self.negative_Ah)
+
+    @cached_property
+    def ends(self) -> tuple[float, float]:
+        """Charge in the negative electrode of the empty and of the full cell."""
+        middle = 0.5 * self.negative_Ah
+        charge = middle + np.linspace(-0.5 - _BEYOND, 0.5 + _BEYOND, _DRAWN)
+        rising = np.maximum.accumulate(self.voltage_V(charge))
+        steps = np.concatenate([[True], np.diff(rising) > 0.0])
+        low, high = np.interp(self.limits_V, rising[steps], charge[steps])
+        return float(low), float(high)
+
+    @property
+    def capacity(self) -> float:
+        """Of the cell, over its fresh capacity."""
+        return self.ends[1] - self.ends[0]
+
+    def open_circuit_V(self, soc: FloatArray) -> FloatArray:
+        """(n,) over the state of charge between this cell's own ends."""
+        low, high = self.ends
+        return self.voltage_V(low + soc * (high - low))
+
+    def less_lithium(self, share: float) -> HalfCells:
+        """Without lithium that could be cycled, over the fresh capacity: it is bound in a film."""
+        return replace(self, lithium_Ah=self.lithium_Ah - share)
+
+    def less_negative(self, share: float) -> HalfCells:
+        """Without a share of the negative material, and of the lithium in it when the cell was half full."""
+        lost_Ah = share * 0.5 * sum(self.ends)
+        return replace(self, negative_Ah=self.negative_Ah * (1.0 - share), lithium_Ah=self.lithium_Ah - lost_Ah)
+
+    def less_positive(self, share: float) -> HalfCells:
+        """Without a share of the positive material, and of the lithium in it when the cell was half full."""
+        lost_Ah = share * (self.lithium_Ah - 0.5 * sum(self.ends))
+        return replace(self, positive_Ah=self.positive_Ah * (1.0 - share), lithium_Ah=self.lithium_Ah - lost_Ah)
+
+
+def half_cells(model: OwnModel) -> HalfCells | None:
+    """Electrodes of a model's cell; None where it is no lithium cell against graphite.
+
+    Parameters
+    ----------
+    model : with its open-circuit curve. Where published curves make it, they are taken; elsewhere the negative
+        electrode is graphite in a usual cell, and the positive one what is left, as far as that falls
+    """
+    low, high = model.soc_range
+    soc = np.linspace(max(low, 0.0), min(high, 1.0), _MATCHED)
+    curve_V = model.open_circuit_V(soc)
+    if float(np.median(curve_V)) < _LEAST_V:
+        return None
+    return _apart(tuple(soc.tolist()), tuple(np.maximum.accumulate(curve_V).tolist()))
+
+
+@lru_cache(maxsize=16)
+def _apart(soc: tuple[float, ...], curve_V: tuple[float, ...]) -> HalfCells:
+    """Electrodes that make a full cell's curve."""
+    at, own_V = np.array(soc), np.array(curve_V)
+    left_V, negative, positive, window = min(
+        (_matched(at, own_V, n, p) for n in NEGATIVES for p in POSITIVES), key=lambda found: found[0]
+    )
+    if left_V > _GOOD_V:
+        negative, window = next(iter(NEGATIVES)), (*_USUAL_N, *_USUAL_P)
+    x0, x1, y0, y1 = window
+    if left_V > _GOOD_V:
+        filling, potential_V = _learned(y0 + at * (y1 - y0), own_V + NEGATIVES[negative](x0 + at * (x1 - x0)))
+    else:
+        filling = np.linspace(POSITIVES[positive].low, POSITIVES[positive].high, _TABLE)
+        potential_V = POSITIVES[positive].potential_V(filling)
+    negative_Ah, positive_Ah = 1.0 / (x1 - x0), 1.0 / (y0 - y1)
+    lithium_Ah = x0 * negative_Ah + y0 * positive_Ah
+    cell = HalfCells(negative, negative_Ah, positive_Ah, lithium_Ah, filling, potential_V, (0.0, 1.0), left_V)
+    ends = cell.voltage_V(np.array([x0, x1]) * negative_Ah)
+    return replace(cell, limits_V=(float(ends[0]), float(ends[1])))
+
+
+def _learned(filling: FloatArray, potential_V: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The positive electrode that the cell's own curve asks for: one that falls as it is filled."""
+    order = np.argsort(filling)
+    return filling[order], np.minimum.accumulate(potential_V[order])
+
+
+def _matched(soc: FloatArray, curve_V: FloatArray, negative: str, positive: str) -> tuple:
+    """What two published curves leave of a full cell's, in the root mean square, their names, and their fillings."""
+    # Lazy: 100 ms that only a diagnosis of a lithium cell needs.
+    from scipy.optimize import least_squares
+
+    curve = POSITIVES[positive]
+    low, high = (0.0, 0.4, curve.low + 0.25, curve.low), (0.2, 1.0, curve.high, curve.high - 0.25)
+
+    def left(window: FloatArray) -> FloatArray:
+        x0, x1, y0, y1 = window
+        return curve.potential_V(y0 + soc * (y1 - y0)) - NEGATIVES[negative](x0 + soc * (x1 - x0)) - curve_V
+
+    start = np.clip((*_USUAL_N, *curve.usual), np.array(low) + 1e-3, np.array(high) - 1e-3)
+    found = least_squares(left, start, bounds=(low, high), x_scale=0.1, max_nfev=_STEPS)
+    return float(np.sqrt(np.mean(left(found.x) ** 2))), negative, positive, tuple(found.x.tolist())

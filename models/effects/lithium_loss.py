@@ -1,0 +1,32 @@
+"""Lithium that can no longer be cycled: the electrodes have slipped against each other."""
+
+from __future__ import annotations
+
+from models.effects.effect import CURVE, Effect, Parameter
+from models.effects.electrode_shift import loss_shift, regressor
+from models.effects.expected import Expected
+from models.effects.half_cells import HalfCells
+
+# As large as a usual change of the capacity, which it makes.
+_USUAL = 0.05
+# A curve with steps that slips changes the more slowly the further it goes: a search needs more places to begin.
+_STARTS = (0.0, 0.5, 1.0, 1.6, 2.3, 3.1, 4.0, 5.0, 6.5)
+
+_SHIFT = loss_shift(HalfCells.less_lithium)
+
+EFFECT = Effect(
+    name="lithium_loss",
+    title="Lost lithium (slipped electrodes)",
+    recognise="the cell holds less, and the steps of the negative electrode in the open-circuit curve lie at a lower "
+    "state of charge than before, while those of the positive one stay",
+    source="Dubarry, Truchot and Liaw, J. Power Sources 219, 2012; Birkl et al., J. Power Sources 341, 2017",
+    parameters=(Parameter("share_lost", "1", "lithium that is lost, over the fresh capacity"),),
+    slow=True,
+    regressors=regressor(_SHIFT),
+    shift=_SHIFT,
+    absorbed=True,
+    renews=(CURVE,),
+    part_of=("ocv_shape",),
+    # The plain capacity is asked first: in a record that is short of rests both look alike.
+    expected=Expected(width=lambda _view: _USUAL, starts=_STARTS, from_best=True, share=0.3, learned=False),
+)

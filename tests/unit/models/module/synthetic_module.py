@@ -1,0 +1,50 @@
+"""A module of `synthetic`'s cells: groups that differ, and a resistance and an offset beside them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.module.log import ModuleLog
+from tests.unit.models import synthetic
+
+SERIES, PARALLEL = 3, 2
+CAPACITY_AH = PARALLEL * synthetic.CAPACITY_AH
+RESISTANCE_OHM, OFFSET_V = 0.012, -0.05
+# Of the second group: it holds less, and stands lower.
+CAPACITY_SHARE, SOC_OFFSET, MORE_OHM = 0.93, -0.02, 0.002
+
+
+def log(n: int, seed: int, *, alike: bool = False, sensed: bool = True, initial_soc: float = 0.6) -> ModuleLog:
+    """One run of the module, with 1 mV of noise on every voltage."""
+    rng = np.random.default_rng(seed)
+    # A slow swing under the steps, so that a group that holds less drifts away.
+    cell_A = synthetic.excitation_A(n, rng) + 1.5 * np.sin(np.arange(n) / n * 4.0 * np.pi)
+    cell_A[0] = 0.0
+    groups = [_group_V(cell_A, initial_soc, k == 1 and not alike) for k in range(SERIES)]
+    groups_V = np.column_stack(groups) + 1e-3 * rng.standard_normal((n, SERIES))
+    module_A = PARALLEL * cell_A
+    voltage_V = np.sum(groups, axis=0) + RESISTANCE_OHM * module_A + OFFSET_V + 1e-3 * rng.standard_normal(n)
+    run = replace(
+        synthetic.run(n, seed, name=f"module {seed}"),
+        current_A=module_A,
+        voltage_V=voltage_V,
+        soc_ref=initial_soc + _counted(cell_A),
+    )
+    return ModuleLog(run, groups_V if sensed else None)
+
+
+def _counted(cell_A: np.ndarray) -> np.ndarray:
+    moved = np.concatenate([[0.0], np.cumsum(cell_A[1:])])
+    return moved / (3600.0 * synthetic.CAPACITY_AH)
+
+
+def _group_V(cell_A: np.ndarray, initial_soc: float, weak: bool) -> np.ndarray:
+    share, offset, more_Ohm = (CAPACITY_SHARE, SOC_OFFSET, MORE_OHM) if weak else (1.0, 0.0, 0.0)
+    pole, slow = np.exp(-1.0 / synthetic.TAU_S), np.zeros(len(cell_A))
+    for k in range(1, len(cell_A)):
+        slow[k] = pole * slow[k - 1] + (1.0 - pole) * synthetic.R1_OHM * cell_A[k]
+    at = synthetic.ocv_V(initial_soc + offset + _counted(cell_A) / share)
+    # Of the whole group; through it flows what flows through all its cells.
+    return at + synthetic.R0_OHM * cell_A + slow + more_Ohm * PARALLEL * cell_A
