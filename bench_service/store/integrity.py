@@ -77,13 +77,17 @@ def read_part(
 ) -> tuple[StreamData, str | None]:
     """Return rows of a stream, and what is wrong with them or with the run that they belong to."""
     data = reader.read(expected.run_id, stream, from_s, to_s)
-    if stream == SAMPLES and from_s is None and to_s is None:
-        return data, damage_of(expected, data)
-    if data.gaps and expected.loss is None:
-        return data, _gaps_in_words(data)
+    whole = stream == SAMPLES and from_s is None and to_s is None
+    return data, damage_of(expected, data) if whole else damage_beside(reader, expected, data)
+
+
+def damage_beside(reader: SampleReader, expected: Expected, part: StreamData) -> str | None:
+    """Say what is wrong with rows that are not all the samples of a run, or with the run that they belong to."""
+    if part.gaps and expected.loss is None:
+        return _gaps_in_words(part)
     if expected.n_samples is None:
-        return data, None
-    return data, _missing(expected, reader.n_rows(expected.run_id)) or expected.loss
+        return None
+    return _missing(expected, reader.n_rows(expected.run_id)) or expected.loss
 
 
 def damaged(run_id: str, damage: str) -> DamagedError:

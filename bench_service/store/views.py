@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_service.store.integrity import Expected, read_part
+from bench_service.store.integrity import Expected, damage_beside, damage_of
 from bench_service.store.reading import StreamData
 from bench_service.store.records import OPEN_RUN_STATES, RunRecord
 from bench_service.store.samples import SampleReader
@@ -66,15 +67,15 @@ class _Kept:
     view: View = field(default_factory=lambda: View(StreamData.empty(), None))
     lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def append(self, data: StreamData, damage: str | None) -> View:
-        """Take rows in behind those that are there."""
+    def append(self, data: StreamData, damage: Future[str | None]) -> View:
+        """Take rows in behind those that are there, while somebody finds out what is wrong with them."""
         if self.n == 0:
             self._begin(data)
         else:
             self._go_on(data)
         columns = {name: values[: self.n] for name, values in self.columns.items()}
         layout = data.layout or self.view.data.layout
-        self.view = View(StreamData(layout, columns, self.seq[: self.n], data.gaps), damage)
+        self.view = View(StreamData(layout, columns, self.seq[: self.n], data.gaps), damage.result())
         return self.view
 
     def _begin(self, data: StreamData) -> None:
@@ -134,7 +135,12 @@ class Views:
         if not goes_on:
             kept.n = 0
         from_s = float(kept.columns["time_s"][kept.n - 1]) if kept.n else None
-        return kept.append(*read_part(self._reader, Expected.of(run), stream, from_s, None))
+        data, expected = self._reader.read(run.id, stream, from_s), Expected.of(run)
+        # A hash of a million samples takes as long as counting their charge: both leave the interpreter to others.
+        with ThreadPoolExecutor(1, thread_name_prefix="damage") as pool:
+            if stream == SAMPLES and from_s is None:
+                return kept.append(data, pool.submit(damage_of, expected, data))
+            return kept.append(data, pool.submit(damage_beside, self._reader, expected, data))
 
     def _make_room(self, newest: tuple[str, str, str], *, damaged: bool) -> None:
         """Forget what was not looked at for longest where there is too much, and what is damaged at once."""
@@ -156,7 +162,12 @@ def _count(columns: Columns, first: int, end: int) -> None:
     if COUNTED[0] not in columns or end - first < 2:
         return
     time_s, current_A, voltage_V = (columns[name][first:end] for name in ("time_s", "current_A", "voltage_V"))
-    hours = np.diff(time_s) / _SECONDS_PER_HOUR
+    hours = np.diff(time_s)
+    hours *= 1.0 / _SECONDS_PER_HOUR
     for name, rate in zip(COUNTED, (current_A[1:], current_A[1:] * voltage_V[1:]), strict=True):
-        moved = np.where(np.isfinite(rate), rate, 0.0) * hours
-        columns[name][first + 1 : end] = columns[name][first] + np.cumsum(moved)
+        moved = rate * hours
+        # A sum tells of any missing value at a tenth of what looking at each costs; such a sample moves nothing.
+        if not np.isfinite(moved.sum()):
+            moved[~np.isfinite(rate)] = 0.0
+        moved[0] += columns[name][first]
+        np.cumsum(moved, out=columns[name][first + 1 : end])

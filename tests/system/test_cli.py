@@ -261,7 +261,7 @@ def test_observe_answers_the_contract(fitted: tuple[Path, dict[str, Any]], tmp_p
     assert run["converged_after_s"] < 600.0
     assert run["soc_rmse"] < 0.02
     lines = out.read_text().splitlines()
-    assert lines[0] == "run,time_s,soc,soc_std,model_voltage_V,innovation_V"
+    assert lines[0] == "run,time_s,soc,soc_std,model_voltage_V,innovation_V,smoothed_soc,smoothed_soc_std"
     assert len(lines) == 1501
 
 
@@ -271,6 +271,8 @@ def test_observe_needs_no_reference(fitted: tuple[Path, dict[str, Any]], tmp_pat
     done = call("observe", model, bare, "--json")
     run = answer(done)["runs"][0]
     assert run.pop("run") == "bare"
+    after = run.pop("smoothed")
+    assert after.pop("initial_soc")["std"] > 0.0 and set(after.values()) == {None}
     assert {name for name, value in run.items() if value is not None} <= {"alarms", "current_offset_A", "capacity_Ah"}
     assert "starts at 0.5" in done.stderr
 
