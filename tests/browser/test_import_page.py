@@ -31,7 +31,10 @@ def file(tmp_path: Path) -> Path:
 
 def test_a_file_is_dropped_corrected_and_stored(open_page: OpenPage, address: str, file: Path) -> None:
     page = open_page("fast")
-    page.get_by_role("link", name="Import").click()
+    # Until the bench is there the page grows above the link, and a click may miss it.
+    expect(page.locator("#bench-section .chip").first).to_have_text("idle")
+    page.get_by_role("link", name="Import a file").click()
+    page.wait_for_url("**/import")
     page.locator("#import-file").set_input_files(file)
     question = page.locator(".question")
     expect(question).to_contain_text("which column holds voltage? Settle it below.")
