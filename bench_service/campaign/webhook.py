@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 from bench_service.bench.messages import EventMessage
 from bench_service.campaign.journal import Journal
 from bench_service.config import WebhookConfig
-from bench_service.errors import NotFoundError
+from bench_service.errors import NotFoundError, ServiceError
 from bench_service.exchange.atomic import write_atomically
 from bench_service.exchange.errors import ExchangeError
 from bench_service.store.metadata import MetadataStore
@@ -116,8 +116,10 @@ class Webhook:
         """Return what went wrong, None where nothing did, and whether it may go better later."""
         try:
             body = await asyncio.to_thread(self._body, run_id)
-        except NotFoundError as error:
+        except (NotFoundError, ValueError) as error:  # the run is gone, or holds what JSON has no word for
             return str(error), False
+        except ServiceError as error:  # a store that cannot be read now: no reason to give up all that comes after
+            return str(error), True
         try:
             status = await self._send(self._config.url, body, self._headers(body))
         except Exception as error:  # whatever the network and another program make of it

@@ -19,6 +19,7 @@ from bench_service.campaign import webhook
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.webhook import Webhook, signature
 from bench_service.config import WebhookConfig
+from bench_service.errors import StoreError
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import RunIntent
 from tests.patience import PATIENCE_S
@@ -117,6 +118,22 @@ def test_what_is_refused_is_not_sent_again(store: MetadataStore, tmp_path: Path)
     other = Other(404, 204)
     notes = told(store, tmp_path, other, lambda: len(other.got) >= 2, {"name": "one"}, {"name": "two"})
     assert len(other.got) == 2 and "the answer was 404; it is not tried again" in notes[0][1]
+
+
+@pytest.mark.parametrize(("trouble", "n_sent"), [(StoreError("the disk is away"), 2), (ValueError("NaN"), 1)])
+def test_a_run_that_cannot_be_read_does_not_end_what_comes_after(
+    store: MetadataStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trouble: Exception, n_sent: int
+) -> None:
+    other, make, troubles = Other(200), Webhook._body, [trouble]
+
+    def body(self: Webhook, run_id: str) -> bytes:
+        if troubles:
+            raise troubles.pop()
+        return make(self, run_id)
+
+    monkeypatch.setattr(Webhook, "_body", body)
+    notes = told(store, tmp_path, other, lambda: len(other.got) == n_sent and not troubles, {}, {})
+    assert str(trouble) in notes[0][1]
 
 
 def test_what_is_too_old_is_given_up(store: MetadataStore, tmp_path: Path) -> None:
