@@ -160,8 +160,6 @@ WHITE = ("white", "white under load")
 
 _NONE = np.zeros(0)
 _NOBODY = Points(_NONE, _NONE, _NONE, _NONE, np.zeros((0, 1)), _NONE, _NONE)
-# How far from what is usual a variance may be, in standard deviations of its logarithm.
-_MOST_SPREADS = 6.0
 # Of a cell whose errors elsewhere are not known yet.
 _CAUSES = len(PLACES) + len(TIMES) + len(WHITE)
 UNLEARNED = Elsewhere(np.zeros(_CAUSES), {}, np.ones(1), _NOBODY, _NONE, _NONE)
@@ -200,7 +198,7 @@ def learn(
         return value, slopes + away / KNOWN.share_spread
 
     # No step of the search leaves what is possible: beyond it the matrix has no root in double precision.
-    reach = _MOST_SPREADS * KNOWN.share_spread
+    reach = KNOWN.most_spreads * KNOWN.share_spread
     bounds = np.column_stack([centre - reach, centre + reach])
     found = minimize(cost, centre, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": KNOWN.steps})
     variances = np.exp(found.x)

@@ -18,6 +18,8 @@ class Known:
     fading_s, slip_s : times in s over which errors in time fade: double layer, diffusion, and drift of counted charge
     away_K, away_soc : distance beyond the trained temperatures in K, and beyond the trained SoC, that doubles the error
     share, share_spread : part of the squared error that each cause is expected to have, and the logarithm's spread
+    most_spreads : how many of those a cause may be away from it: further out the matrix of causes has no root in double
+        precision
     granted : size of each effect that is expected to differ from run to run, in units of its usual size
     usual_V, usual_range : error on unseen runs in V for which that holds, and the factors by which more or less of it
         changes it at most
@@ -38,6 +40,7 @@ class Known:
     away_soc: float = 0.05
     share: float = 0.07
     share_spread: float = 2.5
+    most_spreads: float = 6.0
     granted: float = 0.03
     usual_V: float = 5e-3
     usual_range: tuple[float, float] = (0.5, 8.0)
