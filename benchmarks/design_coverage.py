@@ -24,6 +24,7 @@ import numpy as np
 from foreign_cells import KINDS, TRUTHS, Plan, Rig, logged, profile_A, random_rig, segment_A, true_columns
 from rich.console import Console
 from rich.table import Table
+from row_file import add_row, read_rows
 from threadpoolctl import threadpool_limits
 
 from models.data.errors import ModelError
@@ -66,14 +67,14 @@ class Judge:
 
 def main() -> int:
     arguments = _arguments()
-    rows = _known(arguments.out)
+    rows = read_rows(arguments.out)
     with threadpool_limits(1, user_api="blas"):
         for chemistry in arguments.chemistries:
             for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
                 truth = arguments.truths[seed % len(arguments.truths)]
                 for row in judge(chemistry, truth, seed, arguments, rows):
                     rows.append(row)
-                    _keep(arguments.out, row)
+                    add_row(arguments.out, row)
     result = {"rows": rows, "summary": summary(rows)}
     if arguments.json:
         print(json.dumps(result))
@@ -288,18 +289,6 @@ def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
             {"chemistry": chemistry, "signal": "every family", "cells": len(below), "designed_below": sum(below)}
         )
     return out
-
-
-def _known(path: Path | None) -> list[dict[str, Any]]:
-    if path is None or not path.exists():
-        return []
-    return [json.loads(line) for line in path.read_text().splitlines() if line]
-
-
-def _keep(path: Path | None, row: dict[str, Any]) -> None:
-    if path is not None:
-        with path.open("a") as file:
-            file.write(json.dumps(row) + "\n")
 
 
 def _print(found: list[dict[str, Any]]) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 from design_families import SIX, limits_of
 from rich.console import Console
 from rich.table import Table
+from row_file import add_row, read_rows
 from simulated_cells import play
 from threadpoolctl import threadpool_limits
 
@@ -71,7 +72,7 @@ def main() -> int:
             case = draw(np.random.default_rng([arguments.seed, number]), arguments.cells, number)
             row = {"number": number, "draw": arguments.seed}
             rows.append(row | judge(case, networks[case.cell, case.reference]))
-            _keep(arguments.out, rows[-1])
+            add_row(arguments.out, rows[-1])
             if number % 100 == 99:
                 print(f"{number + 1} of {arguments.cases}", file=sys.stderr, flush=True)
     result = summary(rows) | {"seed": arguments.seed, "cpu_seconds": time.process_time() - began}
@@ -143,16 +144,7 @@ def judge(case: Case, network: LocalModelNetwork) -> dict[str, Any]:
 
 
 def _known(path: Path | None, seed: int) -> dict[int, dict[str, Any]]:
-    if path is None or not path.exists():
-        return {}
-    rows = [json.loads(line) for line in path.read_text().splitlines() if line]
-    return {row["number"]: row for row in rows if row["draw"] == seed}
-
-
-def _keep(path: Path | None, row: dict[str, Any]) -> None:
-    if path is not None:
-        with path.open("a") as file:
-            file.write(json.dumps(row) + "\n")
+    return {row["number"]: row for row in read_rows(path) if row["draw"] == seed}
 
 
 def _over(values: FloatArray, window: tuple[float, float]) -> float:

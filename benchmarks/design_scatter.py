@@ -25,6 +25,7 @@ from real_cells_judged import fitted
 from real_cells_table import Split, read_runs, read_table, splits_of
 from rich.console import Console
 from rich.table import Table
+from row_file import add_row, read_rows
 from scipy.linalg import cho_factor, cho_solve
 from threadpoolctl import threadpool_limits
 
@@ -45,7 +46,7 @@ _RECORDS = ["panasonic_18650pf", "a123_esc", "pybatteryid_nmc", "lgm50_rate"]
 
 def main() -> int:
     arguments = _arguments()
-    table, rows = read_table(TABLE), _known(arguments.out)
+    table, rows = read_table(TABLE), read_rows(arguments.out)
     with threadpool_limits(1, user_api="blas"):
         for name in arguments.records:
             for split in splits_of(name, table[name], arguments.data):
@@ -55,7 +56,7 @@ def main() -> int:
                     continue
                 row = at | judge(split, arguments)
                 rows.append(row)
-                _keep(arguments.out, row)
+                add_row(arguments.out, row)
                 print(json.dumps(row), file=sys.stderr, flush=True)
     if arguments.json:
         print(json.dumps({"rows": rows}))
@@ -130,18 +131,6 @@ def played_error(errors: list[FloatArray], count: int, rng: np.random.Generator)
 
 def _known_part(error_V: FloatArray) -> FloatArray:
     return error_V[~np.isnan(error_V)]
-
-
-def _known(path: Path | None) -> list[dict[str, Any]]:
-    if path is None or not path.exists():
-        return []
-    return [json.loads(line) for line in path.read_text().splitlines() if line]
-
-
-def _keep(path: Path | None, row: dict[str, Any]) -> None:
-    if path is not None:
-        with path.open("a") as file:
-            file.write(json.dumps(row) + "\n")
 
 
 def _print(rows: list[dict[str, Any]]) -> None:

@@ -11,12 +11,12 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from diagnosis_cells import THERMAL, Rig, seen_as, true_V
 from rich.console import Console
 from rich.table import Table
+from row_file import Row, add_row, read_rows
 from threadpoolctl import threadpool_limits
 
 from models.data.resampling import GridRun
@@ -38,7 +38,6 @@ TARGET_MV, TARGET_K = (2.0, 20.0), (0.3, 3.0)
 CLOSE, WORTH = 0.15, 1.15
 _CONFIDENCE_EDGES = (0.0, 0.5, 0.7, 0.85, 0.95, 1.01)
 
-Row = dict[str, Any]
 Judge = Callable[[int, int, bool], Row]
 
 
@@ -53,7 +52,7 @@ def run_cases(arguments: argparse.Namespace, judge: Judge) -> int:
                 row = done.get(key)
                 if row is None:
                     row = {"seed": arguments.seed, "number": number, "null": null} | judge(arguments.seed, number, null)
-                    _keep(arguments.rows, row)
+                    add_row(arguments.rows, row)
                     print(line(row), file=sys.stderr, flush=True)
                 rows.append(row)
     result = summary(rows)
@@ -76,16 +75,7 @@ def arguments_of(description: str | None) -> argparse.Namespace:
 
 
 def _rows(path: Path | None) -> dict[tuple[int, int, bool], Row]:
-    if path is None or not path.exists():
-        return {}
-    rows = [json.loads(each) for each in path.read_text(encoding="utf-8").splitlines()]
-    return {(row["seed"], row["number"], row["null"]): row for row in rows}
-
-
-def _keep(path: Path | None, row: Row) -> None:
-    if path is not None:
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+    return {(row["seed"], row["number"], row["null"]): row for row in read_rows(path)}
 
 
 def quick_network(

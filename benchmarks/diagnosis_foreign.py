@@ -37,6 +37,7 @@ from foreign_cells import (
 )
 from foreign_measured import Records, measured_records, pybamm_records
 from foreign_summary import show, summary
+from row_file import add_row, read_rows
 from threadpoolctl import threadpool_limits
 
 from models.data.start_soc import start_soc
@@ -257,17 +258,12 @@ def _power(answer: Diagnosis, truth: list[str]) -> float | None:
 
 
 def _known(path: Path | None) -> dict[str, Row]:
-    if path is None or not path.exists():
-        return {}
-    rows = [json.loads(each) for each in path.read_text(encoding="utf-8").splitlines()]
-    return {row["key"]: row for row in rows}
+    return {row["key"]: row for row in read_rows(path)}
 
 
 def _keep(path: Path | None, done: dict[str, Row], key: str, row: Row) -> None:
     done[key] = {"key": key} | row
-    if path is not None:
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(done[key]) + "\n")
+    add_row(path, done[key])
     sure = " ".join(f"{each:.2f}" for each in row["confidence"])
     print(
         f"{key:34s} {'|'.join(row['truth']) or 'none':24s} {row['shows']:5.1f} -> {row['verdict']:15s} "

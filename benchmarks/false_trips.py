@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from row_file import add_row, read_rows
 
 from bench_service.bench.plausibility import Finding, Sample, Watch, band_of, observe
 from models.design.test_signals import find_families
@@ -122,17 +123,14 @@ def main() -> int:
     parser.add_argument("--rows", type=Path)
     options = parser.parse_args()
     kept: Path | None = options.rows
-    known: dict[str, dict[str, Any]] = {}
-    if kept is not None and kept.exists():
-        known = {row["case"]: row for row in map(json.loads, kept.read_text().splitlines())}
+    known = {row["case"]: row for row in read_rows(kept)}
     rows, hours = list[dict[str, Any]](), 0.0
     for case in itertools.chain.from_iterable(map(cases, itertools.count(1))):
         if hours >= options.hours:
             break
         row = known.get(case.name) or play(case)
-        if kept is not None and case.name not in known:
-            with kept.open("a") as file:
-                file.write(json.dumps(row) + "\n")
+        if case.name not in known:
+            add_row(kept, row)
         rows.append(row)
         hours += row["hours"]
         if row["trip"] or row["warned"]:

@@ -22,15 +22,14 @@ from collections.abc import Callable, Iterator
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from real_cells_judged import CIRCUITS, WITHOUT, row
 from real_cells_peers import PEERS, peer_row
 from real_cells_summary import line, show, summary
 from real_cells_table import Split, TableError, read_table, splits_of
+from row_file import Row, add_row, read_rows
 from threadpoolctl import threadpool_limits
 
-Row = dict[str, Any]
 Judge = Callable[[Split], Row]
 
 TABLE = Path(__file__).with_name("real_cells.toml")
@@ -83,7 +82,7 @@ def _rows(splits: list[Split], judges: dict[str, Judge], resume: Path | None) ->
             found = done.get(tuple(at.values()))
             if found is None:
                 found = at | _tried(judge, split)
-                _keep(resume, found)
+                add_row(resume, found)
                 print(line(found), file=sys.stderr, flush=True)
             yield found
 
@@ -97,25 +96,9 @@ def _tried(judge: Judge, split: Split) -> Row:
 
 
 def _done(resume: Path | None) -> dict[tuple[str, ...], Row]:
-    """Rows without error of an earlier call; a line that was cut short is none."""
-    found = {}
-    for text in resume.read_text(encoding="utf-8").splitlines() if resume and resume.exists() else ():
-        try:
-            each = json.loads(text)
-        except json.JSONDecodeError:
-            continue
-        if not each["error"]:
-            found[tuple(each[name] for name in ("record", "split", "structure", "key"))] = each
-    return found
-
-
-def _keep(resume: Path | None, found: Row) -> None:
-    if resume is None:
-        return
-    before = resume.read_bytes() if resume.exists() else b""
-    cut_short = before and not before.endswith(b"\n")
-    with resume.open("a", encoding="utf-8") as file:
-        file.write(("\n" if cut_short else "") + json.dumps(found) + "\n")
+    """Rows without error of an earlier call."""
+    names = ("record", "split", "structure", "key")
+    return {tuple(each[name] for name in names): each for each in read_rows(resume) if not each["error"]}
 
 
 def _arguments() -> argparse.Namespace:

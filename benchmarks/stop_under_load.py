@@ -28,6 +28,7 @@ from typing import Any
 
 import httpx
 import numpy as np
+from row_file import add_row, read_rows
 
 from bench_service.client import BenchClient, ClientError
 from bench_service.stop_tickets import StopTicket, read_tickets
@@ -49,7 +50,7 @@ def main() -> int:
         return _simulate(options.simulator)
     if options.load is not None:
         return _load(options.load, options.url)
-    rows = _rows(options.rows)
+    rows = read_rows(options.rows)
     for transport in options.transports:
         for load in options.loads:
             done = [
@@ -57,9 +58,7 @@ def main() -> int:
             ]
             for row in _measure(transport, load, options.way, options.presses - len(done)):
                 rows.append(row)
-                if options.rows is not None:
-                    with options.rows.open("a") as file:
-                        file.write(json.dumps(row) + "\n")
+                add_row(options.rows, row)
     table = [_line(rows, transport, load, options.way) for transport in options.transports for load in options.loads]
     for line in table:
         print(json.dumps(line))  # noqa: T201
@@ -323,10 +322,6 @@ def _half_open(url: str) -> int:
             sock.close()
         socks = alive
         time.sleep(0.05)
-
-
-def _rows(path: Path | None) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text().splitlines()] if path is not None and path.exists() else []
 
 
 def _arguments() -> Any:
