@@ -37,6 +37,19 @@ class Weighed:
 
 
 @dataclass(frozen=True)
+class Whitened:
+    """Columns and what they are to explain, by the root of one covariance.
+
+    Attributes
+    ----------
+    columns, error : (N, k), (N,)
+    """
+
+    columns: FloatArray
+    error: FloatArray
+
+
+@dataclass(frozen=True)
 class Background:
     """Error of judged runs, and its covariance where nothing is new.
 
@@ -60,8 +73,12 @@ class Background:
         return self._roots[scale]
 
     def white(self, columns: FloatArray, scale: float) -> FloatArray:
-        """(N, k) columns by the root of the covariance."""
+        """(N, k) or (N,) columns by the root of the covariance."""
         return solve_triangular(self.root(scale), columns, lower=True, check_finite=False)
+
+    def log_root(self, scale: float) -> float:
+        """Logarithm of the determinant of the root."""
+        return float(np.sum(np.log(np.diag(self.root(scale)))))
 
     @cached_property
     def _roots(self) -> dict[float, FloatArray]:
@@ -79,7 +96,7 @@ class Background:
 
     def _log(self, scale: float) -> float:
         white = self.white(self.error, scale)
-        return float(-0.5 * white @ white - np.sum(np.log(np.diag(self.root(scale)))))
+        return float(-0.5 * white @ white) - self.log_root(scale)
 
     @cached_property
     def nothing(self) -> float:
@@ -100,31 +117,43 @@ class Background:
         columns : (N, k)
         moved : (N,) what is taken off the error first, where the columns are derivatives about a value
         """
-        logs, means, covariances = [], [], []
-        k = columns.shape[1]
-        for (scale, weight), white_error in zip(THRESHOLDS.effect_scales, self.white_errors, strict=True):
-            stacked = columns if moved is None else np.column_stack([columns, moved])
+        return self.weigh_whitened(self.whiten(columns, moved))
+
+    def whiten(self, columns: FloatArray, moved: FloatArray | None = None) -> list[Whitened]:
+        """Columns, and the error less what is moved, by the root, for each scale of `effect_scales`."""
+        stacked, k = columns if moved is None else np.column_stack([columns, moved]), columns.shape[1]
+        out = []
+        for (scale, _), white_error in zip(THRESHOLDS.effect_scales, self.white_errors, strict=True):
             white = self.white(stacked, scale)
-            error = white_error if moved is None else white_error - white[:, k]
-            inner, right = white[:, :k].T @ white[:, :k], white[:, :k].T @ error
-            base = float(-0.5 * error @ error - np.sum(np.log(np.diag(self.root(scale))))) + np.log(weight)
-            for size in THRESHOLDS.sizes:
-                whole = inner + np.eye(k) / size**2
-                covariance = np.linalg.inv(whole)
-                mean = covariance @ right
-                grown = 0.5 * float(np.linalg.slogdet(size**2 * whole)[1])
-                logs.append(base + 0.5 * float(right @ mean) - grown - np.log(len(THRESHOLDS.sizes)))
-                means.append(mean)
-                covariances.append(covariance)
+            out.append(Whitened(white[:, :k], white_error if moved is None else white_error - white[:, k]))
+        return out
+
+    def weigh_whitened(self, whitened: list[Whitened]) -> Weighed:
+        """Evidence for columns of usual sizes: all scales and sizes at once, as it is asked thousands of times."""
+        at = THRESHOLDS
+        inner = np.array([each.columns.T @ each.columns for each in whitened])
+        right = np.array([each.columns.T @ each.error for each in whitened])
+        base = np.array(
+            [
+                -0.5 * float(each.error @ each.error) - self.log_root(scale) + np.log(weight / len(at.sizes))
+                for each, (scale, weight) in zip(whitened, at.effect_scales, strict=True)
+            ]
+        )
+        squared = np.array(at.sizes)[:, None, None] ** 2
+        whole = inner[:, None] + np.eye(inner.shape[1]) / squared
+        covariances = np.linalg.inv(whole)
+        means = np.einsum("sgij,sj->sgi", covariances, right)
+        grown = 0.5 * np.linalg.slogdet(squared * whole)[1]
+        logs = base[:, None] + 0.5 * np.einsum("sgi,si->sg", means, right) - grown
         total = log_sum(logs)
-        share = np.exp(np.array(logs) - total)
-        mean = np.tensordot(share, np.array(means), axes=1)
-        away = np.array(means) - mean
-        covariance = np.tensordot(share, np.array(covariances), axes=1) + (share[:, None] * away).T @ away
+        share = np.exp(logs - total)
+        mean = np.einsum("sg,sgi->i", share, means)
+        away = means - mean
+        covariance = np.einsum("sg,sgij->ij", share, covariances) + np.einsum("sg,sgi,sgj->ij", share, away, away)
         return Weighed(total - self.nothing, mean, covariance)
 
-    def step(self, columns: FloatArray, moved: FloatArray) -> FloatArray:
+    def step(self, whitened: list[Whitened]) -> FloatArray:
         """(k,) likeliest sizes for a usual scale and large effects, to go to next."""
-        white = self.white(np.column_stack([columns, self.error - moved]), 1.0)
-        inner = white[:, :-1].T @ white[:, :-1]
-        return np.linalg.solve(inner + np.eye(len(inner)) / max(THRESHOLDS.sizes) ** 2, white[:, :-1].T @ white[:, -1])
+        usual = whitened[THRESHOLDS.scales.index(1.0)]
+        inner = usual.columns.T @ usual.columns
+        return np.linalg.solve(inner + np.eye(len(inner)) / max(THRESHOLDS.sizes) ** 2, usual.columns.T @ usual.error)

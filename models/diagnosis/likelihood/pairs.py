@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from models.data.timeseries import FloatArray
@@ -29,21 +31,34 @@ def pair_gains(
     first = np.cumsum([0, *(each.shape[1] for each in columns)])
     shift = [np.zeros(len(back.error)) if each is None else each for each in moved]
     stacked = np.column_stack([*columns, *shift])
-    logs = np.empty((len(couples), len(THRESHOLDS.effect_scales), len(THRESHOLDS.sizes)))
+    products, right, base = [], [], []
     for s, (scale, weight) in enumerate(THRESHOLDS.effect_scales):
         white, error = back.white(stacked, scale), back.white_errors[s]
-        products, right = white.T @ white, white.T @ error
-        base = -float(np.sum(np.log(np.diag(back.root(scale))))) + float(np.log(weight))
-        for c, (i, j) in enumerate(couples):
-            own = np.concatenate([np.arange(first[i], first[i + 1]), np.arange(first[j], first[j + 1])])
-            off = first[-1] + np.array([i, j])
-            inner = products[np.ix_(own, own)]
-            left = right[own] - products[np.ix_(own, off)].sum(axis=1)
-            squared = float(error @ error - 2.0 * right[off].sum() + products[np.ix_(off, off)].sum())
-            values, vectors = np.linalg.eigh(inner)
-            turned = (vectors.T @ left) ** 2
-            for g, size in enumerate(THRESHOLDS.sizes):
-                grown = np.maximum(values, 0.0) * size**2 + 1.0
-                gain = 0.5 * float(np.sum(turned * size**2 / grown)) - 0.5 * float(np.sum(np.log(grown)))
-                logs[c, s, g] = base - 0.5 * squared + gain - np.log(len(THRESHOLDS.sizes))
-    return [log_sum(each.ravel()) - back.nothing for each in logs]
+        products.append(white.T @ white)
+        right.append(white.T @ error)
+        base.append(float(np.log(weight)) - back.log_root(scale) - 0.5 * float(error @ error))
+    every, sides, bases = np.array(products), np.array(right), np.array(base)
+    places = [np.arange(a, b) for a, b in pairwise(first)]
+    out = []
+    for i, j in couples:
+        own, off = np.concatenate([places[i], places[j]]), first[-1] + np.array([i, j])
+        out.append(log_sum(_logs(every, sides, bases, own, off).ravel()) - back.nothing)
+    return out
+
+
+def _logs(products: FloatArray, right: FloatArray, base: FloatArray, own: np.ndarray, off: np.ndarray) -> FloatArray:
+    """(scales, sizes) logarithms of the likelihood of one pair.
+
+    Parameters
+    ----------
+    products, right, base : (s, K, K), (s, K), (s,) for each scale
+    own, off : numbers of the pair's columns, and of what is moved
+    """
+    left = right[:, own] - products[:, own[:, None], off].sum(axis=2)
+    shifted = right[:, off].sum(axis=1) - 0.5 * products[:, off[:, None], off].sum(axis=(1, 2))
+    values, vectors = np.linalg.eigh(products[:, own[:, None], own])
+    turned = np.einsum("sij,si->sj", vectors, left)[:, None] ** 2
+    squared = np.array(THRESHOLDS.sizes)[:, None] ** 2
+    grown = np.maximum(values, 0.0)[:, None] * squared + 1.0
+    gain = 0.5 * np.sum(turned * squared / grown - np.log(grown), axis=2)
+    return (base + shifted)[:, None] + gain - np.log(len(THRESHOLDS.sizes))

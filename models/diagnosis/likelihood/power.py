@@ -46,7 +46,7 @@ def smallest_shown(back: Background, tried: Tried, prior: float, explained: Floa
     for scale, weight in zip(at.scales, at.scale_weights, strict=True):
         white = back.white(np.column_stack([column * usual, back.error - explained]), scale)
         inner.append(float(white[:, 0] @ white[:, 0]))
-        base = -float(np.sum(np.log(np.diag(back.root(scale))))) + float(np.log(weight))
+        base = float(np.log(weight)) - back.log_root(scale)
         nothing.append(base - 0.5 * float(white[:, 1] @ white[:, 1]))
     needed = float(np.log(at.nothing * (1.0 / at.claim - 1.0) / prior)) / at.tempering
 

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.likelihood.background import Background, Weighed, log_sum
+from models.diagnosis.likelihood.background import Background, Weighed, Whitened, log_sum
 from models.diagnosis.likelihood.pairs import pair_gains
 from models.diagnosis.likelihood.shapes import Linear, Moving
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
@@ -71,11 +71,12 @@ def _moving(back: Background, one: Effect, shape: Moving) -> Tried:
         for _ in range(_STEPS):
             at, columns = shape.columns(sizes)
             moved = at - columns @ sizes
-            weighed = back.weigh(columns, moved)
-            broken = _broken(back, shape, weighed, columns, moved)
+            whitened = back.whiten(columns, moved)
+            weighed = back.weigh_whitened(whitened)
+            broken = _broken(back, shape, weighed, whitened)
             weighed = replace(weighed, log_likelihood=weighed.log_likelihood - broken)
             seen.append(Tried(one, shape, columns, moved, weighed, broken))
-            asked = np.clip(back.step(columns, moved), *shape.limits)
+            asked = np.clip(back.step(whitened), *shape.limits)
             settled = bool(np.abs(asked - sizes).max() < _SETTLED)
             sizes = asked
             if settled:
@@ -89,13 +90,15 @@ def _best_start(back: Background, shape: Moving) -> tuple[float, ...]:
     return shape.starts[int(np.argmin(np.sum(back.white(left, 1.0) ** 2, axis=0)))]
 
 
-def _broken(back: Background, shape: Moving, weighed: Weighed, columns: FloatArray, moved: FloatArray) -> float:
+def _broken(back: Background, shape: Moving, weighed: Weighed, whitened: list[Whitened]) -> float:
     """How much evidence the derivatives promise beyond what a simulation of the likeliest size bears out."""
-    promised = moved + columns @ weighed.mean
     truly = shape.simulate(np.clip(weighed.mean, *shape.limits))
-    both = back.error[:, None] - np.column_stack([promised, truly])
-    white = [np.sum(back.white(both, scale) ** 2, axis=0) for scale in THRESHOLDS.scales]
-    return max(0.0, *(0.5 * float(each[1] - each[0]) for each in white))
+    broken = 0.0
+    for (scale, _), each, error in zip(THRESHOLDS.effect_scales, whitened, back.white_errors, strict=True):
+        if scale in THRESHOLDS.scales:
+            promised, left = each.error - each.columns @ weighed.mean, error - back.white(truly, scale)
+            broken = max(broken, 0.5 * float(left @ left - promised @ promised))
+    return broken
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import get_lapack_funcs
 
 from models.data.timeseries import FloatArray
 
@@ -17,6 +17,8 @@ _MOST_ROUNDS = 60
 # in circles over differences of rounding; a larger ridge then tells them apart.
 _RIDGES = (1e-10, 1e-8, 1e-6, 1e-4)
 _TOLERANCE = 1e-9
+# Straight to LAPACK: what SciPy asks about its arguments takes longer than the few dozen equations.
+(_POSV,) = get_lapack_funcs(("posv",), (np.zeros(0),))
 
 
 @dataclass(frozen=True)
@@ -89,10 +91,11 @@ def _exchanged(
 def _of_set(scaled: FloatArray, h: FloatArray, free: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Minimum with the others at zero, and the slope there."""
     own = np.flatnonzero(free)
+    if not len(own):
+        return np.zeros(len(h)), -h
     part = scaled[np.ix_(own, own)]
-    try:
-        values = cho_solve(cho_factor(part, check_finite=False), h[own], check_finite=False)
-    except LinAlgError:
+    _, values, failed = _POSV(part, h[own])
+    if failed:
         values = np.linalg.lstsq(part, h[own], rcond=None)[0]
     x = np.zeros(len(h))
     x[own] = values
