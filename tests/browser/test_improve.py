@@ -24,7 +24,7 @@ seed = 3
 effects = { relaxation = 0.0 }
 hidden_effect = "hysteresis"
 """
-_CAMPAIGN = {"bench": "sim", "name": "hidden", "structure": "minimal", "seed": 3}
+_CAMPAIGN = {"bench": "sim", "name": "hidden", "structure": "minimal", "seed": 3, "soc": [0.3, 0.7]}
 _LONG_MS = 1000 * LONG_S
 
 
