@@ -189,18 +189,19 @@ def learn(
 
     # Covariances are symmetric: their lower triangles are half as much to read, a hundred times over.
     rows, columns = np.tril_indices(len(unseen_V))
-    halves, twice = parts[:, rows, columns], np.where(rows == columns, 1.0, 2.0)
+    flat = rows * len(unseen_V) + columns
+    halves, twice = parts.reshape(len(parts), -1).take(flat, axis=1), np.where(rows == columns, 1.0, 2.0)
 
     def cost(logs: FloatArray) -> tuple[float, FloatArray]:
         variances = np.exp(logs)
         whole = floor.copy()
-        whole[rows, columns] += variances @ halves
+        whole.ravel()[flat] += variances @ halves
         root = cholesky(whole, lower=True)
         inverse, _ = _POTRI(root, lower=1)
         white = cho_solve((root, True), unseen_V)
         away = (logs - centre) / KNOWN.share_spread
         value = float(np.sum(np.log(np.diag(root))) + 0.5 * unseen_V @ white + 0.5 * away @ away)
-        slopes = halves @ (twice * (inverse[rows, columns] - white[rows] * white[columns]))
+        slopes = halves @ (twice * (inverse.take(flat) - white.take(rows) * white.take(columns)))
         return value, 0.5 * slopes * variances + away / KNOWN.share_spread
 
     # No step of the search leaves what is possible: beyond it the matrix has no root in double precision.

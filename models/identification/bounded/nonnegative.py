@@ -93,12 +93,13 @@ def _of_set(scaled: FloatArray, h: FloatArray, free: np.ndarray) -> tuple[FloatA
     own = np.flatnonzero(free)
     if not len(own):
         return np.zeros(len(h)), -h
-    part = scaled[np.ix_(own, own)]
-    _, values, failed = _POSV(part, h[own])
+    # Symmetric: its transpose is in LAPACK's order already.
+    part = scaled.take(own, axis=0).take(own, axis=1)
+    _, values, failed = _POSV(part.T, h[own])
     if failed:
         values = np.linalg.lstsq(part, h[own], rcond=None)[0]
     x = np.zeros(len(h))
     x[own] = values
-    slope = scaled[:, own] @ values - h
+    slope = scaled @ x - h
     slope[own] = 0.0
     return x, slope

@@ -32,6 +32,8 @@ class HeldOut:
     _known: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
     _free: dict[int, np.ndarray] = field(default_factory=dict)
     _worst: dict[int, float] = field(default_factory=dict)
+    _others: dict[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    _penalty: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
 
     def mse(self, logs: tuple[float, ...]) -> FloatArray:
         """(folds,) mean squared error in V^2 of each fold by a fit to the others."""
@@ -99,10 +101,15 @@ class HeldOut:
     def without(self, logs: tuple[float, ...], fold: int) -> Solution:
         """The fit to all folds but one."""
         sums = self.sums
-        kept = np.arange(len(sums.count)) != fold
-        count = float(sums.count[kept].sum())
-        matrix = sums.xx[kept].sum(axis=0) / count + penalty(sums, logs)
-        found = solve(matrix, sums.xy[kept].sum(axis=0) / count, sums.layout.bounded, self._free.get(fold))
+        if fold not in self._others:
+            kept = np.arange(len(sums.count)) != fold
+            count = float(sums.count[kept].sum())
+            self._others[fold] = sums.xx[kept].sum(axis=0) / count, sums.xy[kept].sum(axis=0) / count
+        if logs not in self._penalty:
+            # All folds are asked for one set of strengths before the next.
+            self._penalty = {logs: penalty(sums, logs)}
+        information, right = self._others[fold]
+        found = solve(information + self._penalty[logs], right, sums.layout.bounded, self._free.get(fold))
         self._free[fold] = found.free
         return found
 
