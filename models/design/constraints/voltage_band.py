@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cho_factor, solve_triangular
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
@@ -65,7 +65,7 @@ class VoltageBand:
             return np.full(len(current_A), self.error_V)
         factor, _ = cho_factor(self.information, lower=True)
         spread = solve_triangular(factor, prediction.sensitivity_V.T, lower=True, check_finite=False)
-        scale = np.sqrt(chi2.ppf(self.confidence, self.information.shape[0]))
+        scale = np.sqrt(2.0 * gammaincinv(0.5 * self.information.shape[0], self.confidence))
         return self.error_V + scale * np.sqrt((spread**2).sum(axis=0))
 
 

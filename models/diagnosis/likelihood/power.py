@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background, log_sum
@@ -40,7 +40,7 @@ def smallest_shown(back: Background, tried: Tried, prior: float, explained: Floa
     """
     at = THRESHOLDS
     column = tried.columns @ first_direction(tried)[0]
-    unlucky = float(norm.ppf(at.power))
+    unlucky = float(ndtri(at.power))
     usual = 1.0 / max(float(np.linalg.norm(first_direction(tried)[0])), 1e-300)
     inner, nothing = [], []
     for scale, weight in zip(at.scales, at.scale_weights, strict=True):

@@ -44,14 +44,14 @@ def relaxation(current_A: FloatArray, time_constant_s: float, dt_s: float) -> Fl
     change = np.diff(current_A, prepend=current_A[:1])
     poles = relaxation_poles(time_constant_s, dt_s)
     for pole in poles:
-        change = _smoothed(change, pole)
+        change = smoothed(change, pole)
     return change / (1.0 - poles[0])
 
 
 def low_pass(values: FloatArray, time_constant_s: float, dt_s: float) -> FloatArray:
     """First-order low-pass with unit gain, starting at rest: of a current, one RC pair's current in A."""
     pole = float(np.exp(-dt_s / time_constant_s))
-    return _smoothed(values, pole)
+    return smoothed(values, pole)
 
 
 def slow_current_A(current_A: FloatArray, dt_s: float) -> FloatArray:
@@ -59,7 +59,7 @@ def slow_current_A(current_A: FloatArray, dt_s: float) -> FloatArray:
     return low_pass(current_A, _SLOW_S, dt_s)
 
 
-def _smoothed(values: FloatArray, pole: float) -> FloatArray:
+def smoothed(values: FloatArray, pole: float) -> FloatArray:
     """First-order low-pass of unit gain by its pole.
 
     To the bit what SciPy's `lfilter` gives; its package alone takes 0.4 s of processor time at every start.

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.signal import lfilter
 
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
@@ -15,6 +14,7 @@ from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import Dataset
 from models.network.signals import soc_by_counting
+from models.network.signals.filters import smoothed
 from models.network.signals.loop_form import is_overpotential
 from models.observer.filter.places import NET_S
 from models.observer.filter.settings import error_levels
@@ -73,7 +73,7 @@ def tuning_data(judged: list[Judged]) -> TuningData:
         validity = network.partition.validity(data.z)
         parts[2].append((validity @ levels)[kept])
         share = min(dt_s / NET_S, 1.0)
-        net = lfilter([share], [1.0, share - 1.0], np.diff(counted, prepend=counted[:1]))
+        net = smoothed(np.diff(counted, prepend=counted[:1]), 1.0 - share)
         parts[3].append(np.abs(net)[kept])
         parts[4].append(_overpotential_V(network, validity @ network.theta, data)[kept])
         starts.append(total)

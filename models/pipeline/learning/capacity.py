@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from models.comparison.start import Start, free_run_from_V
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.network.local_model_network import LocalModelNetwork
+from models.network.signals.filters import low_pass
 from models.uncertainty.correlated_errors import least_squares_covariance
 
 _ROUNDS, _MOVED = 4, 0.002
@@ -77,9 +77,6 @@ def _simulated_V(network: LocalModelNetwork, run: GridRun, start: Start, share: 
 
 
 def _beside(run: GridRun) -> list[FloatArray]:
-    filtered = []
-    for time_s in _TIMES_S:
-        keep = float(np.exp(-run.dt_s / time_s))
-        filtered.append(np.asarray(lfilter([1.0 - keep], [1.0, -keep], run.current_A)))
+    filtered = [low_pass(run.current_A, time_s, run.dt_s) for time_s in _TIMES_S]
     degC = run.temperature_degC
     return [run.current_A, *filtered, *([degC] if np.isfinite(degC).all() else [])]
