@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ RUNS = {"learned": 1, "judged": 2}
 LEARNED, JUDGED = RunInput("learned", SOC), RunInput("judged", SOC)
 
 
+@cache
 def series(name: str) -> Any:
     current = pulses_A(2500, CELL.capacity_Ah, RUNS[name], rest=200)
     return replace(record(Cell(CELL, SOC, 22.0), current, RUNS[name]), name=name)

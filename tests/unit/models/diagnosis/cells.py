@@ -1,6 +1,7 @@
 """Short records of simulated cells, before and after something changes."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -30,6 +31,7 @@ def bare() -> CellParameters:
     )
 
 
+@cache
 def measured(cell: CellParameters, seed: int, n: int = 6000, current_error_A: float = 0.0) -> TimeSeries:
     current = pulses_A(n, cell.capacity_Ah, seed, rest=300)
     series = record(Cell(cell, SOC, 22.0), current, seed)

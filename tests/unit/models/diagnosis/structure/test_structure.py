@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ BARE = Structure(
 )
 
 
+@cache
 def fitted(cell: CellParameters) -> tuple[LocalModelNetwork, TimeSeries, TimeSeries]:
     train, run = measured(cell, 1), measured(cell, 2)
     fit = fit_network([train], capacity_Ah=cell.capacity_Ah, structure=BARE, initial_soc=[SOC], dt_s=1.0)
