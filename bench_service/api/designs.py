@@ -26,4 +26,4 @@ class DesignBody(Body):
 @router.post("", status_code=202)
 async def start_design(body: DesignBody, services: ServicesOf) -> Answer:
     """Design a profile in a worker process; answers with the job, whose result names the stored profile."""
-    return asdict(await services.designing.start(body.name, body.request))
+    return asdict(await services.designing.start(body.name, body.request, report=True))

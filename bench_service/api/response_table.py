@@ -127,4 +127,10 @@ BYTES: dict[str, tuple[str, ...]] = {
     _placed("GET /runs/{run_id}/export"): ("text/csv", "application/zip", "application/octet-stream"),
     _placed("GET /comparisons/{comparison_id}/series.csv"): ("text/csv",),
     _placed("GET /trends/{job_id}/table"): ("text/csv",),
+    _placed("GET /runs/{run_id}/report"): ("text/html", "application/pdf"),
+    _placed("GET /campaigns/{campaign_id}/report"): ("text/html", "application/pdf"),
+    _placed("GET /comparisons/{comparison_id}/report"): ("text/html", "application/pdf"),
+    _placed("GET /diagnoses/{diagnosis_id}/report"): ("text/html", "application/pdf"),
+    _placed("GET /trends/{job_id}/report"): ("text/html", "application/pdf"),
+    _placed("GET /designs/{job_id}/report"): ("text/html", "application/pdf"),
 }

@@ -34,6 +34,7 @@ from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.observing import Observing
 from bench_service.campaign.protocol_resumer import ProtocolResumer
+from bench_service.campaign.reporting import Made, Reporting
 from bench_service.campaign.resuming import resumed_soc
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.seal import Seal
@@ -90,6 +91,8 @@ async def running_services(
         await asyncio.gather(*(bench.supervisor.start() for bench in benches))
         await campaigns.resume_by_policy()
         await _resume_protocols(stack, store, runs, benches, journal)
+        trending = Trending(store, jobs, workshop.modelling, config.data_dir)
+        made_by_jobs = Made(jobs, trending, workshop.designing)
         yield Services(
             config=config,
             version=code_version,
@@ -106,7 +109,7 @@ async def running_services(
             learning=_learning(stack, workshop, journal, (config.data_dir, code_version)),
             diagnosing=workshop.diagnosing,
             designing=workshop.designing,
-            trending=Trending(store, jobs, workshop.modelling, config.data_dir),
+            trending=trending,
             campaigns=campaigns,
             live=live,
             recorder_state=lambda: recorder.state,
@@ -114,6 +117,7 @@ async def running_services(
             cells=Cells(store, journal, benches, runs, campaigns),
             commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
             importing=Importing(store, jobs, storage, recorder.attach, (config.data_dir, code_version)),
+            reporting=Reporting(store, samples, made_by_jobs, config.data_dir, code_version),
         )
 
 
