@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench_service.jobs.modelling import plain
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.results import DesignResult, Document
 from bench_service.jobs.series import RunInput, read_series
 from bench_service.reports.document import Heading, render
+
+if TYPE_CHECKING:
+    from models.design.answer import Answer
 
 
 def design_profile(
@@ -66,11 +69,13 @@ def design_profile(
     )
     found = answer(read_request(request), material, report)
     profile = found.profile
-    page = None
-    if heading is not None:
-        from bench_service.reports.design import design_report
-
-        report(1.0, "writing the report")
-        page = render(design_report(heading, found))
+    page = None if heading is None else _page(heading, found)
     told = {"time_s": profile.time_s, "current_A": profile.current_A, "figures": found.figures}
     return plain(told) | {"page": page}
+
+
+def _page(heading: Heading, found: Answer) -> bytes:
+    # Lazy: numba and scipy take 1.1 s.
+    from bench_service.reports.design import design_report
+
+    return render(design_report(heading, found))

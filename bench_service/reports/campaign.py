@@ -63,13 +63,8 @@ def _summary(record: CampaignRecord, result: Mapping[str, Any]) -> list[Part]:
     soc = result.get("soc")
     if soc:
         after = soc["converged_after_s"]
-        note = (
-            "not below 3 % to the end"
-            if after is None
-            else f"below 3 % from {words.duration(after)} on"
-            if after
-            else "below 3 % all the time"
-        )
+        note = f"below 3 % from {words.duration(after)} on" if after else "below 3 % all the time"
+        note = "not below 3 % to the end" if after is None else note
         keys.append(Key("Error of the live state of charge", words.percent(soc["rmse"], 2), note))
     if result.get("samples"):
         missed = f"{words.count(result['missed_ticks'])} missed, in {len(result.get('runs', []))} runs"

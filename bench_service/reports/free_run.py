@@ -41,7 +41,7 @@ def where_parts(regions: Sequence[Mapping[str, Any]], where: Sequence[Mapping[st
     return [
         *parts,
         "By one variable at a time, the most telling range first:",
-        Table(heads, rows, frozenset({2, 3, 4})),
+        Table(heads, rows, frozenset({1, 2, 3, 4})),
     ]
 
 
