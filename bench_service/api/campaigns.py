@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter
 from pydantic import Field
 
+from bench_service.api.answers import keyed, listed, record
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.endings import campaign_json
@@ -36,37 +37,37 @@ class CampaignBody(Body):
     retries: Annotated[int, Field(ge=0, le=5)] | None = None
 
 
-@router.post("", status_code=201)
+@router.post("", status_code=201, openapi_extra=record("Campaign"))
 async def start_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     """Start a campaign; it goes on in the service, whether its client stays or not."""
     return campaign_json(await services.campaigns.start(body.model_dump()))
 
 
-@router.post("/estimate")
+@router.post("/estimate", openapi_extra=keyed())
 async def estimate_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     """Say how many hours of real time the runs of a campaign take, or why it would be refused, without starting it."""
     return await services.campaigns.estimate(body.model_dump())
 
 
-@router.get("")
+@router.get("", openapi_extra=listed("campaigns", "Campaign"))
 async def list_campaigns(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
     """List campaigns, newest first."""
     return {"campaigns": [campaign_json(record) for record in await services.campaigns.list(limit, offset)]}
 
 
-@router.get("/{campaign_id}")
+@router.get("/{campaign_id}", openapi_extra=record("Campaign"))
 async def get_campaign(campaign_id: PathId, services: ServicesOf) -> Answer:
     """Give one campaign as it stands now."""
     return campaign_json(await services.campaigns.get(campaign_id))
 
 
-@router.post("/{campaign_id}/resume")
+@router.post("/{campaign_id}/resume", openapi_extra=record("Campaign"))
 async def resume_campaign(campaign_id: PathId, services: ServicesOf) -> Answer:
     """Go on with a campaign that was cut off, from the last stored sample of its run."""
     return campaign_json(await services.campaigns.resume(campaign_id))
 
 
-@router.post("/{campaign_id}/stop")
+@router.post("/{campaign_id}/stop", openapi_extra=record("Campaign"))
 async def stop_campaign(campaign_id: PathId, services: ServicesOf) -> Answer:
     """Stop a campaign and the run that it has started; one that has ended stays as it is."""
     return campaign_json(await services.campaigns.stop(campaign_id))

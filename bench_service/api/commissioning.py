@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter
 from pydantic import Field
 
+from bench_service.api.answers import keyed
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import Body, Positive, StrictRoute
 from bench_service.bench.commissioning.check import ProofOrder
@@ -22,13 +23,13 @@ class CommissionBody(Body):
     resistor_Ohm: Annotated[Positive, Field(le=1e3)] | None = None
 
 
-@router.get("/{name}/commissioning")
+@router.get("/{name}/commissioning", openapi_extra=keyed("bench", "record"))
 def get_commissioning(name: PathId, services: ServicesOf) -> Answer:
     """Tell whether the bench's hardware is commissioned, why not, and give the newest record."""
     return services.commissioning.standing(name)
 
 
-@router.post("/{name}/commission")
+@router.post("/{name}/commission", openapi_extra=keyed("bench", "record", "sha256", "state"))
 async def commission(name: PathId, body: CommissionBody, services: ServicesOf) -> Answer:
     """Look at the bench's device; with ``confirm``, let small currents flow and prove sign, watchdog, limits, stop.
 

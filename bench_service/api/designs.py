@@ -7,6 +7,7 @@ from dataclasses import asdict
 from fastapi import APIRouter
 from pydantic import JsonValue
 
+from bench_service.api.answers import job
 from bench_service.api.dependencies import Answer, ServicesOf
 from bench_service.api.strict import Body, Name, StrictRoute
 
@@ -23,7 +24,7 @@ class DesignBody(Body):
     request: dict[str, JsonValue]
 
 
-@router.post("", status_code=202)
+@router.post("", status_code=202, openapi_extra=job())
 async def start_design(body: DesignBody, services: ServicesOf) -> Answer:
     """Design a profile in a worker process; answers with the job, whose result names the stored profile."""
     return asdict(await services.designing.start(body.name, body.request, report=True))

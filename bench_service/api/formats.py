@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
+from bench_service.api.answers import listed
 from bench_service.campaign.crating import CRATE, TITLE
 from bench_service.exchange.ro_crate import MEDIA_TYPE, SUFFIX
 from bench_service.exchange.write import export_formats
@@ -18,7 +19,7 @@ def known_formats() -> list[dict[str, str]]:
     return [*found, {"name": CRATE, "title": TITLE, "suffix": SUFFIX, "media_type": MEDIA_TYPE}]
 
 
-@router.get("/formats")
+@router.get("/formats", openapi_extra=listed("formats"))
 def list_formats() -> dict[str, list[dict[str, str]]]:
     """List the formats that a run can be exported in: name, title, suffix and media type."""
     return {"formats": known_formats()}

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
+from bench_service.api.answers import keyed
 from bench_service.api.dependencies import Answer, ServicesOf
 from bench_service.store.engine import check_sqlite
 
 router = APIRouter(tags=["service"])
 
 
-@router.get("/healthz")
+@router.get("/healthz", openapi_extra=keyed("status", "version", "recorder", "storage", "benches", "sqlite_version"))
 async def health(services: ServicesOf) -> Answer:
     """Answer with versions and states."""
     recorder, storage = services.recorder_state(), services.storage.to_json()

@@ -7,19 +7,20 @@ from typing import Any
 
 from fastapi import APIRouter
 
+from bench_service.api.answers import listed
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.campaign.run_counters import cycles_of, steps_of
 
 router = APIRouter(prefix="/runs", tags=["runs"])
 
 
-@router.get("/{run_id}/steps")
+@router.get("/{run_id}/steps", openapi_extra=listed("steps"))
 def get_steps(run_id: PathId, services: ServicesOf) -> Answer:
     """Give one object for each step of a protocol that has ended, in the order in which they were played."""
     return {"steps": [_finite(step) for step in steps_of(services.store, services.samples, run_id)]}
 
 
-@router.get("/{run_id}/cycles")
+@router.get("/{run_id}/cycles", openapi_extra=listed("cycles"))
 def get_cycles(run_id: PathId, services: ServicesOf) -> Answer:
     """Give one object for each cycle of a protocol: capacity, energy, mean voltages, efficiencies."""
     return {"cycles": [_finite(cycle) for cycle in cycles_of(services.store, services.samples, run_id)]}

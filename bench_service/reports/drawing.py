@@ -261,7 +261,7 @@ def heat_map(
     edges : of columns and rows
     names : of both axes
     """
-    left, top = 66, 22
+    left, top = 66, 34
     most, body = max(float(share.max()), 1e-12), []
     for i, row in enumerate(share):
         for j, part in enumerate(row):
@@ -279,7 +279,7 @@ def heat_map(
         body.append(f'<text x="{left - 8}" y="{bottom - _ROW * j + 4}" text-anchor="end">{text}</text>')
     width = left + _CELL * share.shape[0] + 20
     body.append(f'<text x="{0.5 * width}" y="{bottom + 35}" text-anchor="middle">{escape(names[0])}</text>')
-    body.append(f'<text x="4" y="{top - 8}">{escape(names[1])}</text>')
+    body.append(f'<text x="4" y="{top - 14}">{escape(names[1])}</text>')
     return Figure(caption, _svg(width, bottom + _MAP_FOOT, caption, body))
 
 

@@ -33,6 +33,7 @@ _STATES = {
     "stopped": "stopped by somebody",
     "created": "not started yet",
 }
+_ABBREVIATIONS = ("aprbs", "hppc", "prbs")
 _QUOTES = "'\""
 _NAMES = re.compile(r"""(?<!\w)'[^']*'(?!\w)|"[^"]*"|\b[A-Za-z]+(?:_[A-Za-z]+)+\b""")
 _SUFFIX = re.compile(r"_(?:mV|V|A|Ah|Ohm|mOhm|s|h|K|degC|Wh|W|V_per_K|W_per_K|K_per_W|J_per_K|per_Ah)$")
@@ -134,7 +135,7 @@ def variable(name: str) -> str:
 
 def plain(name: str) -> str:
     """Turn a name of the program into words."""
-    return _SUFFIX.sub("", name).replace("_", " ")
+    return name.upper() if name in _ABBREVIATIONS else _SUFFIX.sub("", name).replace("_", " ")
 
 
 def state(name: str) -> str:
