@@ -1,4 +1,6 @@
-"""What an operation answers with, said beside its route: ``@router.get("", openapi_extra=listed("runs", "Run"))``.
+"""What an operation answers with, and what may be asked of it: said beside its route.
+
+``@router.get("", openapi_extra=listed("runs", "Run"))``, ``openapi_extra=record("Run") | asked({"bench": "sim"})``.
 
 `response_schemas` turns it into the schema of the answer. An answer may hold more than is said here; what is said is
 always there.
@@ -9,9 +11,14 @@ from __future__ import annotations
 from typing import Any
 
 # Where it stands in the operation until the schema is made of it.
-ANSWER = "x-answer"
+ANSWER, ASKED = "x-answer", "x-asked"
 
 Said = dict[str, Any]
+
+
+def asked(body: dict[str, Any]) -> Said:
+    """Show a body that may be sent; `response_schemas` puts it into the schema of the request."""
+    return {ASKED: body}
 
 
 def record(name: str) -> Said:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter
 from pydantic import Field
 
-from bench_service.api.answers import keyed, listed, record
+from bench_service.api.answers import asked, keyed, listed, record
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.endings import campaign_json
@@ -37,13 +37,30 @@ class CampaignBody(Body):
     retries: Annotated[int, Field(ge=0, le=5)] | None = None
 
 
-@router.post("", status_code=201, openapi_extra=record("Campaign"))
+@router.post(
+    "",
+    status_code=201,
+    openapi_extra=record("Campaign")
+    | asked(
+        {
+            "bench": "sim",
+            "name": "first look",
+            "duration_s": 15000.0,
+            "capacity_Ah": 2.5,
+            "current_A": [-5.0, 2.5],
+            "soc": [0.15, 0.8],
+            "rounds": 2,
+            "diagnose": "structure",
+            "seed": 1,
+        }
+    ),
+)
 async def start_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     """Start a campaign; it goes on in the service, whether its client stays or not."""
     return campaign_json(await services.campaigns.start(body.model_dump()))
 
 
-@router.post("/estimate", openapi_extra=keyed())
+@router.post("/estimate", openapi_extra=keyed() | asked({"bench": "sim", "duration_s": 15000.0, "rounds": 2}))
 async def estimate_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     """Say how many hours of real time the runs of a campaign take, or why it would be refused, without starting it."""
     return await services.campaigns.estimate(body.model_dump())

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from pydantic import AfterValidator, Field, JsonValue
 
-from bench_service.api.answers import bench, listed, record
+from bench_service.api.answers import asked, bench, listed, record
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, StrictRoute
 from bench_service.errors import BadRequestError
@@ -53,7 +53,12 @@ class PlaceBody(Body):
     cell_id: Id | None
 
 
-@router.post("/cells", status_code=201, openapi_extra=record("Cell"))
+@router.post(
+    "/cells",
+    status_code=201,
+    openapi_extra=record("Cell")
+    | asked({"label": "left", "owner": "Ana", "capacity_Ah": 2.48, "metadata": {"batch": "7b", "shelf": 3}}),
+)
 async def add_cell(body: CellBody, services: ServicesOf) -> Answer:
     """Take a cell in."""
     if body.like is not None and body.type is not None:
@@ -85,7 +90,7 @@ def get_cell(cell_id: PathId, services: ServicesOf) -> Answer:
     return services.cells.to_json(cell) | {"places": places}
 
 
-@router.patch("/cells/{cell_id}", openapi_extra=record("Cell"))
+@router.patch("/cells/{cell_id}", openapi_extra=record("Cell") | asked({"label": "left, aged", "capacity_Ah": 2.31}))
 async def change_cell(cell_id: PathId, body: ChangeBody, services: ServicesOf) -> Answer:
     """Write down what is given; what is left out stays, null takes it away. Kept as an event.
 
@@ -114,7 +119,7 @@ def list_cell_events(cell_id: PathId, services: ServicesOf, limit: Limit = 100, 
     return {"events": [asdict(event) for event in found]}
 
 
-@router.put("/benches/{name}/cell", openapi_extra=bench())
+@router.put("/benches/{name}/cell", openapi_extra=bench() | asked({"cell_id": "C1"}))
 async def put_cell(name: PathId, body: PlaceBody, services: ServicesOf) -> Answer:
     """Say which cell is on a bench: the tighter limits of both hold, its capacity counts, runs belong to it.
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter
 from pydantic import Field
 
-from bench_service.api.answers import keyed
+from bench_service.api.answers import asked, keyed
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import Body, Positive, StrictRoute
 from bench_service.bench.commissioning.check import ProofOrder
@@ -29,7 +29,10 @@ def get_commissioning(name: PathId, services: ServicesOf) -> Answer:
     return services.commissioning.standing(name)
 
 
-@router.post("/{name}/commission", openapi_extra=keyed("bench", "record", "sha256", "state"))
+@router.post(
+    "/{name}/commission",
+    openapi_extra=keyed("bench", "record", "sha256", "state") | asked({"confirm": True, "current_A": 0.5}),
+)
 async def commission(name: PathId, body: CommissionBody, services: ServicesOf) -> Answer:
     """Look at the bench's device; with ``confirm``, let small currents flow and prove sign, watchdog, limits, stop.
 

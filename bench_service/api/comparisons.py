@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import Field
 
-from bench_service.api.answers import files, keyed, listed, record
+from bench_service.api.answers import asked, files, keyed, listed, record
 from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import JSON_TYPE, Body, Id, Soc, StrictRoute
 from bench_service.campaign.comparison_curves import CurvePart
@@ -43,7 +43,11 @@ class ComparisonBody(Body):
     initial_soc: Soc | None = None
 
 
-@router.post("", status_code=201, openapi_extra=record("Comparison"))
+@router.post(
+    "",
+    status_code=201,
+    openapi_extra=record("Comparison") | asked({"model_id": "1e2ec3ed", "run_ids": ["c49cf9aa"], "initial_soc": 0.5}),
+)
 async def compare(body: ComparisonBody, services: ServicesOf) -> Answer:
     """Compare a model with runs, in a worker process; answers when it is done."""
     return _as_json(await services.modelling.compare(body.model_id, body.run_ids, body.initial_soc))

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from bench_service.api.answers import job, keyed, listed, record
+from bench_service.api.answers import asked, job, keyed, listed, record
 from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Soc, StrictRoute
 from bench_service.campaign.diagnosing import DiagnosisOrder
@@ -34,7 +34,14 @@ class DiagnosisBody(Body):
     initial_soc_std: Soc | None = None
 
 
-@router.post("/diagnoses", status_code=202, openapi_extra=job())
+@router.post(
+    "/diagnoses",
+    status_code=202,
+    openapi_extra=job()
+    | asked(
+        {"model_id": "1e2ec3ed", "run_ids": ["96fcc6a2"], "mode": "change", "initial_soc": 0.5, "initial_soc_std": 0.01}
+    ),
+)
 async def start_diagnosis(body: DiagnosisBody, services: ServicesOf) -> Answer:
     """Diagnose runs in a worker process; answers with the job, whose result names the diagnosis."""
     return asdict(await services.diagnosing.start_diagnosis(DiagnosisOrder(**body.model_dump())))
@@ -66,7 +73,11 @@ class ExperimentBody(Body):
     initial_soc: Soc | None = None
 
 
-@router.post("/diagnoses/{diagnosis_id}/experiment", status_code=202, openapi_extra=job())
+@router.post(
+    "/diagnoses/{diagnosis_id}/experiment",
+    status_code=202,
+    openapi_extra=job() | asked({"bench": "sim", "initial_soc": 0.5}),
+)
 async def design_experiment(diagnosis_id: PathId, body: ExperimentBody, services: ServicesOf) -> Answer:
     """Design the profile that tells the rivals of a diagnosis apart; answers with the job, which stores a profile."""
     bench = services.benches.get(body.bench)

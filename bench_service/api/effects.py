@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter
 from pydantic import Field
 
-from bench_service.api.answers import job, keyed, listed
+from bench_service.api.answers import asked, job, keyed, listed
 from bench_service.api.dependencies import PathId, ServicesOf
 from bench_service.api.strict import Body, Id, StrictRoute
 from bench_service.campaign.diagnosing import catalogue
@@ -34,7 +34,12 @@ def list_effects() -> dict[str, Any]:
     return {"effects": catalogue()}
 
 
-@router.post("/models/{model_id}/effects", status_code=202, openapi_extra=job())
+@router.post(
+    "/models/{model_id}/effects",
+    status_code=202,
+    openapi_extra=job()
+    | asked({"effect": "hysteresis", "train_run_ids": ["c49cf9aa"], "validate_run_ids": ["96fcc6a2"]}),
+)
 async def add_effect(model_id: PathId, body: EffectBody, services: ServicesOf) -> dict[str, Any]:
     """Add an effect to a model and refit it in a worker process; answers with the job, whose result names the child."""
     job = await services.diagnosing.start_addition(model_id, body.effect, body.train_run_ids, body.validate_run_ids)
@@ -48,7 +53,7 @@ class RefitBody(Body):
     validate_run_ids: RunIds | None = None
 
 
-@router.post("/models/{model_id}/refit", status_code=202, openapi_extra=job())
+@router.post("/models/{model_id}/refit", status_code=202, openapi_extra=job() | asked({"train_run_ids": ["96fcc6a2"]}))
 async def refit(model_id: PathId, body: RefitBody, services: ServicesOf) -> dict[str, Any]:
     """Fit a model's parameters again to new runs; answers with the job, whose result names the child."""
     return asdict(await services.diagnosing.start_refit(model_id, body.train_run_ids, body.validate_run_ids))
@@ -61,7 +66,9 @@ class LearnBody(Body):
     validate_run_ids: Annotated[list[Id], Field(max_length=100)] = []
 
 
-@router.post("/models/{model_id}/learn", status_code=202, openapi_extra=job())
+@router.post(
+    "/models/{model_id}/learn", status_code=202, openapi_extra=job() | asked({"run_ids": ["c49cf9aa", "96fcc6a2"]})
+)
 async def learn(model_id: PathId, body: LearnBody, services: ServicesOf) -> dict[str, Any]:
     """Let a model learn from stored runs, a version each; answers with the job, whose result names the versions."""
     order = LearningOrder(model_id=model_id, run_ids=body.run_ids, validate_run_ids=body.validate_run_ids)

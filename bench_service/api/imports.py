@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
-from bench_service.api.answers import job, keyed, listed
+from bench_service.api.answers import asked, job, keyed, listed
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Soc, StrictRoute
 from bench_service.campaign.importing import MOST_BYTES
@@ -70,7 +70,7 @@ _FILE = {
 }
 
 
-@router.post("", status_code=201, openapi_extra=keyed("id", "name", "n_bytes"))
+@router.post("", status_code=201, openapi_extra=keyed("id", "name", "n_bytes") | asked({"name": "cycler-export.csv"}))
 async def add_import(body: ImportBody, services: ServicesOf) -> Answer:
     """Begin an upload of a file with this name."""
     return await asyncio.to_thread(services.importing.add, body.name)
@@ -90,13 +90,21 @@ async def put_content(
     return await services.importing.append(import_id, offset, request.stream())
 
 
-@router.post("/{import_id}/look", status_code=202, openapi_extra=job())
+@router.post(
+    "/{import_id}/look",
+    status_code=202,
+    openapi_extra=job() | asked({"current_sign": "discharge-positive", "time_zone": "Europe/Berlin"}),
+)
 async def look(import_id: PathId, body: ChoicesBody, services: ServicesOf) -> Answer:
     """Look at an upload: a job, whose result says what each column is taken for and why, and what is unclear."""
     return asdict(services.importing.look(import_id, _plain(body)))
 
 
-@router.post("/{import_id}/run", status_code=202, openapi_extra=job())
+@router.post(
+    "/{import_id}/run",
+    status_code=202,
+    openapi_extra=job() | asked({"capacity_Ah": 2.5, "initial_soc": 0.5, "name": "first day", "cell_id": "C1"}),
+)
 async def store(import_id: PathId, body: StoreBody, services: ServicesOf) -> Answer:
     """Store an upload as a run: a job, whose result has its id in ``run``."""
     told = body.model_dump(include={"capacity_Ah", "initial_soc", "name", "cell_id"})

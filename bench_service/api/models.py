@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
-from bench_service.api.answers import job, keyed, listed, record
+from bench_service.api.answers import asked, job, keyed, listed, record
 from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import (
     JSON_TYPE,
@@ -57,7 +57,21 @@ class FitBody(Body):
     module: ModuleBody | None = None
 
 
-@router.post("", status_code=202, openapi_extra=job())
+@router.post(
+    "",
+    status_code=202,
+    openapi_extra=job()
+    | asked(
+        {
+            "name": "left cell",
+            "train": ["c49cf9aa"],
+            "validate": ["96fcc6a2"],
+            "capacity_Ah": 2.5,
+            "structure": "auto",
+            "initial_soc_std": 0.02,
+        }
+    ),
+)
 async def start_fit(body: FitBody, services: ServicesOf) -> Answer:
     """Fit a model to runs in a worker process; answers with the job."""
     order = FitOrder(

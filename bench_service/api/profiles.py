@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from fastapi import APIRouter, Query, Request
 
-from bench_service.api.answers import listed, record
+from bench_service.api.answers import asked, listed, record
 from bench_service.api.csv_body import read_csv_profile
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import (
@@ -47,7 +47,13 @@ _ACCEPTED = {
 }
 
 
-@router.post("", status_code=201, openapi_extra=_ACCEPTED | record("Profile"))
+@router.post(
+    "",
+    status_code=201,
+    openapi_extra=_ACCEPTED
+    | record("Profile")
+    | asked({"name": "one pulse", "time_s": [0.0, 60.0, 120.0], "current_A": [0.0, 1.0, 0.0]}),
+)
 async def add_profile(
     request: Request, services: ServicesOf, name: Annotated[str | None, Query(min_length=1, max_length=200)] = None
 ) -> Answer:

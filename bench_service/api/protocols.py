@@ -8,7 +8,7 @@ from typing import Any
 
 from fastapi import APIRouter
 
-from bench_service.api.answers import keyed, listed, record
+from bench_service.api.answers import asked, keyed, listed, record
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, BulkRoute, Id, Positive, Soc
 from bench_service.campaign.protocols import add_protocol, look_ahead
@@ -38,13 +38,19 @@ class LookAheadBody(ProtocolBody):
     dt_s: Positive = 1.0
 
 
-@router.post("", status_code=201, openapi_extra=record("Protocol"))
+@router.post(
+    "", status_code=201, openapi_extra=record("Protocol") | asked({"standard_test": "pulse_resistance", "bench": "sim"})
+)
 async def add(body: ProtocolBody, services: ServicesOf) -> Answer:
     """Check a protocol and store it."""
     return asdict(await add_protocol(services, body.model_dump()))
 
 
-@router.post("/preview", openapi_extra=keyed("name", "document", "steps", "limits", "duration_s"))
+@router.post(
+    "/preview",
+    openapi_extra=keyed("name", "document", "steps", "limits", "duration_s")
+    | asked({"standard_test": "pulse_resistance", "bench": "sim", "initial_soc": 0.5}),
+)
 async def preview(body: LookAheadBody, services: ServicesOf) -> Answer:
     """Say what a protocol would do on a bench: its steps, its length, current and voltage of a nominal cell."""
     return await asyncio.to_thread(look_ahead, services, body.model_dump())

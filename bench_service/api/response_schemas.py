@@ -7,7 +7,9 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter
 
-from bench_service.api.answers import ANSWER
+from bench_service.api.answers import ANSWER, ASKED
+from bench_service.api.record_examples import record_examples
+from bench_service.jobs.modelling import plain
 from bench_service.jobs.runner import Job
 from bench_service.store.cells import CellRecord
 from bench_service.store.diagnoses import DiagnosisRecord
@@ -46,7 +48,11 @@ def described(document: Schema) -> Schema:
     components = document.setdefault("components", {}).setdefault("schemas", {})
     if "Error" in components:
         return document
-    components |= {name: record_schema(name) for name in _RECORDS} | {"Error": _error(), "Problem": _problem()}
+    examples = plain(record_examples())
+    components |= {name: record_schema(name) | {"examples": [_shown(name, examples[name])]} for name in _RECORDS} | {
+        "Error": _error(),
+        "Problem": _problem(),
+    }
     for unused in ("HTTPValidationError", "ValidationError"):
         components.pop(unused, None)
     for address, methods in document["paths"].items():
@@ -54,6 +60,10 @@ def described(document: Schema) -> Schema:
             if method in methods:
                 _describe(f"{method.upper()} {address}", methods[method])
     return document
+
+
+def _shown(name: str, example: Schema) -> Schema:
+    return {field: value for field, value in example.items() if field not in _HIDDEN.get(name, ())}
 
 
 def answer_schema(said: Schema) -> Schema:
@@ -105,6 +115,8 @@ def _describe(name: str, operation: Schema) -> None:
         responses[done]["content"] = {kind: {} for kind in said["files"]}
     else:
         responses[done]["content"] = {_JSON: {"schema": answer_schema(said)}}
+    if (example := operation.pop(ASKED, None)) is not None:
+        operation["requestBody"]["content"][_JSON]["example"] = example
     responses.pop("422", None)
     told = {_JSON: {"schema": _reference("Error")}, "application/problem+json": {"schema": _reference("Problem")}}
     responses["default"] = {"description": "What is wrong, and where", "content": told}
