@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter
 from pydantic import Field
 
-from bench_service.api.answers import asked, keyed, listed, record
+from bench_service.api.answers import asked, keyed, listed, record, shown
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.endings import campaign_json
@@ -60,7 +60,12 @@ async def start_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     return campaign_json(await services.campaigns.start(body.model_dump()))
 
 
-@router.post("/estimate", openapi_extra=keyed() | asked({"bench": "sim", "duration_s": 15000.0, "rounds": 2}))
+@router.post(
+    "/estimate",
+    openapi_extra=keyed()
+    | asked({"bench": "sim", "duration_s": 15000.0, "rounds": 2})
+    | shown({"hours": 8.3, "refused": None}),
+)
 async def estimate_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     """Say how many hours of real time the runs of a campaign take, or why it would be refused, without starting it."""
     return await services.campaigns.estimate(body.model_dump())

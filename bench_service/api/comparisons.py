@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import Field
 
-from bench_service.api.answers import asked, files, keyed, listed, record
+from bench_service.api.answers import asked, files, keyed, listed, record, shown
 from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import JSON_TYPE, Body, Id, Soc, StrictRoute
 from bench_service.campaign.comparison_curves import CurvePart
@@ -72,7 +72,23 @@ def get_comparison(comparison_id: PathId, services: ServicesOf) -> Answer:
     return _as_json(services.store.comparisons.get(comparison_id))
 
 
-@router.get("/{comparison_id}/series", openapi_extra=keyed("runs"))
+@router.get(
+    "/{comparison_id}/series",
+    openapi_extra=keyed("runs")
+    | shown(
+        {
+            "runs": [
+                {
+                    "run_id": "c49cf9aa",
+                    "time_s": [0.0, 2.0],
+                    "measured_V": [3.9567, 4.0093],
+                    "model_V": [3.9549, 4.0054],
+                    "residual_mV": [1.8, 3.9],
+                }
+            ]
+        }
+    ),
+)
 async def get_series(comparison_id: PathId, part: PartOf, services: ServicesOf) -> Response:
     """Give measured and free-run voltage of each run, ``{"runs": [{"run_id", "time_s", "measured_V", ...}]}``.
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter
 from pydantic import Field
 
-from bench_service.api.answers import asked, job, keyed, listed
+from bench_service.api.answers import asked, job, keyed, listed, shown
 from bench_service.api.dependencies import PathId, ServicesOf
 from bench_service.api.strict import Body, Id, StrictRoute
 from bench_service.campaign.diagnosing import catalogue
@@ -28,7 +28,21 @@ class EffectBody(Body):
     validate_run_ids: RunIds | None = None
 
 
-@router.get("/effects", openapi_extra=listed("effects"))
+@router.get(
+    "/effects",
+    openapi_extra=listed("effects")
+    | shown(
+        {
+            "effects": [
+                {
+                    "name": "capacity",
+                    "title": "Capacity",
+                    "parameters": [{"name": "capacity_Ah", "unit": "Ah", "meaning": "capacity of the cell"}],
+                }
+            ]
+        }
+    ),
+)
 def list_effects() -> dict[str, Any]:
     """List every effect that a diagnosis knows, with how a person recognises it."""
     return {"effects": catalogue()}
@@ -75,7 +89,18 @@ async def learn(model_id: PathId, body: LearnBody, services: ServicesOf) -> dict
     return asdict(await services.learning.start_learning(order))
 
 
-@router.get("/models/{model_id}/chain", openapi_extra=keyed("model_id", "chain", "noise_floor_mV", "models"))
+@router.get(
+    "/models/{model_id}/chain",
+    openapi_extra=keyed("model_id", "chain", "noise_floor_mV", "models")
+    | shown(
+        {
+            "model_id": "1e2ec3ed",
+            "chain": ["1e2ec3ed"],
+            "noise_floor_mV": 1.03,
+            "models": [{"id": "1e2ec3ed", "name": "left cell", "parent_id": None, "effect": None}],
+        }
+    ),
+)
 def get_chain(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Give the versions that led to a model and those tried beside them, each with its held-out error."""
     return chain(services.store, model_id)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
-from bench_service.api.answers import asked, job, keyed, listed
+from bench_service.api.answers import asked, job, keyed, listed, shown
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Soc, StrictRoute
 from bench_service.campaign.importing import MOST_BYTES
@@ -70,19 +70,34 @@ _FILE = {
 }
 
 
-@router.post("", status_code=201, openapi_extra=keyed("id", "name", "n_bytes") | asked({"name": "cycler-export.csv"}))
+@router.post(
+    "",
+    status_code=201,
+    openapi_extra=keyed("id", "name", "n_bytes")
+    | asked({"name": "cycler-export.csv"})
+    | shown({"id": "dc761ca4", "name": "cycler-export.csv", "n_bytes": 0}),
+)
 async def add_import(body: ImportBody, services: ServicesOf) -> Answer:
     """Begin an upload of a file with this name."""
     return await asyncio.to_thread(services.importing.add, body.name)
 
 
-@router.get("/{import_id}", openapi_extra=keyed("id", "name", "n_bytes"))
+@router.get(
+    "/{import_id}",
+    openapi_extra=keyed("id", "name", "n_bytes")
+    | shown({"id": "dc761ca4", "name": "cycler-export.csv", "n_bytes": 43}),
+)
 def get_import(import_id: PathId, services: ServicesOf) -> Answer:
     """Tell how many bytes of an upload are there: a broken one goes on from there."""
     return services.importing.get(import_id)
 
 
-@upload_router.put("/{import_id}/content", openapi_extra=_FILE | keyed("id", "name", "n_bytes"))
+@upload_router.put(
+    "/{import_id}/content",
+    openapi_extra=_FILE
+    | keyed("id", "name", "n_bytes")
+    | shown({"id": "dc761ca4", "name": "cycler-export.csv", "n_bytes": 43}),
+)
 async def put_content(
     import_id: PathId, request: Request, services: ServicesOf, offset: Annotated[int, Query(ge=0)] = 0
 ) -> Answer:
@@ -111,20 +126,20 @@ async def store(import_id: PathId, body: StoreBody, services: ServicesOf) -> Ans
     return asdict(services.importing.store(import_id, _plain(body.choices), told))
 
 
-@router.delete("/{import_id}", openapi_extra=keyed("id", "state"))
+@router.delete("/{import_id}", openapi_extra=keyed("id", "state") | shown({"id": "dc761ca4", "state": "deleted"}))
 async def drop_import(import_id: PathId, services: ServicesOf) -> Answer:
     """Forget an upload."""
     await asyncio.to_thread(services.importing.drop, import_id)
     return {"id": import_id, "state": "dropped"}
 
 
-@mapping_router.get("", openapi_extra=listed("mappings"))
+@mapping_router.get("", openapi_extra=listed("mappings") | shown({"mappings": [{"name": "ours"}]}))
 def list_mappings(services: ServicesOf) -> Answer:
     """List the mappings that are remembered."""
     return {"mappings": services.importing.mappings()}
 
 
-@mapping_router.post("", status_code=201, openapi_extra=keyed("name"))
+@mapping_router.post("", status_code=201, openapi_extra=keyed("name") | shown({"name": "ours"}))
 def add_mapping(body: dict[str, Any], services: ServicesOf) -> Answer:
     """Remember a mapping by the name in it, in place of an older one."""
     return services.importing.save_mapping(body)

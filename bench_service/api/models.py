@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
-from bench_service.api.answers import asked, job, keyed, listed, record
+from bench_service.api.answers import asked, job, keyed, listed, record, shown
 from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import (
     JSON_TYPE,
@@ -118,13 +118,25 @@ def get_model(model_id: PathId, services: ServicesOf) -> Answer:
     return asdict(services.store.models.get(model_id))
 
 
-@router.get("/{model_id}/document", openapi_extra=keyed())
+@router.get("/{model_id}/document", openapi_extra=keyed() | shown({"schema_version": 1, "kind": "local_model_network"}))
 def get_document(model_id: PathId, services: ServicesOf) -> Answer:
     """Give the model itself, MODEL.json."""
     return services.store.models.document(model_id)
 
 
-@router.get("/{model_id}/tables", openapi_extra=keyed("thermal", "residuals", "usability", "local_models"))
+@router.get(
+    "/{model_id}/tables",
+    openapi_extra=keyed("thermal", "residuals", "usability", "local_models")
+    | shown(
+        {
+            "ocv": {"soc": [0.2, 0.8], "mean_V": [[3.55, 3.98]]},
+            "thermal": None,
+            "residuals": [],
+            "usability": {"verdict": "usable", "reasons": []},
+            "local_models": None,
+        }
+    ),
+)
 async def get_tables(model_id: PathId, services: ServicesOf) -> Answer:
     """Give what is read out of a model: open-circuit voltage, resistance and step responses with bands, heat."""
     return await services.modelling.tables(model_id)

@@ -8,7 +8,7 @@ from typing import Any
 
 from fastapi import APIRouter
 
-from bench_service.api.answers import asked, keyed, listed, record
+from bench_service.api.answers import asked, keyed, listed, record, shown
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, BulkRoute, Id, Positive, Soc
 from bench_service.campaign.protocols import add_protocol, look_ahead
@@ -49,7 +49,16 @@ async def add(body: ProtocolBody, services: ServicesOf) -> Answer:
 @router.post(
     "/preview",
     openapi_extra=keyed("name", "document", "steps", "limits", "duration_s")
-    | asked({"standard_test": "pulse_resistance", "bench": "sim", "initial_soc": 0.5}),
+    | asked({"standard_test": "pulse_resistance", "bench": "sim", "initial_soc": 0.5})
+    | shown(
+        {
+            "name": "pulse resistance",
+            "document": {},
+            "steps": [],
+            "limits": {"voltage_V": [2.5, 4.2]},
+            "duration_s": 3600.0,
+        }
+    ),
 )
 async def preview(body: LookAheadBody, services: ServicesOf) -> Answer:
     """Say what a protocol would do on a bench: its steps, its length, current and voltage of a nominal cell."""
@@ -70,7 +79,11 @@ def get_protocol(protocol_id: PathId, services: ServicesOf) -> Answer:
     }
 
 
-@tests_router.get("", openapi_extra=listed("standard_tests"))
+@tests_router.get(
+    "",
+    openapi_extra=listed("standard_tests")
+    | shown({"standard_tests": [{"name": "pulse_resistance", "title": "Pulse resistance"}]}),
+)
 def list_standard_tests() -> Answer:
     """List the library of standard tests: what each is for, and its parameters."""
     return {"standard_tests": [test.to_json() for test in standard_tests()]}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields
 from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter
 
-from bench_service.api.answers import ANSWER, ASKED
+from bench_service.api.answers import ANSWER, ASKED, SHOWN
 from bench_service.api.record_examples import record_examples
 from bench_service.jobs.modelling import plain
 from bench_service.jobs.runner import Job
@@ -116,7 +117,9 @@ def _describe(name: str, operation: Schema) -> None:
     else:
         responses[done]["content"] = {_JSON: {"schema": answer_schema(said)}}
     if (example := operation.pop(ASKED, None)) is not None:
-        operation["requestBody"]["content"][_JSON]["example"] = example
+        operation["requestBody"]["content"][_JSON]["example"] = json.loads(example)
+    if (example := operation.pop(SHOWN, None)) is not None:
+        responses[done]["content"][_JSON]["example"] = json.loads(example)
     responses.pop("422", None)
     told = {_JSON: {"schema": _reference("Error")}, "application/problem+json": {"schema": _reference("Problem")}}
     responses["default"] = {"description": "What is wrong, and where", "content": told}

@@ -45,6 +45,21 @@ def test_every_body_has_an_example_that_the_service_takes(document: dict[str, An
     assert len(checked) > 20 and "x-asked" not in json.dumps(document)
 
 
+def test_every_other_answer_has_an_example_too(document: dict[str, Any]) -> None:
+    shown = 0
+    for address, methods in document["paths"].items():
+        for method, operation in methods.items():
+            done = next(each for code, each in operation["responses"].items() if code[0] == "2")
+            content = done["content"].get("application/json")
+            if content is None or "$ref" in json.dumps(content["schema"]):
+                continue
+            name = f"{method.upper()} {address}"
+            assert "example" in content, f"{name} shows no answer: add shown(...) beside its route"
+            assert list(faults(content["example"], content["schema"], document["components"]["schemas"])) == [], name
+            shown += 1
+    assert shown > 30 and "x-shown" not in json.dumps(document)
+
+
 def test_every_record_has_an_example_that_is_what_its_schema_says(document: dict[str, Any]) -> None:
     schemas = document["components"]["schemas"]
     records = [name for name, schema in schemas.items() if "examples" in schema]
