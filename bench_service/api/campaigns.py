@@ -64,7 +64,7 @@ async def start_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     "/estimate",
     openapi_extra=keyed()
     | asked({"bench": "sim", "duration_s": 15000.0, "rounds": 2})
-    | shown({"hours": 8.3, "refused": None}),
+    | shown({"runs": 3, "test_s": 45000.0, "real_s": 45000.0, "hours": 12.5, "refused": None}),
 )
 async def estimate_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     """Say how many hours of real time the runs of a campaign take, or why it would be refused, without starting it."""

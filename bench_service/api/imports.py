@@ -126,7 +126,7 @@ async def store(import_id: PathId, body: StoreBody, services: ServicesOf) -> Ans
     return asdict(services.importing.store(import_id, _plain(body.choices), told))
 
 
-@router.delete("/{import_id}", openapi_extra=keyed("id", "state") | shown({"id": "dc761ca4", "state": "deleted"}))
+@router.delete("/{import_id}", openapi_extra=keyed("id", "state") | shown({"id": "dc761ca4", "state": "dropped"}))
 async def drop_import(import_id: PathId, services: ServicesOf) -> Answer:
     """Forget an upload."""
     await asyncio.to_thread(services.importing.drop, import_id)
