@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter
 from pydantic import Field
 
+from bench_service.api.answers import asked, keyed, listed, record, shown
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.endings import campaign_json
@@ -36,37 +37,59 @@ class CampaignBody(Body):
     retries: Annotated[int, Field(ge=0, le=5)] | None = None
 
 
-@router.post("", status_code=201)
+@router.post(
+    "",
+    status_code=201,
+    openapi_extra=record("Campaign")
+    | asked(
+        {
+            "bench": "sim",
+            "name": "first look",
+            "duration_s": 15000.0,
+            "capacity_Ah": 2.5,
+            "current_A": [-5.0, 2.5],
+            "soc": [0.15, 0.8],
+            "rounds": 2,
+            "diagnose": "structure",
+            "seed": 1,
+        }
+    ),
+)
 async def start_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     """Start a campaign; it goes on in the service, whether its client stays or not."""
     return campaign_json(await services.campaigns.start(body.model_dump()))
 
 
-@router.post("/estimate")
+@router.post(
+    "/estimate",
+    openapi_extra=keyed()
+    | asked({"bench": "sim", "duration_s": 15000.0, "rounds": 2})
+    | shown({"runs": 3, "test_s": 45000.0, "real_s": 45000.0, "hours": 12.5, "refused": None}),
+)
 async def estimate_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     """Say how many hours of real time the runs of a campaign take, or why it would be refused, without starting it."""
     return await services.campaigns.estimate(body.model_dump())
 
 
-@router.get("")
+@router.get("", openapi_extra=listed("campaigns", "Campaign"))
 async def list_campaigns(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
     """List campaigns, newest first."""
     return {"campaigns": [campaign_json(record) for record in await services.campaigns.list(limit, offset)]}
 
 
-@router.get("/{campaign_id}")
+@router.get("/{campaign_id}", openapi_extra=record("Campaign"))
 async def get_campaign(campaign_id: PathId, services: ServicesOf) -> Answer:
     """Give one campaign as it stands now."""
     return campaign_json(await services.campaigns.get(campaign_id))
 
 
-@router.post("/{campaign_id}/resume")
+@router.post("/{campaign_id}/resume", openapi_extra=record("Campaign"))
 async def resume_campaign(campaign_id: PathId, services: ServicesOf) -> Answer:
     """Go on with a campaign that was cut off, from the last stored sample of its run."""
     return campaign_json(await services.campaigns.resume(campaign_id))
 
 
-@router.post("/{campaign_id}/stop")
+@router.post("/{campaign_id}/stop", openapi_extra=record("Campaign"))
 async def stop_campaign(campaign_id: PathId, services: ServicesOf) -> Answer:
     """Stop a campaign and the run that it has started; one that has ended stays as it is."""
     return campaign_json(await services.campaigns.stop(campaign_id))

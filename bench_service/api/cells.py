@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from pydantic import AfterValidator, Field, JsonValue
 
+from bench_service.api.answers import asked, bench, listed, record
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, StrictRoute
 from bench_service.errors import BadRequestError
@@ -52,7 +53,12 @@ class PlaceBody(Body):
     cell_id: Id | None
 
 
-@router.post("/cells", status_code=201)
+@router.post(
+    "/cells",
+    status_code=201,
+    openapi_extra=record("Cell")
+    | asked({"label": "left", "owner": "Ana", "capacity_Ah": 2.48, "metadata": {"batch": "7b", "shelf": 3}}),
+)
 async def add_cell(body: CellBody, services: ServicesOf) -> Answer:
     """Take a cell in."""
     if body.like is not None and body.type is not None:
@@ -60,7 +66,7 @@ async def add_cell(body: CellBody, services: ServicesOf) -> Answer:
     return await services.cells.add(body.model_dump(exclude={"like"}), body.like)
 
 
-@router.get("/cells")
+@router.get("/cells", openapi_extra=listed("cells", "Cell"))
 def list_cells(
     services: ServicesOf,
     q: Annotated[str | None, Query(max_length=200)] = None,
@@ -76,7 +82,7 @@ def list_cells(
     return {"cells": services.cells.all_to_json(found), "next_cursor": more}
 
 
-@router.get("/cells/{cell_id}")
+@router.get("/cells/{cell_id}", openapi_extra=record("Cell"))
 def get_cell(cell_id: PathId, services: ServicesOf) -> Answer:
     """Give one cell: how much belongs to it, on which bench it is, and on which it was."""
     cell = services.store.cells.get(cell_id)
@@ -84,7 +90,7 @@ def get_cell(cell_id: PathId, services: ServicesOf) -> Answer:
     return services.cells.to_json(cell) | {"places": places}
 
 
-@router.patch("/cells/{cell_id}")
+@router.patch("/cells/{cell_id}", openapi_extra=record("Cell") | asked({"label": "left, aged", "capacity_Ah": 2.31}))
 async def change_cell(cell_id: PathId, body: ChangeBody, services: ServicesOf) -> Answer:
     """Write down what is given; what is left out stays, null takes it away. Kept as an event.
 
@@ -93,19 +99,19 @@ async def change_cell(cell_id: PathId, body: ChangeBody, services: ServicesOf) -
     return await services.cells.change(cell_id, body.model_dump(exclude_unset=True))
 
 
-@router.post("/cells/{cell_id}/retire")
+@router.post("/cells/{cell_id}/retire", openapi_extra=record("Cell"))
 async def retire_cell(cell_id: PathId, services: ServicesOf) -> Answer:
     """Note that a cell is not used any more; all that belongs to it stays. 409 while it is on a bench."""
     return await services.cells.retire(cell_id)
 
 
-@router.post("/cells/{cell_id}/reuse")
+@router.post("/cells/{cell_id}/reuse", openapi_extra=record("Cell"))
 async def reuse_cell(cell_id: PathId, services: ServicesOf) -> Answer:
     """Take a retired cell into use again."""
     return await services.cells.retire(cell_id, used_again=True)
 
 
-@router.get("/cells/{cell_id}/events")
+@router.get("/cells/{cell_id}/events", openapi_extra=listed("events", "Event"))
 def list_cell_events(cell_id: PathId, services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
     """List what has happened to a cell: taken in, changed, put on benches, given runs."""
     cell = services.store.cells.get(cell_id)
@@ -113,7 +119,7 @@ def list_cell_events(cell_id: PathId, services: ServicesOf, limit: Limit = 100, 
     return {"events": [asdict(event) for event in found]}
 
 
-@router.put("/benches/{name}/cell")
+@router.put("/benches/{name}/cell", openapi_extra=bench() | asked({"cell_id": "C1"}))
 async def put_cell(name: PathId, body: PlaceBody, services: ServicesOf) -> Answer:
     """Say which cell is on a bench: the tighter limits of both hold, its capacity counts, runs belong to it.
 

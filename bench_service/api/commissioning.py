@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter
 from pydantic import Field
 
+from bench_service.api.answers import asked, keyed, shown
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import Body, Positive, StrictRoute
 from bench_service.bench.commissioning.check import ProofOrder
@@ -22,13 +23,24 @@ class CommissionBody(Body):
     resistor_Ohm: Annotated[Positive, Field(le=1e3)] | None = None
 
 
-@router.get("/{name}/commissioning")
+@router.get(
+    "/{name}/commissioning",
+    openapi_extra=keyed("bench", "record")
+    | shown(
+        {"bench": "rig", "state": "missing", "reason": "nobody has commissioned it", "record": None, "identity": None}
+    ),
+)
 def get_commissioning(name: PathId, services: ServicesOf) -> Answer:
     """Tell whether the bench's hardware is commissioned, why not, and give the newest record."""
     return services.commissioning.standing(name)
 
 
-@router.post("/{name}/commission")
+@router.post(
+    "/{name}/commission",
+    openapi_extra=keyed("bench", "record", "sha256", "state")
+    | asked({"confirm": True, "current_A": 0.5})
+    | shown({"bench": "rig", "record": "5d0f9a", "sha256": "09ba53c2", "state": "passed"}),
+)
 async def commission(name: PathId, body: CommissionBody, services: ServicesOf) -> Answer:
     """Look at the bench's device; with ``confirm``, let small currents flow and prove sign, watchdog, limits, stop.
 

@@ -8,6 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import Field
 
+from bench_service.api.answers import asked, files, keyed, listed, record, shown
 from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import JSON_TYPE, Body, Id, Soc, StrictRoute
 from bench_service.campaign.comparison_curves import CurvePart
@@ -42,13 +43,17 @@ class ComparisonBody(Body):
     initial_soc: Soc | None = None
 
 
-@router.post("", status_code=201)
+@router.post(
+    "",
+    status_code=201,
+    openapi_extra=record("Comparison") | asked({"model_id": "1e2ec3ed", "run_ids": ["c49cf9aa"], "initial_soc": 0.5}),
+)
 async def compare(body: ComparisonBody, services: ServicesOf) -> Answer:
     """Compare a model with runs, in a worker process; answers when it is done."""
     return _as_json(await services.modelling.compare(body.model_id, body.run_ids, body.initial_soc))
 
 
-@router.get("")
+@router.get("", openapi_extra=listed("comparisons", "Comparison"))
 def list_comparisons(
     services: ServicesOf,
     model_id: Annotated[str | None, Query(max_length=64)] = None,
@@ -61,13 +66,29 @@ def list_comparisons(
     return {"comparisons": [_as_json(record) for record in found]}
 
 
-@router.get("/{comparison_id}")
+@router.get("/{comparison_id}", openapi_extra=record("Comparison"))
 def get_comparison(comparison_id: PathId, services: ServicesOf) -> Answer:
     """Give one comparison."""
     return _as_json(services.store.comparisons.get(comparison_id))
 
 
-@router.get("/{comparison_id}/series")
+@router.get(
+    "/{comparison_id}/series",
+    openapi_extra=keyed("runs")
+    | shown(
+        {
+            "runs": [
+                {
+                    "run_id": "c49cf9aa",
+                    "time_s": [0.0, 2.0],
+                    "measured_V": [3.9567, 4.0093],
+                    "model_V": [3.9549, 4.0054],
+                    "residual_mV": [1.8, 3.9],
+                }
+            ]
+        }
+    ),
+)
 async def get_series(comparison_id: PathId, part: PartOf, services: ServicesOf) -> Response:
     """Give measured and free-run voltage of each run, ``{"runs": [{"run_id", "time_s", "measured_V", ...}]}``.
 
@@ -80,7 +101,7 @@ async def get_series(comparison_id: PathId, part: PartOf, services: ServicesOf) 
     return Response(await services.modelling.comparison_series(comparison_id, wanted), media_type=JSON_TYPE)
 
 
-@router.get("/{comparison_id}/series.csv")
+@router.get("/{comparison_id}/series.csv", openapi_extra=files("text/csv"))
 async def get_table(comparison_id: PathId, services: ServicesOf) -> Response:
     """Give every sample on the model's grid, the columns of `compare --out`, as a file.
 

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from pydantic import Field
 
+from bench_service.api.answers import asked, job, keyed, listed, record, shown
 from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Soc, StrictRoute
 from bench_service.campaign.diagnosing import DiagnosisOrder
@@ -33,13 +34,20 @@ class DiagnosisBody(Body):
     initial_soc_std: Soc | None = None
 
 
-@router.post("/diagnoses", status_code=202)
+@router.post(
+    "/diagnoses",
+    status_code=202,
+    openapi_extra=job()
+    | asked(
+        {"model_id": "1e2ec3ed", "run_ids": ["96fcc6a2"], "mode": "change", "initial_soc": 0.5, "initial_soc_std": 0.01}
+    ),
+)
 async def start_diagnosis(body: DiagnosisBody, services: ServicesOf) -> Answer:
     """Diagnose runs in a worker process; answers with the job, whose result names the diagnosis."""
     return asdict(await services.diagnosing.start_diagnosis(DiagnosisOrder(**body.model_dump())))
 
 
-@router.get("/diagnoses")
+@router.get("/diagnoses", openapi_extra=listed("diagnoses", "Diagnosis"))
 def list_diagnoses(
     services: ServicesOf,
     model_id: Annotated[str | None, Query(max_length=64)] = None,
@@ -52,7 +60,7 @@ def list_diagnoses(
     return {"diagnoses": [_as_json(each) for each in found]}
 
 
-@router.get("/diagnoses/{diagnosis_id}")
+@router.get("/diagnoses/{diagnosis_id}", openapi_extra=record("Diagnosis"))
 def get_diagnosis(diagnosis_id: PathId, services: ServicesOf) -> Answer:
     """Give one diagnosis."""
     return _as_json(services.store.diagnoses.get(diagnosis_id))
@@ -65,7 +73,11 @@ class ExperimentBody(Body):
     initial_soc: Soc | None = None
 
 
-@router.post("/diagnoses/{diagnosis_id}/experiment", status_code=202)
+@router.post(
+    "/diagnoses/{diagnosis_id}/experiment",
+    status_code=202,
+    openapi_extra=job() | asked({"bench": "sim", "initial_soc": 0.5}),
+)
 async def design_experiment(diagnosis_id: PathId, body: ExperimentBody, services: ServicesOf) -> Answer:
     """Design the profile that tells the rivals of a diagnosis apart; answers with the job, which stores a profile."""
     bench = services.benches.get(body.bench)
@@ -74,7 +86,16 @@ async def design_experiment(diagnosis_id: PathId, body: ExperimentBody, services
     return asdict(await services.diagnosing.start_experiment(diagnosis_id, bench.limits, standing.soc))
 
 
-@router.get("/comparisons/{comparison_id}/where")
+@router.get(
+    "/comparisons/{comparison_id}/where",
+    openapi_extra=keyed()
+    | shown(
+        {
+            "maps": [],
+            "regions": [{"text": "51 % of the squared error in 24 % of the time: SoC above 0.7", "rmse_mV": 15.2}],
+        }
+    ),
+)
 async def get_where(comparison_id: PathId, services: ServicesOf) -> Answer:
     """Give the regions in which the error is concentrated, and maps of it over two variables; made in a worker."""
     return await services.diagnosing.where(comparison_id)

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter
 from pydantic import Field
 
+from bench_service.api.answers import asked, job, keyed, listed, shown
 from bench_service.api.dependencies import PathId, ServicesOf
 from bench_service.api.strict import Body, Id, StrictRoute
 from bench_service.campaign.diagnosing import catalogue
@@ -27,13 +28,32 @@ class EffectBody(Body):
     validate_run_ids: RunIds | None = None
 
 
-@router.get("/effects")
+@router.get(
+    "/effects",
+    openapi_extra=listed("effects")
+    | shown(
+        {
+            "effects": [
+                {
+                    "name": "capacity",
+                    "title": "Capacity",
+                    "parameters": [{"name": "capacity_Ah", "unit": "Ah", "meaning": "capacity of the cell"}],
+                }
+            ]
+        }
+    ),
+)
 def list_effects() -> dict[str, Any]:
     """List every effect that a diagnosis knows, with how a person recognises it."""
     return {"effects": catalogue()}
 
 
-@router.post("/models/{model_id}/effects", status_code=202)
+@router.post(
+    "/models/{model_id}/effects",
+    status_code=202,
+    openapi_extra=job()
+    | asked({"effect": "hysteresis", "train_run_ids": ["c49cf9aa"], "validate_run_ids": ["96fcc6a2"]}),
+)
 async def add_effect(model_id: PathId, body: EffectBody, services: ServicesOf) -> dict[str, Any]:
     """Add an effect to a model and refit it in a worker process; answers with the job, whose result names the child."""
     job = await services.diagnosing.start_addition(model_id, body.effect, body.train_run_ids, body.validate_run_ids)
@@ -47,7 +67,7 @@ class RefitBody(Body):
     validate_run_ids: RunIds | None = None
 
 
-@router.post("/models/{model_id}/refit", status_code=202)
+@router.post("/models/{model_id}/refit", status_code=202, openapi_extra=job() | asked({"train_run_ids": ["96fcc6a2"]}))
 async def refit(model_id: PathId, body: RefitBody, services: ServicesOf) -> dict[str, Any]:
     """Fit a model's parameters again to new runs; answers with the job, whose result names the child."""
     return asdict(await services.diagnosing.start_refit(model_id, body.train_run_ids, body.validate_run_ids))
@@ -60,14 +80,27 @@ class LearnBody(Body):
     validate_run_ids: Annotated[list[Id], Field(max_length=100)] = []
 
 
-@router.post("/models/{model_id}/learn", status_code=202)
+@router.post(
+    "/models/{model_id}/learn", status_code=202, openapi_extra=job() | asked({"run_ids": ["c49cf9aa", "96fcc6a2"]})
+)
 async def learn(model_id: PathId, body: LearnBody, services: ServicesOf) -> dict[str, Any]:
     """Let a model learn from stored runs, a version each; answers with the job, whose result names the versions."""
     order = LearningOrder(model_id=model_id, run_ids=body.run_ids, validate_run_ids=body.validate_run_ids)
     return asdict(await services.learning.start_learning(order))
 
 
-@router.get("/models/{model_id}/chain")
+@router.get(
+    "/models/{model_id}/chain",
+    openapi_extra=keyed("model_id", "chain", "noise_floor_mV", "models")
+    | shown(
+        {
+            "model_id": "1e2ec3ed",
+            "chain": ["1e2ec3ed"],
+            "noise_floor_mV": 1.03,
+            "models": [{"id": "1e2ec3ed", "name": "left cell", "parent_id": None, "effect": None}],
+        }
+    ),
+)
 def get_chain(model_id: PathId, services: ServicesOf) -> dict[str, Any]:
     """Give the versions that led to a model and those tried beside them, each with its held-out error."""
     return chain(services.store, model_id)

@@ -28,6 +28,7 @@ from bench_service.errors import (
     StoreError,
 )
 from bench_service.exchange.errors import ExchangeError
+from bench_service.reports.pdf import NoPrinterError
 from models.data.errors import ModelError
 
 _PROBLEM = "application/problem+json"
@@ -46,6 +47,7 @@ _STATUS: tuple[tuple[type[Exception], int, str], ...] = (
     (TooManyReadersError, 503, "too_many_readers"),
     (ExchangeError, 422, "bad_file"),
     (ModelError, 422, "not_identifiable"),
+    (NoPrinterError, 501, "no_pdf"),
     (ServiceError, 500, "error"),
 )
 _HTTP_CODES = {400: "bad_request", 403: "forbidden", 404: "not_found", 405: "method_not_allowed", 413: "too_large"}

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
+from bench_service.api.answers import asked, job, keyed, listed, record, shown
 from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import (
     JSON_TYPE,
@@ -56,7 +57,21 @@ class FitBody(Body):
     module: ModuleBody | None = None
 
 
-@router.post("", status_code=202)
+@router.post(
+    "",
+    status_code=202,
+    openapi_extra=job()
+    | asked(
+        {
+            "name": "left cell",
+            "train": ["c49cf9aa"],
+            "validate": ["96fcc6a2"],
+            "capacity_Ah": 2.5,
+            "structure": "auto",
+            "initial_soc_std": 0.02,
+        }
+    ),
+)
 async def start_fit(body: FitBody, services: ServicesOf) -> Answer:
     """Fit a model to runs in a worker process; answers with the job."""
     order = FitOrder(
@@ -77,7 +92,7 @@ async def start_fit(body: FitBody, services: ServicesOf) -> Answer:
 _DOCUMENT = {"requestBody": {"required": True, "content": {JSON_TYPE: {"schema": {"type": "object"}}}}}
 
 
-@bulk_router.post("/import", status_code=201, openapi_extra=_DOCUMENT)
+@bulk_router.post("/import", status_code=201, openapi_extra=_DOCUMENT | record("Model"))
 async def import_model(
     request: Request,
     services: ServicesOf,
@@ -91,25 +106,37 @@ async def import_model(
     return asdict(await asyncio.to_thread(services.modelling.import_model, document, name, cell_id))
 
 
-@router.get("")
+@router.get("", openapi_extra=listed("models", "Model"))
 def list_models(services: ServicesOf, cell_id: CellFilter = None, limit: Limit = 100, offset: Offset = 0) -> Answer:
     """List models, newest first, without their documents; those of one cell where it is given."""
     return {"models": [asdict(model) for model in services.store.models.page(limit, offset, cell_id)]}
 
 
-@router.get("/{model_id}")
+@router.get("/{model_id}", openapi_extra=record("Model"))
 def get_model(model_id: PathId, services: ServicesOf) -> Answer:
     """Give one model with its metrics."""
     return asdict(services.store.models.get(model_id))
 
 
-@router.get("/{model_id}/document")
+@router.get("/{model_id}/document", openapi_extra=keyed() | shown({"schema_version": 1, "kind": "local_model_network"}))
 def get_document(model_id: PathId, services: ServicesOf) -> Answer:
     """Give the model itself, MODEL.json."""
     return services.store.models.document(model_id)
 
 
-@router.get("/{model_id}/tables")
+@router.get(
+    "/{model_id}/tables",
+    openapi_extra=keyed("thermal", "residuals", "usability", "local_models")
+    | shown(
+        {
+            "ocv": {"soc": [0.2, 0.8], "mean_V": [[3.55, 3.98]]},
+            "thermal": None,
+            "residuals": [],
+            "usability": {"verdict": "usable", "reasons": []},
+            "local_models": None,
+        }
+    ),
+)
 async def get_tables(model_id: PathId, services: ServicesOf) -> Answer:
     """Give what is read out of a model: open-circuit voltage, resistance and step responses with bands, heat."""
     return await services.modelling.tables(model_id)

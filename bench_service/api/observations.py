@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter
 from pydantic import Field
 
+from bench_service.api.answers import asked, job
 from bench_service.api.dependencies import Answer, ServicesOf
 from bench_service.api.strict import Body, Id, Soc, StrictRoute
 from bench_service.campaign.observing import ObservationOrder
@@ -24,7 +25,12 @@ class ObservationBody(Body):
     gain: Literal["kalman", "steady"] | None = None
 
 
-@router.post("", status_code=202)
+@router.post(
+    "",
+    status_code=202,
+    openapi_extra=job()
+    | asked({"model_id": "1e2ec3ed", "run_ids": ["c49cf9aa"], "initial_soc": 0.3, "gain": "kalman"}),
+)
 async def start_observation(body: ObservationBody, services: ServicesOf) -> Answer:
     """Replay runs through a model's observer in a worker; answers with the job, whose result is that of `observe`."""
     return asdict(await services.observing.start_observation(ObservationOrder(**body.model_dump())))

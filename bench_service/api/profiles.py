@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 from fastapi import APIRouter, Query, Request
 
+from bench_service.api.answers import asked, listed, record
 from bench_service.api.csv_body import read_csv_profile
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import (
@@ -46,7 +47,13 @@ _ACCEPTED = {
 }
 
 
-@router.post("", status_code=201, openapi_extra=_ACCEPTED)
+@router.post(
+    "",
+    status_code=201,
+    openapi_extra=_ACCEPTED
+    | record("Profile")
+    | asked({"name": "one pulse", "time_s": [0.0, 60.0, 120.0], "current_A": [0.0, 1.0, 0.0]}),
+)
 async def add_profile(
     request: Request, services: ServicesOf, name: Annotated[str | None, Query(min_length=1, max_length=200)] = None
 ) -> Answer:
@@ -63,13 +70,13 @@ async def add_profile(
     return asdict(await services.journal.write(services.store.profiles.add, name, time_s, current_A))
 
 
-@router.get("")
+@router.get("", openapi_extra=listed("profiles", "Profile"))
 def list_profiles(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
     """List profiles, newest first."""
     return {"profiles": [asdict(profile) for profile in services.store.profiles.page(limit, offset)]}
 
 
-@router.get("/{profile_id}")
+@router.get("/{profile_id}", openapi_extra=record("Profile"))
 def get_profile(profile_id: PathId, services: ServicesOf, points: bool = False) -> Answer:
     """Give one profile, with ``points=true`` also its rows."""
     profile = asdict(services.store.profiles.get(profile_id))

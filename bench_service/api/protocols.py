@@ -8,6 +8,7 @@ from typing import Any
 
 from fastapi import APIRouter
 
+from bench_service.api.answers import asked, keyed, listed, record, shown
 from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, BulkRoute, Id, Positive, Soc
 from bench_service.campaign.protocols import add_protocol, look_ahead
@@ -37,25 +38,40 @@ class LookAheadBody(ProtocolBody):
     dt_s: Positive = 1.0
 
 
-@router.post("", status_code=201)
+@router.post(
+    "", status_code=201, openapi_extra=record("Protocol") | asked({"standard_test": "pulse_resistance", "bench": "sim"})
+)
 async def add(body: ProtocolBody, services: ServicesOf) -> Answer:
     """Check a protocol and store it."""
     return asdict(await add_protocol(services, body.model_dump()))
 
 
-@router.post("/preview")
+@router.post(
+    "/preview",
+    openapi_extra=keyed("name", "document", "steps", "limits", "duration_s")
+    | asked({"standard_test": "pulse_resistance", "bench": "sim", "initial_soc": 0.5})
+    | shown(
+        {
+            "name": "pulse resistance",
+            "document": {},
+            "steps": [],
+            "limits": {"voltage_V": [2.5, 4.2]},
+            "duration_s": 3600.0,
+        }
+    ),
+)
 async def preview(body: LookAheadBody, services: ServicesOf) -> Answer:
     """Say what a protocol would do on a bench: its steps, its length, current and voltage of a nominal cell."""
     return await asyncio.to_thread(look_ahead, services, body.model_dump())
 
 
-@router.get("")
+@router.get("", openapi_extra=listed("protocols", "Protocol"))
 def list_protocols(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
     """List protocols, newest first."""
     return {"protocols": [asdict(each) for each in services.store.protocols.page(limit, offset)]}
 
 
-@router.get("/{protocol_id}")
+@router.get("/{protocol_id}", openapi_extra=record("Protocol"))
 def get_protocol(protocol_id: PathId, services: ServicesOf) -> Answer:
     """Give one protocol with its document."""
     return asdict(services.store.protocols.get(protocol_id)) | {
@@ -63,7 +79,11 @@ def get_protocol(protocol_id: PathId, services: ServicesOf) -> Answer:
     }
 
 
-@tests_router.get("")
+@tests_router.get(
+    "",
+    openapi_extra=listed("standard_tests")
+    | shown({"standard_tests": [{"name": "pulse_resistance", "title": "Pulse resistance"}]}),
+)
 def list_standard_tests() -> Answer:
     """List the library of standard tests: what each is for, and its parameters."""
     return {"standard_tests": [test.to_json() for test in standard_tests()]}

@@ -1,16 +1,16 @@
-"""What each operation answers with, for the schema of the REST API: records as the store has them, and named keys.
-
-An answer may hold more than its schema says; what is listed as required is always there.
-"""
+"""The schema of what each operation answers with, out of what its route says (`answers`): records, and named keys."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields
 from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter
 
-from bench_service.api.response_table import BYTES, JOBS, KEYED, LISTED, RECORDED
+from bench_service.api.answers import ANSWER, ASKED, SHOWN
+from bench_service.api.record_examples import record_examples
+from bench_service.jobs.modelling import plain
 from bench_service.jobs.runner import Job
 from bench_service.store.cells import CellRecord
 from bench_service.store.diagnoses import DiagnosisRecord
@@ -49,29 +49,30 @@ def described(document: Schema) -> Schema:
     components = document.setdefault("components", {}).setdefault("schemas", {})
     if "Error" in components:
         return document
-    components |= {name: record_schema(name) for name in _RECORDS} | {"Error": _error(), "Problem": _problem()}
+    examples = plain(record_examples())
+    components |= {name: record_schema(name) | {"examples": [_shown(name, examples[name])]} for name in _RECORDS} | {
+        "Error": _error(),
+        "Problem": _problem(),
+    }
     for unused in ("HTTPValidationError", "ValidationError"):
         components.pop(unused, None)
     for address, methods in document["paths"].items():
         for method in _METHODS:
             if method in methods:
-                _describe(f"{method.upper()} {address}", methods[method]["responses"])
+                _describe(f"{method.upper()} {address}", methods[method])
     return document
 
 
-def answer_schema(operation: str) -> Schema | None:
-    """Return the schema of the JSON that an operation answers with; None where it answers with something else."""
-    if operation in BYTES:
-        return None
-    if operation in JOBS:
-        return _reference("Job")
-    if operation in RECORDED:
-        return _reference(RECORDED[operation])
-    if operation in LISTED:
-        key, name = LISTED[operation]
-        items = {"type": "object"} if name is None else _reference(name)
-        return _object({key: {"type": "array", "items": items}})
-    return _object({key: {} for key in KEYED[operation].split()})
+def _shown(name: str, example: Schema) -> Schema:
+    return {field: value for field, value in example.items() if field not in _HIDDEN.get(name, ())}
+
+
+def answer_schema(said: Schema) -> Schema:
+    """Return the schema of the JSON that an operation answers with, of what its route says."""
+    if "list" in said:
+        items = _reference(said["record"]) if "record" in said else {"type": "object"}
+        return _object({said["list"]: {"type": "array", "items": items}})
+    return _reference(said["record"]) if "record" in said else _object({key: {} for key in said["keys"]})
 
 
 def record_schema(name: str) -> Schema:
@@ -104,12 +105,21 @@ def _inlined(schema: Any, definitions: Schema) -> Any:
     return {key: _inlined(value, definitions) for key, value in schema.items() if key != "title"}
 
 
-def _describe(operation: str, responses: Schema) -> None:
+def _describe(name: str, operation: Schema) -> None:
+    said, responses = operation.pop(ANSWER, None), operation["responses"]
+    if said is None:
+        raise LookupError(
+            f"{name} does not say what it answers with: its route needs openapi_extra, see api/answers.py"
+        )
     done = next(code for code in responses if code.startswith("2"))
-    if operation in BYTES:
-        responses[done]["content"] = {kind: {} for kind in BYTES[operation]}
+    if "files" in said:
+        responses[done]["content"] = {kind: {} for kind in said["files"]}
     else:
-        responses[done]["content"] = {_JSON: {"schema": answer_schema(operation)}}
+        responses[done]["content"] = {_JSON: {"schema": answer_schema(said)}}
+    if (example := operation.pop(ASKED, None)) is not None:
+        operation["requestBody"]["content"][_JSON]["example"] = json.loads(example)
+    if (example := operation.pop(SHOWN, None)) is not None:
+        responses[done]["content"][_JSON]["example"] = json.loads(example)
     responses.pop("422", None)
     told = {_JSON: {"schema": _reference("Error")}, "application/problem+json": {"schema": _reference("Problem")}}
     responses["default"] = {"description": "What is wrong, and where", "content": told}

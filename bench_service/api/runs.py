@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from pydantic import Field
 
+from bench_service.api.answers import asked, listed, record
 from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.cell_of_run import give_run
@@ -71,7 +72,22 @@ class DescriptionBody(Body):
     cell_id: Id | None = None
 
 
-@router.post("", status_code=201)
+@router.post(
+    "",
+    status_code=201,
+    openapi_extra=record("Run")
+    | asked(
+        {
+            "bench": "sim",
+            "profile_id": "56b84604",
+            "dt_s": 0.1,
+            "initial_soc": 0.5,
+            "name": "first pulse",
+            "limits": {"voltage_V": [2.6, 4.1]},
+            "cell_id": "C1",
+        }
+    ),
+)
 async def start_run(body: RunBody, services: ServicesOf) -> Answer:
     """Start a run, after every check that needs no cycler."""
     if body.protocol_id is None and (body.continues is not None or body.on_interruption is not None):
@@ -83,7 +99,7 @@ async def start_run(body: RunBody, services: ServicesOf) -> Answer:
     return asdict(await start(services.benches, order))
 
 
-@router.get("")
+@router.get("", openapi_extra=listed("runs", "Run"))
 def list_runs(
     services: ServicesOf,
     bench: Annotated[str | None, Query(max_length=64)] = None,
@@ -99,13 +115,17 @@ def list_runs(
     return {"runs": [asdict(run) for run in found]}
 
 
-@router.get("/{run_id}")
+@router.get("/{run_id}", openapi_extra=record("Run"))
 def get_run(run_id: PathId, services: ServicesOf) -> Answer:
     """Give one run."""
     return asdict(services.store.runs.get(run_id))
 
 
-@router.patch("/{run_id}")
+@router.patch(
+    "/{run_id}",
+    openapi_extra=record("Run")
+    | asked({"label": "first pulse", "operator": "Bo", "notes": "The cell was warm to the hand.", "cell_id": "C1"}),
+)
 async def describe(run_id: PathId, body: DescriptionBody, services: ServicesOf) -> Answer:
     """Write label, operator, notes or cell of a run; what is left out stays, null takes it away. Kept as an event.
 
@@ -119,7 +139,7 @@ async def describe(run_id: PathId, body: DescriptionBody, services: ServicesOf) 
     return asdict(await describe_run(services.store, services.journal, run_id, told))
 
 
-@router.post("/{run_id}/stop")
+@router.post("/{run_id}/stop", openapi_extra=record("Run"))
 async def stop_run(run_id: PathId, services: ServicesOf) -> Answer:
     """Stop a run: rest, output off. One that has ended stays as it is."""
     run = await asyncio.to_thread(services.store.runs.get, run_id)

@@ -11,6 +11,7 @@ import numpy as np
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
+from bench_service.api.answers import files, keyed, shown
 from bench_service.api.compression import compressed
 from bench_service.api.dependencies import Answer, PathId, Services, ServicesOf
 from bench_service.api.formats import known_formats
@@ -82,7 +83,24 @@ PartOf = Annotated[Part, Depends()]
 Span = Annotated[Steps, Depends()]
 
 
-@router.get("/{run_id}/samples", response_class=StreamingResponse)
+@router.get(
+    "/{run_id}/samples",
+    response_class=StreamingResponse,
+    openapi_extra=keyed("columns", "n", "decimated")
+    | shown(
+        {
+            "columns": {
+                "seq": [0, 1],
+                "time_s": [0.0, 1.0],
+                "current_A": [0.0, 1.6655],
+                "voltage_V": [3.9567, 4.0051],
+                "temperature_degC": [25.0, 25.02],
+            },
+            "n": 2,
+            "decimated": False,
+        }
+    ),
+)
 def get_samples(run_id: PathId, part: PartOf, request: Request, services: ServicesOf) -> Response:
     """Give the samples with ``from_s <= time_s <= to_s``, those after row ``after_seq`` where that is given.
 
@@ -94,13 +112,30 @@ def get_samples(run_id: PathId, part: PartOf, request: Request, services: Servic
     return _columns(services, request, run_id, SAMPLES, part)
 
 
-@router.get("/{run_id}/observer", response_class=StreamingResponse)
+@router.get(
+    "/{run_id}/observer",
+    response_class=StreamingResponse,
+    openapi_extra=keyed("columns", "n", "decimated")
+    | shown(
+        {
+            "columns": {"seq": [0, 1], "time_s": [0.0, 1.0], "soc": [0.7731, 0.7742], "soc_std": [0.0034, 0.0031]},
+            "n": 2,
+            "decimated": False,
+        }
+    ),
+)
 def get_observer(run_id: PathId, part: PartOf, request: Request, services: ServicesOf) -> Response:
     """Give what the live observer said, as the samples are given."""
     return _columns(services, request, run_id, OBSERVER, part)
 
 
-@router.get("/{run_id}/incremental")
+@router.get(
+    "/{run_id}/incremental",
+    openapi_extra=keyed()
+    | shown(
+        {"charge": {"voltage_V": [3.4825], "dQ_dV_Ah_per_V": [0.13], "charge_Ah": [-1.5], "dV_dQ_V_per_Ah": [2.0]}}
+    ),
+)
 def get_incremental(run_id: PathId, part: Span, request: Request, services: ServicesOf) -> Response:
     """Give dQ/dV over voltage and dV/dQ over charge of a run, or of a part of it, charge and discharge apart.
 
@@ -121,7 +156,7 @@ def get_incremental(run_id: PathId, part: Span, request: Request, services: Serv
     return compressed(request, iter([json.dumps(answer, allow_nan=False)]), _status(damage))
 
 
-@router.get("/{run_id}/export")
+@router.get("/{run_id}/export", openapi_extra=files("text/csv", "application/zip", "application/octet-stream"))
 def export_run(
     run_id: PathId,
     services: ServicesOf,
@@ -152,7 +187,16 @@ def export_run(
     return Response(content, _status(damage), headers, chosen["media_type"])
 
 
-@router.get("/{run_id}/metadata")
+@router.get(
+    "/{run_id}/metadata",
+    openapi_extra=keyed("bdf", "raw")
+    | shown(
+        {
+            "bdf": {"source": "bench-service 0.1.0"},
+            "raw": {"institution": "laboratory", "current_sign": "positive charges"},
+        }
+    ),
+)
 def get_metadata(run_id: PathId, services: ServicesOf, response: Response) -> Answer:
     """Give the metadata file that belongs beside a run's file of the Battery Data Format."""
     export = _export(services, services.store.runs.get(run_id))

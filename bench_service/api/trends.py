@@ -8,6 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Response
 from pydantic import Field
 
+from bench_service.api.answers import asked, files, job
 from bench_service.api.dependencies import Answer, PathId, ServicesOf
 from bench_service.api.strict import CSV_TYPE, Body, Id, Soc, StrictRoute
 from bench_service.campaign.trending import MOST_RUNS, TrendOrder
@@ -35,13 +36,27 @@ class TrendBody(Body):
     end: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.8
 
 
-@router.post("", status_code=202)
+@router.post(
+    "",
+    status_code=202,
+    openapi_extra=job()
+    | asked(
+        {
+            "model_id": "1e2ec3ed",
+            "run_ids": ["c49cf9aa", "96fcc6a2"],
+            "initial_soc": [1.0, 1.0],
+            "at": [0.0, 100.0],
+            "unit": "cycle",
+            "end": 0.8,
+        }
+    ),
+)
 async def start_trend(body: TrendBody, services: ServicesOf) -> Answer:
     """Follow a cell in a worker process; answers with the job, whose result is the trend."""
     return asdict(await services.trending.start_trend(TrendOrder(**body.model_dump())))
 
 
-@router.get("/{job_id}/table", response_class=Response)
+@router.get("/{job_id}/table", response_class=Response, openapi_extra=files("text/csv"))
 async def get_table(job_id: PathId, services: ServicesOf) -> Response:
     """Give the answer of a job as CSV, a row a run; as long as the job is known."""
     headers = {"Content-Disposition": f'attachment; filename="life-{job_id}.csv"'}

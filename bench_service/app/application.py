@@ -27,6 +27,7 @@ from bench_service.api import (
     observations,
     profiles,
     protocols,
+    reports,
     run_steps,
     runs,
     samples,
@@ -64,6 +65,7 @@ _RESOURCES = (
     campaigns,
     commissioning,
     imports,
+    reports,
     live,
 )
 

@@ -34,6 +34,7 @@ from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.observing import Observing
 from bench_service.campaign.protocol_resumer import ProtocolResumer
+from bench_service.campaign.reporting import Made, Reporting
 from bench_service.campaign.resuming import resumed_soc
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.seal import Seal
@@ -85,8 +86,7 @@ async def running_services(
         stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
         await _add_benches(stack, config, store, (samples, recorder, benches, config.data_dir / _SEALS, stop))
         workshop = _workshop(store, samples, benches, runs, jobs, (config.data_dir, code_version))
-        campaigns = CampaignRunner(workshop, journal, live, code_version)
-        stack.push_async_callback(campaigns.close)
+        campaigns = _campaigns(stack, workshop, journal, live, code_version)
         await asyncio.gather(*(bench.supervisor.start() for bench in benches))
         await campaigns.resume_by_policy()
         await _resume_protocols(stack, store, runs, benches, journal)
@@ -106,7 +106,7 @@ async def running_services(
             learning=_learning(stack, workshop, journal, (config.data_dir, code_version)),
             diagnosing=workshop.diagnosing,
             designing=workshop.designing,
-            trending=Trending(store, jobs, workshop.modelling, config.data_dir),
+            trending=(trending := Trending(store, jobs, workshop.modelling, config.data_dir)),
             campaigns=campaigns,
             live=live,
             recorder_state=lambda: recorder.state,
@@ -114,7 +114,20 @@ async def running_services(
             cells=Cells(store, journal, benches, runs, campaigns),
             commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
             importing=Importing(store, jobs, storage, recorder.attach, (config.data_dir, code_version)),
+            reporting=_reporting(workshop, trending, (config.data_dir, code_version)),
         )
+
+
+def _campaigns(
+    stack: AsyncExitStack, workshop: Workshop, journal: Journal, live: Broadcaster, code_version: str
+) -> CampaignRunner:
+    campaigns = CampaignRunner(workshop, journal, live, code_version)
+    stack.push_async_callback(campaigns.close)
+    return campaigns
+
+
+def _reporting(workshop: Workshop, trending: Trending, made: tuple[Path, str]) -> Reporting:
+    return Reporting(workshop.store, workshop.samples, Made(workshop.jobs, trending, workshop.designing), *made)
 
 
 def _learning(stack: AsyncExitStack, workshop: Workshop, journal: Journal, made: tuple[Path, str]) -> Learning:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from itertools import pairwise
@@ -13,7 +14,9 @@ import numpy as np
 
 from bench_service.bench.limits import Limits
 from bench_service.campaign.inputs import run_input
+from bench_service.campaign.report_headings import design_heading
 from bench_service.campaign.request import CampaignRequest
+from bench_service.errors import ConflictError, NotFoundError
 from bench_service.jobs.designing import design_profile
 from bench_service.jobs.runner import Job, JobRunner
 from bench_service.jobs.series import RunInput
@@ -22,6 +25,9 @@ from bench_service.store.records import Json, RunRecord
 
 _Inputs = tuple[Json | None, list[RunInput], tuple[list[float], list[float]] | None, list[Json | str]]
 
+KIND = "design"
+# Reports that are kept; each is some 200 kB.
+_PAGES = 50
 # Levels of a round's sequence: as many as its time still leaves a block of some minutes at each, down and up.
 _ROUND_LEVELS = 8
 
@@ -39,8 +45,9 @@ class Designing:
 
     def __init__(self, store: MetadataStore, jobs: JobRunner, data_dir: Path) -> None:
         self._store, self._jobs, self._data_dir = store, jobs, data_dir
+        self._pages: OrderedDict[str, bytes] = OrderedDict()
 
-    async def start(self, name: str, request: Mapping[str, Any]) -> Job:
+    async def start(self, name: str, request: Mapping[str, Any], *, report: bool = False) -> Job:
         """Queue a design; the job's result is ``{"profile_id", "name", "figures"}``.
 
         Parameters
@@ -50,6 +57,8 @@ class Designing:
         request : mapping
             Keys of the public contract; ``model``, ``load_cycle`` and ``runs`` name a stored model, profile and runs,
             ``rivals`` stored models or effects.
+        report : bool
+            Whether its report is written too, which takes a part of the design's own time.
 
         Raises
         ------
@@ -59,15 +68,39 @@ class Designing:
             A model, profile or run is not there, or a run has not ended.
         """
         document, runs, cycle, rivals = await asyncio.to_thread(self._inputs, request)
+        heading = await asyncio.to_thread(design_heading, self._store, name, request.get("model")) if report else None
 
         def keep(result: Json) -> Json:
             time_s, current_A = np.array(result["time_s"]), np.array(result["current_A"])
             record = self._store.profiles.add(name, time_s, current_A)
+            if result["page"] is not None:
+                self._pages[record.id] = result["page"]
+                while len(self._pages) > _PAGES:
+                    self._pages.popitem(last=False)
             return {"profile_id": record.id, "name": name, "figures": result["figures"]}
 
-        return self._jobs.submit(
-            "design", design_profile, self._data_dir, dict(request), document, runs, cycle, rivals, store=keep
-        )
+        inputs = (dict(request), document, runs, cycle, rivals, heading)
+        return self._jobs.submit(KIND, design_profile, self._data_dir, *inputs, store=keep)
+
+    def report(self, job_id: str) -> bytes:
+        """Give the report of a design, as long as it is kept.
+
+        Raises
+        ------
+        NotFoundError
+            There is no such job, it is none of these, or too many came after it.
+        ConflictError
+            It has not been made.
+        """
+        job = self._jobs.get(job_id)
+        if job.kind != KIND:
+            raise NotFoundError(f"job {job_id} is no design: it is a {job.kind}", ("job",))
+        if job.result is None:
+            raise ConflictError(f"job {job_id} is {job.state}; its report is not there", ("job",))
+        page = self._pages.get(job.result["profile_id"])
+        if page is None:
+            raise NotFoundError(f"the report of job {job_id} is not kept any more: design it again", ("job",))
+        return page
 
     def _inputs(self, request: Mapping[str, Any]) -> _Inputs:
         # Lazy: numba and scipy take 1.2 s; the first use in a service's life pays for it, not its start.

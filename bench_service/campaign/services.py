@@ -17,6 +17,7 @@ from bench_service.campaign.learning import Learning
 from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.modelling import Modelling
 from bench_service.campaign.observing import Observing
+from bench_service.campaign.reporting import Reporting
 from bench_service.campaign.runs import Runs
 from bench_service.campaign.storage import Storage
 from bench_service.campaign.trending import Trending
@@ -58,3 +59,4 @@ class Services:
     cells: Cells
     commissioning: Commissioning
     importing: Importing
+    reporting: Reporting

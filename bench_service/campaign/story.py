@@ -245,7 +245,8 @@ class Story:
         before, after = added["error_before_mV"], added["error_after_mV"]
         rivals = ", ".join(findings[0]["confounded_with"])
         named = f"{effect} is missing" if verdict == "missing" else f"{effect}, or {rivals or 'another'}, is missing"
-        return f"{named}; {effect} added, the held-out error falls from {before:.2f} to {after:.2f} mV"
+        moves = "falls" if after < before else "rises"
+        return f"{named}; {effect} added, the held-out error {moves} from {before:.2f} to {after:.2f} mV"
 
     async def _write_report(self) -> str:
         soc = await self._workshop.modelling.soc_figures(self._done.longest(VALIDATE))

@@ -60,7 +60,7 @@ class Trending:
         self._store, self._jobs, self._modelling, self._data_dir = store, jobs, modelling, data_dir
 
     async def start_trend(self, order: TrendOrder) -> Job:
-        """Queue it; the job's result is the ``trend`` object of the public contract, with the ``cell_id`` of the runs.
+        """Queue it; the job's result is the ``trend`` object of the public contract, with ``cell_id`` and ``model_id``.
 
         Raises
         ------
@@ -76,11 +76,16 @@ class Trending:
                 raise BadRequestError(told, (name,), remedy="give one for each run, or leave it out")
         document, runs, train = await asyncio.to_thread(self._inputs, order, run_ids)
         along = {"at": None if order.at is None else list(order.at), "unit": order.unit, "end": order.end}
+        told = {"cell_id": cell_id, "model_id": order.model_id}
         inputs = (self._data_dir, document, runs, train, along, order.initial_soc_std)
-        return self._jobs.submit(KIND, follow_runs, *inputs, store=lambda found: {**found, "cell_id": cell_id})
+        return self._jobs.submit(KIND, follow_runs, *inputs, store=lambda found: {**found, **told})
 
     def table(self, job_id: str) -> str:
-        """Give the answer of a job as CSV, a row a run.
+        """Give the answer of a job as CSV, a row a run; see `answer`."""
+        return life_csv(self.answer(job_id))
+
+    def answer(self, job_id: str) -> Mapping[str, Any]:
+        """Give the answer of a job.
 
         Raises
         ------
@@ -94,7 +99,7 @@ class Trending:
             raise NotFoundError(f"job {job_id} follows no cell: it is a {job.kind}")
         if job.result is None:
             raise ConflictError(f"job {job_id} is {job.state}; its answer is not there", ("job",))
-        return life_csv(job.result)
+        return job.result
 
     def _runs_of(self, order: TrendOrder) -> tuple[list[str], str | None]:
         """Return the runs to be followed, in time's order, and the cell that they are of."""

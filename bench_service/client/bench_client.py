@@ -71,6 +71,12 @@ class BenchClient:
         self.diagnosis = results.diagnosis
         self.design_experiment = results.design_experiment
         self.trend_table = results.trend_table
+        self.run_report = results.run_report
+        self.campaign_report = results.campaign_report
+        self.comparison_report = results.comparison_report
+        self.diagnosis_report = results.diagnosis_report
+        self.trend_report = results.trend_report
+        self.design_report = results.design_report
         self.job = results.job
         self.cancel_job = results.cancel_job
         self.formats = results.formats

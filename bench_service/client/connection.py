@@ -36,7 +36,7 @@ class ClientError(Exception):
 
 # The first calculation in a service's life is compiled before: half a minute of processor time, of which a busy machine
 # gives a tenth.
-_AT_WORK_S = 600.0
+AT_WORK_S = 600.0
 
 
 class Connection:
@@ -68,7 +68,7 @@ class Connection:
 
     def post(self, address: str, body: Record | None = None, *, at_work: bool = False) -> Any:
         """Send JSON, give the JSON that comes back; `at_work`: the service calculates before it answers."""
-        patience = {"timeout": _AT_WORK_S} if at_work else {}
+        patience = {"timeout": AT_WORK_S} if at_work else {}
         return self.send("POST", address, json=body, **patience).json()
 
     def send(self, method: str, address: str, **content: Any) -> httpx.Response:

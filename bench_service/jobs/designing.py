@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench_service.jobs.modelling import plain
 from bench_service.jobs.progress import Reporter
 from bench_service.jobs.results import DesignResult, Document
 from bench_service.jobs.series import RunInput, read_series
+from bench_service.reports.document import Heading, render
+
+if TYPE_CHECKING:
+    from models.design.answer import Answer
 
 
 def design_profile(
@@ -20,6 +24,7 @@ def design_profile(
     runs: Sequence[RunInput],
     cycle: tuple[list[float], list[float]] | None,
     rivals: Sequence[Document | str] = (),
+    heading: Heading | None = None,
 ) -> DesignResult:
     """Design the profile that a request asks for.
 
@@ -36,11 +41,14 @@ def design_profile(
     rivals : sequence of dict or str
         MODEL.json or the name of an effect, of each model that the test is to tell apart.
 
+    heading : Heading or None
+        Of the report; None: none is wanted.
+
     Returns
     -------
     dict
-        ``time_s`` and ``current_A`` of the profile, and ``figures``: the ``design`` object of the public contract
-        without the profile's name.
+        ``time_s`` and ``current_A`` of the profile, ``figures``: the ``design`` object of the public contract without
+        the profile's name, and ``page``: its report.
     """
     # Lazy: numba and scipy take 1.1 s.
     import numpy as np
@@ -61,4 +69,13 @@ def design_profile(
     )
     found = answer(read_request(request), material, report)
     profile = found.profile
-    return plain({"time_s": profile.time_s, "current_A": profile.current_A, "figures": found.figures})
+    page = None if heading is None else _page(heading, found)
+    told = {"time_s": profile.time_s, "current_A": profile.current_A, "figures": found.figures}
+    return plain(told) | {"page": page}
+
+
+def _page(heading: Heading, found: Answer) -> bytes:
+    # Lazy: numba and scipy take 1.1 s.
+    from bench_service.reports.design import design_report
+
+    return render(design_report(heading, found))

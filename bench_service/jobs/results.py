@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,11 +86,15 @@ class VersionAnswer(VersionMetrics):
 
 
 class DesignResult(TypedDict):
-    """A designed profile, forward hold; ``figures`` are the ``design`` object of the public contract."""
+    """A designed profile, forward hold; ``figures`` are the ``design`` object of the public contract.
+
+    ``page`` is its report, where one was wanted.
+    """
 
     time_s: list[float]
     current_A: list[float]
     figures: dict[str, Any]
+    page: NotRequired[bytes | None]
 
 
 class DesignAnswer(TypedDict):

@@ -97,6 +97,9 @@ def test_a_cell_is_followed_from_its_runs_to_its_end(open_page: OpenPage, addres
     written = list(csv.DictReader(io.StringIO(table)))
     assert len(written) == len(_CYCLES)
     assert float(written[-1]["capacity_Ah"]) == pytest.approx(drawn[-1][1])
+    href = str(life.get_by_role("link", name="Report of the life", exact=True).get_attribute("href"))
+    report = httpx.get(address + href)
+    assert report.status_code == 200 and "Life report" in report.text and "cycle 0" in report.text
     looked_at(page, "life")
 
 

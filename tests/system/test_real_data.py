@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from cli_rig import answer, call
 
-from bench_service.cli.diagnosis_page import VERDICTS
 from bench_service.exchange import read_run
+from bench_service.reports.diagnosis import VERDICTS
 from models.effects import effects
 from tests.patience import LONG_S
 

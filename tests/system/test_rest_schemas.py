@@ -8,7 +8,6 @@ import httpx
 import pytest
 from rest_rig import Rest
 
-from bench_service.api.response_table import BYTES, JOBS, KEYED, LISTED, RECORDED
 from tests.contract.json_schema import faults
 from tests.patience import PATIENCE_S
 
@@ -26,10 +25,14 @@ def operations(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
     }
 
 
+def is_file(told: dict[str, Any]) -> bool:
+    return "application/json" not in next(each for code, each in told["responses"].items() if code[0] == "2")["content"]
+
+
 def test_every_operation_says_what_it_answers_with_and_how_it_refuses(document: dict[str, Any]) -> None:
-    tables = [*RECORDED, *JOBS, *LISTED, *KEYED, *BYTES]
-    assert len(tables) == len(set(tables)) and set(tables) == set(operations(document))
+    assert len(operations(document)) > 90
     for operation, told in operations(document).items():
+        assert "x-answer" not in told, operation
         (done,) = [code for code in told["responses"] if code.startswith("2")]
         assert told["responses"][done]["content"], operation
         assert set(told["responses"]["default"]["content"]) == {"application/json", "application/problem+json"}
@@ -50,7 +53,7 @@ def test_answers_are_what_their_schema_says(rest: Rest, document: dict[str, Any]
     for operation, told in operations(document).items():
         method, _, address = operation.partition(" ")
         needed = {part[1:-1] for part in address.split("/") if part.startswith("{")}
-        if method != "GET" or operation in BYTES or not needed <= set(names):
+        if method != "GET" or is_file(told) or not needed <= set(names):
             continue
         answer = httpx.get(f"{rest.service.url}{address.format(**names)}", timeout=PATIENCE_S)
         assert answer.status_code == 200, f"{operation}: {answer.text[:200]}"

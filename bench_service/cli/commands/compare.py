@@ -12,6 +12,7 @@ from bench_service.cli.files import add_current_sign, read_any_model, read_logs,
 from bench_service.cli.initial_soc import initial_soc, known_starts
 from bench_service.cli.module_tables import show_module
 from bench_service.cli.output import Output
+from bench_service.cli.report_options import add_report, check_report, heading_of, runs_text, write_report
 from bench_service.cli.tables import metrics_table, start_line, usability_lines, where_table
 
 if TYPE_CHECKING:
@@ -36,13 +37,13 @@ def _arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--train-initial-soc", type=fractions, metavar="S[,S...]", help="SoC at the start of those")
     parser.add_argument("--out", type=Path, metavar="SERIES.csv", help="also write both voltages with the band")
-    parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with curves and tables")
+    add_report(parser, "curves and tables")
     add_current_sign(parser)
 
 
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: numba and scipy take 1.4 s.
-    from bench_service.exchange.atomic import check_writable, write_atomically
+    from bench_service.exchange.atomic import check_writable
     from bench_service.exchange.write import write_results
     from models.baselines.beside import beside_baselines
     from models.comparison.figures import compare
@@ -50,9 +51,9 @@ def _run(options: Namespace, output: Output) -> int:
     from models.comparison.series import series_columns
     from models.module.network import ModuleNetwork
 
-    for path in (options.out, options.report):
-        if path is not None:
-            check_writable(path)
+    check_report(options)
+    if options.out is not None:
+        check_writable(options.out)
     network = read_any_model(options.model)
     logs = read_logs(options.runs, options.current_sign, output)
     runs = [log.run for log in logs]
@@ -70,10 +71,10 @@ def _run(options: Namespace, output: Output) -> int:
         write_results(options.out, series_columns(network, runs, soc))
         result["file"] = str(options.out)
     if options.report is not None:
-        from bench_service.cli.report import comparison_page
+        from bench_service.reports.comparison import comparison_report
 
-        write_atomically(options.report, comparison_page(options.model.name, network, runs, soc, result))
-        result["report"] = str(options.report)
+        heading = heading_of(options, "Comparison", f"{options.model.stem} against {runs_text(runs)}", runs)
+        result["report"] = write_report(options.report, comparison_report(heading, network, runs, soc, result))
     output.result(result, lambda console: _show(console, result))
     return 0
 

@@ -15,6 +15,8 @@ from bench_service.cli.command import Command
 from bench_service.cli.demo_report import demo_answer, show_demo
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
+from bench_service.cli.report_options import check_report, kind_of
+from bench_service.exchange.atomic import write_atomically
 from simulators.catalogue import cell_type
 
 if TYPE_CHECKING:
@@ -61,6 +63,7 @@ def _arguments(parser: ArgumentParser) -> None:
         help="training runs; from the second on each is designed from the model so far, and judged beside it",
     )
     parser.add_argument("--seed", type=natural, default=1, metavar="N", help="of cell, noise and profiles")
+    parser.add_argument("--report", type=Path, metavar="FILE.html|.pdf", help="also write a report of the campaign")
     parser.add_argument("--data", type=Path, metavar="DIR", help="default: a new folder in bench-data/demo")
 
 
@@ -69,6 +72,7 @@ def _run(options: Namespace, output: Output) -> int:
     from bench_service.cli.service import own_service
 
     started_s = time.monotonic()
+    check_report(options)
     hidden = _hidden_effect(options)
     config = _config(options, hidden)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does: bench at rest, all stored
@@ -88,6 +92,9 @@ def _run(options: Namespace, output: Output) -> int:
                 raise
         answer = demo_answer(record, hidden, time.monotonic() - started_s)
         answer |= {"data": str(config.data_dir), "address": client.url, "state": record["state"]}
+        if options.report is not None:
+            write_atomically(options.report, client.campaign_report(record["id"], kind_of(options.report)))
+            answer["report"] = str(options.report)
         output.result(answer, lambda console: show_demo(console, record, answer))
         if stays_up(options, sys.stdout.isatty()):
             _keep_page_up(client.url)

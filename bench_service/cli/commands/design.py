@@ -12,6 +12,7 @@ from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.files import read_model, read_runs
 from bench_service.cli.output import Output
+from bench_service.cli.report_options import add_report, check_report, design_heading, write_report
 from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("request", type=Path, metavar="REQUEST.toml", help="limits, duration, model and criterion")
     parser.add_argument("--out", type=Path, required=True, metavar="PROFILE.csv", help="columns time_s,current_A")
-    parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with pictures of the test")
+    add_report(parser, "pictures of the test")
 
 
 def _run(options: Namespace, output: Output) -> int:
@@ -34,8 +35,8 @@ def _run(options: Namespace, output: Output) -> int:
     from models.design.answer import answer
     from models.design.request import read_request
 
-    for path in filter(None, (options.out, options.report)):
-        check_writable(path)
+    check_report(options)
+    check_writable(options.out)
     request = read_request(_read_toml(options.request))
     material = _material(request, options.request.parent, output)
     with output.progress("Designing") as report:
@@ -49,13 +50,11 @@ def _run(options: Namespace, output: Output) -> int:
         output.warn("no initial_soc: the design takes 0.5 as the start")
     write_atomically(options.out, _csv(found.profile))
     figures = {"profile": str(options.out), **found.figures}
-    if options.report is not None and found.design is not None and found.asked is not None:
-        from bench_service.cli.design_page import design_page
+    if options.report is not None:
+        from bench_service.reports.design import design_report
 
-        write_atomically(options.report, design_page(options.out.name, *found.asked, found.design))
-        figures["report"] = str(options.report)
-    elif options.report is not None:
-        output.warn("no report: there are pictures of designs only, not of a pre-test or of a test between rivals")
+        heading = design_heading(options, options.out.stem, request.model)
+        figures["report"] = write_report(options.report, design_report(heading, found))
     output.result(figures, lambda console: _show(console, figures))
     return 0
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
@@ -11,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from bench_service.cli.command import Command
 from bench_service.cli.judged_runs import add_judged_runs, read_judged_runs
 from bench_service.cli.output import Output
+from bench_service.cli.report_options import add_report, check_report, heading_of, write_report
 from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
@@ -25,18 +25,16 @@ def _arguments(parser: ArgumentParser) -> None:
         default="structure",
         help="structure: what does the model lack? change: the model was right, what is new?",
     )
-    parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with the evidence")
+    add_report(parser, "the evidence")
 
 
 def _run(options: Namespace, output: Output) -> int:
 
     # Lazy: numba and scipy take 1.3 s.
-    from bench_service.cli.diagnosis_page import diagnosis_page
-    from bench_service.exchange.atomic import check_writable, write_atomically
+    from bench_service.reports.diagnosis import diagnosis_report
     from models.diagnosis import diagnose
 
-    if options.report is not None:
-        check_writable(options.report)
+    check_report(options)
     judged = read_judged_runs(options, output)
     with output.progress("Diagnosing"), threadpool_limits(1):
         diagnosis = diagnose(
@@ -50,16 +48,17 @@ def _run(options: Namespace, output: Output) -> int:
         )
     result = diagnosis.to_json() | {"usability": judged.network.record.usability}
     if options.report is not None:
-        write_atomically(
-            options.report, diagnosis_page(options.model.name, judged.network, judged.runs, judged.soc, result)
-        )
+        what = "What has changed" if options.mode == "change" else "What is missing"
+        heading = heading_of(options, "Diagnosis", f"{what} in {options.model.stem}", judged.runs)
+        made = diagnosis_report(heading, judged.network, judged.runs, judged.soc, result)
+        result["report"] = write_report(options.report, made)
     output.result(result, lambda console: _show(console, result))
     return 0
 
 
 def _show(console: Console, result: dict[str, Any]) -> None:
     # Lazy: numba and scipy take 1.2 s.
-    from bench_service.cli.diagnosis_page import VERDICTS, left_over
+    from bench_service.reports.diagnosis import VERDICTS, left_over
 
     console.print(f"[bold]{VERDICTS[result['verdict']]}[/bold]")
     for finding in result["findings"]:

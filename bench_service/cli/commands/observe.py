@@ -16,6 +16,7 @@ from bench_service.cli.errors import UsageError
 from bench_service.cli.files import add_current_sign, read_any_model, read_module, read_runs
 from bench_service.cli.initial_soc import guessed_soc
 from bench_service.cli.output import Output
+from bench_service.cli.report_options import add_report, check_report, heading_of, write_report
 from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def _arguments(parser: ArgumentParser) -> None:
         help="kalman: from the covariance of the moment; steady: the local models' gains from the discrete Riccati "
         "equation, blended; default: as the model has it, which is kalman where nobody has chosen",
     )
-    parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page: estimates, convergence")
+    add_report(parser, "estimates, convergence")
     parser.add_argument(
         "--out",
         type=Path,
@@ -77,9 +78,9 @@ def _run(options: Namespace, output: Output) -> int:
     from models.observer.module.module_observer import ModuleObserver
     from models.observer.observation import answer_of, observe
 
-    for path in (options.out, options.report):
-        if path is not None:
-            check_writable(path)
+    check_report(options)
+    if options.out is not None:
+        check_writable(options.out)
     model = read_any_model(options.model)
     network, observer = cell_network(model), _observer(options, model)
     cell = observer.cell if isinstance(observer, ModuleObserver) else observer
@@ -96,8 +97,7 @@ def _run(options: Namespace, output: Output) -> int:
         _write(options.out, observed)
         answer["file"] = str(options.out)
     if options.report is not None:
-        _report(options, cell, as_cells, observed)
-        answer["report"] = str(options.report)
+        answer["report"] = _report(options, cell, as_cells, observed)
     output.result(answer, lambda console: _show(console, answer))
     return 0
 
@@ -124,10 +124,9 @@ def _observer(options: Namespace, model: LocalModelNetwork | ModuleNetwork) -> F
     return cell
 
 
-def _report(options: Namespace, cell: FuzzyObserver, runs: Sequence[TimeSeries], observed: list[Observation]) -> None:
+def _report(options: Namespace, cell: FuzzyObserver, runs: Sequence[TimeSeries], observed: list[Observation]) -> str:
     # Lazy: numba and scipy take 1.2 s.
-    from bench_service.cli.observer_page import observer_page
-    from bench_service.exchange.atomic import write_atomically
+    from bench_service.reports.observer import observer_report
     from models.data.errors import ModelError
     from models.data.resampling import to_grid
     from models.effects.input_correction import as_read
@@ -138,7 +137,8 @@ def _report(options: Namespace, cell: FuzzyObserver, runs: Sequence[TimeSeries],
         choices = trade_off(cell, grid)
     except ModelError:
         choices = []
-    write_atomically(options.report, observer_page(options.model.name, cell, observed, choices))
+    heading = heading_of(options, "Observer", f"State of charge with {options.model.stem}", runs)
+    return write_report(options.report, observer_report(heading, cell, observed, choices))
 
 
 def _write(path: Path, observed: Sequence[Observation]) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from bench_service.cli.arguments import fraction, positive
 from bench_service.cli.command import Command
 from bench_service.cli.output import Output, Report
+from bench_service.cli.report_options import check_report, kind_of
 
 if TYPE_CHECKING:
     from bench_service.cli.playable import Playable
@@ -32,6 +33,7 @@ def _arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--bench", required=True, metavar="NAME")
     parser.add_argument("--out", type=Path, required=True, metavar="RUN.csv", help="RUN.bdf.csv takes BDF labels")
+    parser.add_argument("--report", type=Path, metavar="FILE.html|.pdf", help="also write a report of the run")
     parser.add_argument("--config", type=Path, metavar="bench.toml")
     parser.add_argument(
         "--dt",
@@ -62,6 +64,7 @@ def _run(options: Namespace, output: Output) -> int:
 
     profile = read_playable(options.profile)
     check_writable(options.out)
+    check_report(options)
     config = load_config(options.config)
     if options.initial_soc is None:
         output.warn(f"no --initial-soc: limits on state of charge take {_DEFAULT_SOC:g} as the start")
@@ -83,6 +86,9 @@ def _run(options: Namespace, output: Output) -> int:
             bdf = options.out.name.endswith(".bdf.csv")
             write_atomically(options.out, client.export(run["id"], "bdf" if bdf else "csv"))
             answer["file"] = str(options.out)
+        if options.report is not None:
+            write_atomically(options.report, client.run_report(run["id"], kind_of(options.report)))
+            answer["report"] = str(options.report)
     output.result(answer, lambda console: console.print(_sentence(answer)))
     return 0 if run["state"] == "completed" else 1
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
@@ -13,6 +12,7 @@ from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
 from bench_service.cli.judged_runs import add_judged_runs, read_judged_runs
 from bench_service.cli.output import Output
+from bench_service.cli.report_options import add_report, check_report, heading_of, runs_text, write_report
 from bench_service.cli.tables import usability_lines
 
 if TYPE_CHECKING:
@@ -38,17 +38,14 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--end", type=fraction, default=0.8, metavar="S", help="share of the capacity that is the end (default: 0.8)"
     )
-    parser.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page with the cell's life")
+    add_report(parser, "the cell's life")
 
 
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: numba and scipy take 1.3 s.
-    from bench_service.cli.trend_page import trend_page
-    from bench_service.exchange.atomic import check_writable, write_atomically
     from models.diagnosis.trend.trend import trend
 
-    if options.report is not None:
-        check_writable(options.report)
+    check_report(options)
     if options.at is not None and len(options.at) != len(options.runs):
         raise UsageError(f"--at names {len(options.at)} place(s) for {len(options.runs)} run(s)")
     judged = read_judged_runs(options, output)
@@ -65,7 +62,10 @@ def _run(options: Namespace, output: Output) -> int:
         )
     result = found.to_json() | {"usability": judged.network.record.usability}
     if options.report is not None:
-        write_atomically(options.report, trend_page(options.model.name, result))
+        from bench_service.reports.life import life_report
+
+        heading = heading_of(options, "Life", f"Life of a cell in {runs_text(judged.runs)}", judged.runs)
+        result["report"] = write_report(options.report, life_report(heading, result))
     output.result(result, lambda console: _show(console, result))
     return 0
 
@@ -82,7 +82,7 @@ def _show(console: Console, result: dict[str, Any]) -> None:
     # Lazy: rich takes 60 ms.
     from rich.table import Table
 
-    from bench_service.cli.trend_page import in_words, where_told
+    from bench_service.reports.life import in_words, where_told
 
     table = Table("run", "capacity / Ah", "resistance / mOhm", "what is new")
     for each in result["runs"]:

@@ -138,6 +138,7 @@ export const api = {
   where: (comparisonId) => get(`/comparisons/${id(comparisonId)}/where`, 300),
   trend: (body) => post("/trends", body, 60),
   trendUrl: (jobId) => `${BASE}/trends/${id(jobId)}/table`,
+  reportUrl: (kind, name, format) => `${BASE}/${kind}/${id(name)}/report?format=${format}`,
   diagnose: (body) => post("/diagnoses", body, 60),
   experiment: (diagnosisId, bench) => post(`/diagnoses/${id(diagnosisId)}/experiment`, { bench }, 60),
   startRun: (body) => post("/runs", body, 60),

@@ -3,6 +3,7 @@ import { api } from "./api.js";
 import { legend } from "./charts.js";
 import { el, renderKeyed } from "./dom.js";
 import { count, duration, percent, quantity } from "./format.js";
+import { reportLinks } from "./report-links.js";
 import { overlayChart, socChart } from "./result-charts.js";
 
 /** Returns `show(campaign)`; null, or a campaign without a result, empties the place. */
@@ -14,14 +15,15 @@ export function campaignResult(state, root) {
     if (root.dataset.key === key) return;
     for (const plot of plots) plot.dispose();
     plots = [];
-    renderKeyed(root, key, () => (result ? build(result, (plot) => plots.push(plot)) : []));
+    renderKeyed(root, key, () => (result ? build(campaign, (plot) => plots.push(plot)) : []));
   };
 }
 
-function build(result, keep) {
+function build({ id, result }, keep) {
   const validate = (result.runs ?? []).filter((run) => run.role === "validate");
   return [
     el("div", { class: "result-figures" }, figures(result)),
+    reportLinks("campaigns", id, "the campaign"),
     result.comparison_id ? overlay(result.comparison_id, keep) : null,
     validate.length ? soc(validate.at(-1).run_id, keep) : null,
     tables(result),

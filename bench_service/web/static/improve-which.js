@@ -2,6 +2,7 @@
 import { chip, el } from "./dom.js";
 import { legend } from "./charts.js";
 import { errorLeft, profileChart } from "./error-charts.js";
+import { reportLinks } from "./report-links.js";
 import { duration, fixed, percent, quantity } from "./format.js";
 
 // An error that is larger than so many times the noise is more than noise to anybody.
@@ -20,6 +21,7 @@ export function whichStep(record, titleOf, keep, { add, addNote, play, profiles,
       el("strong", { text: verdictWords(record, titleOf) }),
       el("span", { text: leftWords(record.result) }),
       remarks.map((text) => el("span", { class: "about", text: `Note: ${text}.` }))),
+    reportLinks("diagnoses", record.id, "the diagnosis"),
     depends.length ? el("div", {}, el("h4", { text: "What the rest depends on" }), el("ul", { class: "regions" }, depends.map(dependence))) : null,
     findings.length ? el("div", { class: "which" }, el("ol", { class: "findings", "aria-label": "Findings" }, findings.map((each) => finding(each, titleOf, add, addNote, picture(shownOver(each.effect), profiles, keep)))),
       leftChart(findings, titleOf, floor, keep)) : null,

@@ -4,6 +4,7 @@ import { cellName } from "./cell-fields.js";
 import { el, setText } from "./dom.js";
 import { busyBox, follow } from "./jobs.js";
 import { drawLife } from "./life-charts.js";
+import { reportLinks } from "./report-links.js";
 import { sidePage } from "./side-page.js";
 import { State } from "./state.js";
 
@@ -58,7 +59,7 @@ async function choose() {
 
 function show(life, jobId, names) {
   place("life-section").hidden = false;
-  place("life-tools").replaceChildren(el("a", { href: api.trendUrl(jobId), download: "life.csv", text: "Export as CSV" }));
+  place("life-tools").replaceChildren(el("a", { href: api.trendUrl(jobId), download: "life.csv", text: "Export as CSV" }), reportLinks("trends", jobId, "the life"));
   drawLife(place("life-body"), life, (id) => names.get(id) ?? id);
   document.body.dataset.drawn = "1";
 }

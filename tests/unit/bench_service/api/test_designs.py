@@ -17,7 +17,7 @@ def test_a_request_goes_on_as_it_stands_and_a_job_comes_back() -> None:
     request = {"capacity_Ah": 2.0, "limits": {"current_A": [-2, 2]}, "rivals": ["hysteresis", "relaxation"]}
     answer = client_of(designs.router, designing=designing).post("/designs", json={"name": "d", "request": request})
     assert (answer.status_code, answer.json()["id"], answer.json()["state"]) == (202, "j1", "queued")
-    assert designing.calls == [("start", ("d", request), {})]
+    assert designing.calls == [("start", ("d", request), {"report": True})]
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def followed(cells: dict[str, str]) -> Any:
 
 
 def test_a_life_is_that_of_one_cell() -> None:
-    assert followed({}) == {"runs": [], "cell_id": None}
+    assert followed({}) == {"runs": [], "cell_id": None, "model_id": "m1"}
     assert followed({"r1": "C1"})["cell_id"] == followed({"r1": "C1", "r2": "C1"})["cell_id"] == "C1"
     with pytest.raises(ConflictError, match="the runs are of several cells: C1, C2"):
         followed({"r1": "C1", "r2": "C2"})

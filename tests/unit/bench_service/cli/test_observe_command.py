@@ -1,4 +1,4 @@
-"""The observer's page, and the command with a module."""
+"""`bench-service observe`, called in this process: a module, its report, gains and spreads."""
 
 import json
 from pathlib import Path
@@ -45,8 +45,8 @@ def test_a_module_is_observed_and_the_page_shows_the_choice(
     assert answer["runs"][0]["soc_rmse"] < 0.01
     assert answer["report"] == str(page)
     html = page.read_text()
-    assert "Convergence against accuracy" in html and "Stability" in html and "error ball" in html
-    assert html.count("<svg") == 5
+    assert "Convergence against accuracy" in html and "Stability" in html and "may settle" in html
+    assert html.count("<figure>") == 5
     assert "http" not in html
 
 

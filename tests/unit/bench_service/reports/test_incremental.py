@@ -1,10 +1,11 @@
-"""dQ/dV and dV/dQ on the page of a comparison."""
+"""dQ/dV and dV/dQ in the report of a comparison."""
 
 from xml.etree import ElementTree
 
 import numpy as np
 
-from bench_service.cli.incremental_page import incremental_parts
+from bench_service.reports.document import Figure
+from bench_service.reports.incremental import incremental_parts
 from models.comparison.simulated_runs import RunComparison
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
@@ -22,14 +23,14 @@ def compared(rate: float) -> RunComparison:
 
 def test_both_curves_are_drawn_with_their_widths_and_where_they_are_cut() -> None:
     parts = incremental_parts(compared(0.06), 2.0)
-    text = "".join(parts)
-    assert "longest charge, at 0.06C" in text and "smoothed over 10 mV" in text
-    assert "smoothed over 0.02 Ah, cut at" in text
-    drawings = [ElementTree.fromstring(each) for each in parts if each.startswith("<svg")]
+    drawings = [each for each in parts if isinstance(each, Figure)]
+    text = " ".join(each.caption if isinstance(each, Figure) else str(each) for each in parts)
+    assert "longest charge, at 0.060C" in text and "smoothed over 10.0 mV" in text
+    assert "smoothed over 0.020 Ah, cut at" in text
     assert len(drawings) == 2
-    for svg in drawings:
-        assert len(list(svg.iter("polyline"))) == 2
-        assert {"measured", "simulated"} <= {node.text for node in svg.iter("text")}
+    for each in drawings:
+        assert len(list(ElementTree.fromstring(each.svg).iter("polyline"))) == 2
+        assert [entry.label for entry in each.legend] == ["measured", "model"]
 
 
 def test_a_fast_charge_is_not_drawn() -> None:

@@ -1,0 +1,155 @@
+"""Report of a cell's life: capacity and resistance over its runs with bands, and what is new when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bench_service.reports import words
+from bench_service.reports.comparison import usability_parts
+from bench_service.reports.document import Figure, Heading, Key, Keys, Part, Points, Report, Section, Table
+from bench_service.reports.drawing import BLUE, GREEN, RUST, Axis, Line, Piece, curves, cut_bars, every, level
+
+# Standard deviations of the bands: 95 %.
+_BAND = 2.0
+_NEAR_SOC = 0.06
+
+# Value and standard deviation of one run; None: not told.
+Told = tuple[float, float] | None
+
+
+def life_report(heading: Heading, result: Mapping[str, Any], called: Mapping[str, str] | None = None) -> Report:
+    """Put the report together.
+
+    Parameters
+    ----------
+    result : the `trend` object of the public contract
+    called : what people call a run, by its name in the answer
+    """
+    names = called or {}
+    runs = [{**each, "run": names.get(each["run"], each["run"])} for each in result["runs"]]
+    capacity: list[Told] = [(each["capacity_Ah"]["value"], each["capacity_Ah"]["std"]) for each in runs]
+    places = sorted({each["soc"] for entry in runs for each in entry["resistance"]})
+    shown = dict.fromkeys((places[0], places[len(places) // 2], places[-1])) if places else ()
+    resistance = [(f"at {100.0 * soc:.0f} % state of charge", [_at(each, soc) for each in runs]) for soc in shown]
+    heads = ("Run", "Capacity", "What is new")
+    rows = [
+        (each["run"], words.quantity(each["capacity_Ah"]["value"], "Ah", each["capacity_Ah"]["std"]), in_words(each))
+        for each in runs
+    ]
+    sections = [
+        Section("Capacity", [over_runs("Capacity, with 95 % band", [("capacity", capacity)], "Ah"),
+                             *_ahead(result.get("forecast"))]),
+        Section("Resistance", [over_runs("Resistance of the first moment, with 95 % bands", resistance, "mΩ")]),
+        Section("What explains the error", [explained(runs)]),
+        Section("What is new", [*_since(result.get("change_points", ()), names), Table(heads, rows, frozenset({1}))]),
+    ]  # fmt: skip
+    about = (
+        "Each run is held against the cell as it was. What is said to be new is borne out by the series as a whole: of "
+        "all runs with a finding, at most 5 % are expected to be false."
+    )
+    return Report(heading, [about, _keys(runs, result), *usability_parts(result.get("usability"))], sections)
+
+
+def _keys(runs: Sequence[Mapping[str, Any]], result: Mapping[str, Any]) -> Keys:
+    first, last = runs[0]["capacity_Ah"], runs[-1]["capacity_Ah"]
+    keys = [
+        Key("Runs", words.count(len(runs)), f"{runs[0]['run']} to {runs[-1]['run']}" if len(runs) > 1 else ""),
+        Key("Capacity now", words.quantity(last["value"], "Ah", last["std"]),
+            f"{words.percent(last['value'] / first['value'], 1)} of that of the first run" if len(runs) > 1 else ""),
+    ]  # fmt: skip
+    found = [each for each in runs if each["verdict"] != "nothing_missing"]
+    keys.append(Key("Runs with something new", words.count(len(found)), in_words(found[-1]) if found else ""))
+    return Keys(keys)
+
+
+def explained(runs: Sequence[Mapping[str, Any]]) -> Figure | str:
+    """Draw one bar a run: the model's error as it was, cut into what each change explains and what is left."""
+    if not any(each.get("error_mV") for each in runs):
+        return "No error is told."
+    columns = []
+    for each in runs:
+        top, pieces = float(each.get("error_mV") or 0.0), []
+        for name, foot in (*steps_of(each), ("left", 0.0)):
+            pieces.append(Piece(words.effect(name) if name != "left" else name, top, min(top, foot)))
+            top = min(top, foot)
+        columns.append(pieces)
+    caption = "RMS error of the model as it was, cut into what each change explains and what is left"
+    return cut_bars(caption, columns, (Axis("run"), Axis("error", "mV")))
+
+
+def steps_of(entry: Mapping[str, Any]) -> list[tuple[str, float]]:
+    """Each named change with the error in mV that is left beside those before it."""
+    return [
+        (finding["effect"], float(finding["error_after_mV"]))
+        for finding in entry["findings"]
+        if finding.get("error_after_mV") is not None
+    ]
+
+
+def _ahead(forecast: Mapping[str, Any] | None) -> list[Part]:
+    """When the end is reached, in words and as a curve."""
+    if forecast is None:
+        return ["When the end is reached is not told: too few runs."]
+    curve = forecast["curve"]
+    at = np.array([float(each["at"]) for each in curve])
+    half = np.array([(each["high_Ah"] - each["low_Ah"]) / 2.0 for each in curve])
+    middle = np.array([float(each["capacity_Ah"]) for each in curve])
+    lines = [Line("as it goes on", at, middle, half, BLUE), level("end", at, float(forecast["end_Ah"]))]
+    caption = "Capacity ahead, if it goes on as it did, with 95 % band"
+    drawn = curves(caption, lines, Axis(words.plain(forecast["unit"])), Axis("capacity", "Ah"))
+    return [words.sentence(words.told(forecast["explanation"])), drawn]
+
+
+def _since(points: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> list[Part]:
+    said = [
+        f"{words.effect(each['effect'])} since run {names.get(each['run'], each['run'])}, between "
+        f"{names.get(each['between'][0], each['between'][0])} and {names.get(each['between'][1], each['between'][1])}."
+        for each in points
+    ]
+    return [Points(said)] if said else []
+
+
+def in_words(entry: Mapping[str, Any]) -> str:
+    """What a run's entry says is new."""
+    if entry["verdict"] == "nothing_missing":
+        return "nothing"
+    if entry["verdict"] == "unknown_effect":
+        return "something that no known effect explains"
+    found = [
+        f"resistance {words.told(finding['evidence']['where'])}"
+        if "where" in finding.get("evidence", {})
+        else words.plain(finding["effect"])
+        for finding in entry["findings"]
+    ]
+    return (" or " if entry["verdict"] == "ambiguous" else ", then ").join(found)
+
+
+def where_told(entry: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The resistance of an entry that is known best."""
+    return min(entry["resistance"], key=lambda each: each["std_Ohm"], default=None)
+
+
+def over_runs(caption: str, lines: Sequence[tuple[str, Sequence[Told]]], unit: str) -> Figure | str:
+    """Draw values over the number of the run, each with its band."""
+    drawn, colours = [], (BLUE, GREEN, RUST)
+    for number, (name, values) in enumerate(lines):
+        middle = np.array([np.nan if told is None else told[0] for told in values])
+        half = np.array([np.nan if told is None else _BAND * told[1] for told in values])
+        runs = np.arange(1.0, len(values) + 1.0)
+        drawn.append(Line(name, runs, middle, half, colours[number % len(colours)], dots=True))
+    if not drawn:
+        return "None is told."
+    count = max(len(line.x) for line in drawn)
+    ticks = [(k + 1.0, str(k + 1)) for k in every(count)]
+    return curves(caption, drawn, Axis("run", ticks=ticks), Axis(caption.split(",")[0].split()[0].lower(), unit))
+
+
+def _at(entry: Mapping[str, Any], soc: float) -> Told:
+    """Resistance in mOhm near a SoC; None where the run's entry has none."""
+    near = min(entry["resistance"], key=lambda each: abs(each["soc"] - soc), default=None)
+    if near is None or abs(near["soc"] - soc) > _NEAR_SOC:
+        return None
+    return 1e3 * near["value_Ohm"], 1e3 * near["std_Ohm"]

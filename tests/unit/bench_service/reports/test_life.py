@@ -1,0 +1,76 @@
+"""The report of a cell's life: curves to scale, nothing unescaped, every verdict in words."""
+
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from bench_service.reports.diagnosis import VERDICTS
+from bench_service.reports.document import Figure, Heading, render
+from bench_service.reports.life import explained, in_words, life_report, over_runs, where_told
+
+HEADING = Heading("Life", "a < b")
+
+
+def entry(run: str, **changed: Any) -> dict[str, Any]:
+    resistance = [{"soc": 0.5, "value_Ohm": 0.03, "std_Ohm": 0.001}, {"soc": 0.9, "value_Ohm": 0.02, "std_Ohm": 0.002}]
+    out = {"run": run, "capacity_Ah": {"value": 2.0, "std": 0.01}, "resistance": resistance}
+    return out | {"verdict": "nothing_missing", "findings": []} | changed
+
+
+def page(result: dict[str, Any], called: dict[str, str] | None = None) -> str:
+    return render(life_report(HEADING, result, called)).decode()
+
+
+def test_points_stand_where_their_values_are() -> None:
+    figure = over_runs("Capacity", [("a", [(1.0, 0.0), (2.0, 0.0), None, (3.0, 0.0)])], "Ah")
+    assert isinstance(figure, Figure)
+    heights = [float(each.attrib["cy"]) for each in ElementTree.fromstring(figure.svg).iter("circle")]
+    assert heights[0] - heights[1] == pytest.approx(heights[1] - heights[2], abs=0.2)
+    assert heights[0] > heights[2]
+    assert len(heights) == 3
+
+
+def test_nothing_told_is_said() -> None:
+    assert isinstance(over_runs("Capacity", [("a", [None])], "Ah"), str)
+    assert isinstance(over_runs("Resistance", [], "mΩ"), str)
+    assert isinstance(explained([entry("x")]), str)
+
+
+def test_a_name_is_escaped_and_every_run_is_called_what_people_call_it() -> None:
+    text = page({"runs": [entry("first & last"), entry("second", resistance=[])]}, {"second": "the aged one"})
+    assert "a &lt; b" in text and "first &amp; last" in text and "the aged one" in text and "second" not in text
+    assert "100.0 % of that of the first run" in text and "2.000 ± 0.010 Ah" in text
+
+
+def test_every_verdict_has_words() -> None:
+    findings = [{"effect": "capacity"}, {"effect": "series_resistance"}]
+    said = {each: in_words(entry("x", verdict=each, findings=findings)) for each in VERDICTS}
+    assert said["missing"] == "capacity, then series resistance"
+    assert said["ambiguous"] == "capacity or series resistance"
+    assert said["nothing_missing"] == "nothing"
+    assert "no known effect" in said["unknown_effect"]
+
+
+def test_the_resistance_that_is_known_best_is_shown() -> None:
+    best = where_told(entry("x"))
+    assert best is not None and best["soc"] == 0.5
+    assert where_told(entry("x", resistance=[])) is None
+
+
+def test_bars_are_cut_into_what_explains_the_error() -> None:
+    findings = [{"effect": "capacity", "error_after_mV": 10.0}, {"effect": "resistance_growth", "error_after_mV": 4.0}]
+    figure = explained([entry("x", error_mV=40.0, verdict="missing", findings=findings)])
+    assert isinstance(figure, Figure)
+    heights = [float(each.attrib["height"]) for each in ElementTree.fromstring(figure.svg).iter("rect")]
+    assert [each / heights[0] for each in heights] == pytest.approx([1.0, 0.2, 4.0 / 30.0], abs=0.01)
+    assert [each.label for each in figure.legend][::2] == ["Capacity", "left"]
+
+
+def test_a_forecast_and_change_points_are_told() -> None:
+    curve = [{"at": 10.0 * k, "capacity_Ah": 2.0 - 0.1 * k, "low_Ah": 1.8, "high_Ah": 2.1} for k in range(4)]
+    ahead = {"unit": "cycle", "end_Ah": 1.6, "explanation": "1.6 Ah < soon", "curve": curve}
+    point = {"effect": "capacity", "run": "b & c", "between": ["a", "b & c"]}
+    text = page({"runs": [entry("a")], "forecast": ahead, "change_points": [point]})
+    assert "1.6 Ah &lt; soon" in text and "Capacity since run b &amp; c" in text and text.count("<figure>") == 3
+    assert "too few runs" in page({"runs": [entry("a")], "forecast": None})
