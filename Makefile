@@ -10,9 +10,9 @@ VENV   := .venv
 READY  := $(VENV)/.installed
 BIN    := $(VENV)/bin
 PYTEST_ARGS ?=
-# Test processes side by side, one more than the two processors of CI: a quarter of the time they wait for devices, services and pages.
-# Each file stays in one of them. In the order of their names, because those of the browser and of whole campaigns are
-# long: by itself xdist begins with the files that hold the most tests.
+# Test processes side by side, one more than the two processors of CI: a quarter of the time they wait for devices,
+# services and pages. Each file stays in one of them. In the order of their names, because those of the browser and of
+# whole campaigns are long: by itself xdist begins with the files that hold the most tests.
 WORKERS ?= 3
 PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
