@@ -3,7 +3,8 @@
 On identification data the state of charge is counted from a known start, so the model's free-run error is what the
 filter will have to live with, once what the fit has hidden of it is put back (`unseen`). A small Kalman filter with the
 same noise as the observer's (white noise, quick and slow model error, drift of the state of charge) runs over that
-error, and its innovations are made as likely as possible.
+error, and its innovations are made as likely as possible. Around that the settings are looked for that serve the state
+of charge best (`serving`).
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from models.effects.input_correction import as_read
 from models.network.local_model_network import LocalModelNetwork
 from models.observer.filter.settings import ObserverSettings, default_settings
 from models.observer.tuning.calibration import calibrated_band
-from models.observer.tuning.innovations import log_likelihood, tuning_data
+from models.observer.tuning.innovations import TuningData, log_likelihood, tuning_data
+from models.observer.tuning.serving import judged_noise_V, serving_best
 from models.observer.tuning.unseen import as_they_are, as_unseen
 
 # What is tuned, each between bounds and with the spread of the weak prior around its start (in its logarithm).
@@ -56,9 +58,6 @@ _PRIOR_FACTOR = 4.0
 _ITERATIONS = 500
 # What is assumed of the current sensor where nothing is declared: a tuned model is good enough to tell so much.
 _OFFSET_STD_C = 0.01
-# Factors on slow error and noise, tried around what is most likely; the first is that itself.
-_AROUND = tuple((slow, noise) for noise in (1.0, 3.0, 10.0) for slow in (1.0, 0.3, 3.0))
-_CLEARLY = 0.9
 
 
 def tune(
@@ -133,6 +132,15 @@ def tune_on_grid(
         slow_error_std_V=0.7 * rms_V,
         **_START,
     )
+    likely = most_likely(data, first)
+    judged = unseen if held_out is None else as_they_are(network, *held_out)
+    best = serving_best(judged, likely, rms_V)
+    factor = calibrated_band(judged, best).factor
+    return replace(best, band_factor=factor, judged_noise_V=judged_noise_V(likely, best))
+
+
+def most_likely(data: TuningData, first: ObserverSettings) -> ObserverSettings:
+    """The noise that makes the innovations over free-run errors most likely, with a weak prior around the first."""
     start = np.log([getattr(first, name) for name in _TUNED])
     low, high = np.log(np.array([_BOUNDS[name] for name in _TUNED])).T
     weak = np.array([name in _START for name in _TUNED]) / np.log(_PRIOR_FACTOR)
@@ -151,17 +159,4 @@ def tune_on_grid(
         options={"initial_simplex": simplex, "maxfev": _ITERATIONS, "xatol": 0.02, "fatol": 0.1, "adaptive": True},
     )
     values = dict(zip(_TUNED, np.exp(np.clip(found.x, low, high)).tolist(), strict=True))
-    judged = unseen if held_out is None else as_they_are(network, *held_out)
-    likely = replace(first, **values)
-    around = [
-        replace(likely, slow_error_std_V=slow * likely.slow_error_std_V, voltage_std_V=noise * likely.voltage_std_V)
-        for slow, noise in _AROUND
-    ]
-    bands = [calibrated_band(judged, candidate) for candidate in around]
-    best = int(np.argmin([band.score for band in bands]))
-    # What is most likely stays unless something near it is clearly better at what it is for.
-    if bands[best].score > _CLEARLY * bands[0].score:
-        best = 0
-    # Halfway: the likely noise alone calls what the model errs by an alarm, the noise chosen for the SoC hides it.
-    judged_V = float(np.sqrt(likely.voltage_std_V * around[best].voltage_std_V))
-    return replace(around[best], band_factor=bands[best].factor, judged_noise_V=judged_V)
+    return replace(first, **values)

@@ -16,7 +16,7 @@ from models.network.local_model_network import LocalModelNetwork
 from models.uncertainty.model_uncertainty import uncertainty_of
 
 # Each run of a few is seen with several draws: one alone can be lucky.
-_LEAST = 3
+_LEAST = 8
 _SEED = 20
 
 

@@ -7,8 +7,9 @@ from models.data.timeseries import TimeSeries
 from models.network.local_model_network import LocalModelNetwork
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.observer import FuzzyObserver, default_settings
+from models.observer.filter.settings import ObserverSettings
 from models.observer.tuning.innovations import log_likelihood, tuning_data
-from models.observer.tuning.tuning import tune, with_tuned_observer
+from models.observer.tuning.tuning import most_likely, tune, with_tuned_observer
 from models.observer.tuning.unseen import as_they_are
 from tests.unit.models import hand_network
 
@@ -36,7 +37,8 @@ def measured(seed: int, noise_V: float, error_V: float, error_s: float, n: int =
 
 
 def test_noise_and_quick_error_are_found_again() -> None:
-    found = tune(network(), [measured(1, 1e-3, 3e-3, 20.0)], [0.5])
+    data = tuning_data(as_they_are(network(), [to_grid(measured(1, 1e-3, 3e-3, 20.0), 1.0)], [0.5]))
+    found = most_likely(data, ObserverSettings(slow_error_std_V=2e-3, slow_error_time_s=3e4, soc_std_per_sqrt_s=1e-6))
     assert 0.85e-3 < found.voltage_std_V < 1.15e-3
     assert 2e-3 < found.quick_error_std_V < 4.5e-3
     assert 8.0 < found.quick_error_time_s < 50.0

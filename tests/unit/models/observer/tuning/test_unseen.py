@@ -28,7 +28,7 @@ def test_models_are_drawn_as_wide_as_their_parameters_are_uncertain(fitted: Fuzz
 def test_few_runs_are_seen_more_than_once_and_the_same_way_each_time(fitted: FuzzyObserver) -> None:
     run = to_grid(synthetic.run(500, seed=7, noise_V=1e-3), 1.0)
     first, again = (as_unseen(fitted.network, [run], [0.6]) for _ in range(2))
-    assert len(first) == 3
+    assert len(first) == 8
     assert not np.array_equal(first[0].network.theta, first[1].network.theta)
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.network.theta, other.network.theta)
@@ -38,7 +38,7 @@ def test_errors_of_unseen_runs_are_not_smaller_than_of_runs_that_were_fitted(fit
     run = to_grid(synthetic.run(5000, seed=2, noise_V=1e-3), 1.0)
     seen = tuning_data(as_they_are(fitted.network, [run], [0.6]))
     unseen = tuning_data(as_unseen(fitted.network, [run], [0.6]))
-    assert len(unseen.starts) == 3
+    assert len(unseen.starts) == 8
     assert np.nanstd(unseen.error_V) > np.nanstd(seen.error_V)
 
 
