@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -139,6 +139,7 @@ class Effect:
     absorbed : a network that is refitted takes it in unseen, so that only a comparison with an earlier model shows it
     overpotential : it is a loss inside the cell, which warms it
     needs_temperature : it cannot be seen where the temperature is missing or does not move
+    seen_in : views of runs -> whether these tell it from what a cell does anyway; None: it is seen in any runs
     twin : an effect that one log can hardly tell from it; one of the two has to say so
     contains : effects that are special cases of this one
     part_of : effects that this one is a special case of: `contains`, said by the other
@@ -151,8 +152,9 @@ class Effect:
     renews : what of a bounded network a change of it is estimated in, beside that part: kinds of signals, or `CURVE`
     ways_in : steps to a richer structure, tried beside `extend`
     correction : how it is put right in a run's columns; None: it is not in the sensors
-    fault_V : (view, values of the parameters) -> (n,) voltage that it makes of a run now and then, which no model can
-        have: it is taken out of the runs that a network is refitted to. None: it is nothing of the kind
+    fault_V : (view, values of the parameters) -> (n,) voltage that it makes of a run now and then, or more and more,
+        which no model can have: it is taken out of the runs that a network is refitted to. None: it is nothing of the
+        kind
     assumption : how it is put right in what a fit is told; None: it is not in that
     expected : how large a change of it is to be expected
     life : what of a cell's life it stands for, where that is followed over many runs; None: it is nothing that ages
@@ -176,6 +178,7 @@ class Effect:
     absorbed: bool = False
     overpotential: bool = False
     needs_temperature: bool = False
+    seen_in: Callable[[Sequence[View]], bool] | None = None
     twin: str | None = None
     contains: tuple[str, ...] = ()
     part_of: tuple[str, ...] = ()
@@ -190,6 +193,10 @@ class Effect:
     assumption: Assumption | None = None
     expected: Expected = Expected()
     life: Life | None = None
+
+    def tells(self, views: Sequence[View]) -> bool:
+        """Whether runs tell it from what a cell does anyway."""
+        return self.seen_in is None or self.seen_in(views)
 
     @property
     def channel(self) -> Literal["voltage", "temperature"]:

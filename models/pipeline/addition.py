@@ -32,6 +32,8 @@ _FINER = "the bounded network had it already; it was fitted to the training runs
 _ANEW = "the structure had it already; it was fitted to the training runs again"
 _OTHER_KIND = "a bounded network cannot have it: the full structure, which can, was fitted to the training runs instead"
 _FREED = "the bounded network was fitted to the training runs with the effect among its terms"
+_OF_RUNS = "the runs were freed of it before the refit; no model can have it: look for it and mend it"
+_AGED = "the runs were freed of it before the refit: the network is the cell as each run began, which grows old in it"
 _REFITTED = "the network was refitted to the training runs, which takes it in"
 
 
@@ -89,9 +91,13 @@ def add_effect(
     train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))
     task = _Task(network, chosen, train, train_soc, own, progress)
     if chosen.extend is None:
-        values = changed(chosen, own, network)
-        made = _by_correction(replace(task, train=freed(chosen, values, train, own, network)), values)
-        validate = freed(chosen, values, validate, before, network)
+        # In runs after those of the network the cell is what has become of it: a refit takes in what was lost by then.
+        ages = chosen.life is not None and is_own(network, train)
+        values = missing(network, chosen, own) if ages and chosen.fault_V else changed(chosen, own, network)
+        if chosen.fault_V is not None and (ages or chosen.life is None):
+            task = replace(task, train=freed(chosen, values, train, own, network), freed=True)
+            validate = freed(chosen, values, validate, before, network)
+        made = _by_correction(task, values)
         validate = [corrected(run, chosen, {key: each.value for key, each in values.items()}) for run in validate]
     else:
         made, values = _in_structure(task)
@@ -101,7 +107,7 @@ def add_effect(
 
 @dataclass(frozen=True)
 class _Task:
-    """An effect to be put into a network's structure, and the runs to refit to."""
+    """An effect to be put into a network's structure, and the runs to refit to; `freed` where it is out of these."""
 
     network: LocalModelNetwork
     chosen: Effect
@@ -109,6 +115,7 @@ class _Task:
     train_soc: list[float]
     own: Record
     progress: Progress | None
+    freed: bool = False
 
     def fitted(self, remark: str, **options: Unpack[_Options]) -> Again:
         """The network fitted anew."""
@@ -215,8 +222,8 @@ def _by_correction(task: _Task, values: dict[str, Value]) -> Again:
     capacity_Ah = network.cell.capacity_Ah if told.capacity_Ah is None else told.capacity_Ah(plain)
     moved = 0.0 if told.soc_moved is None else told.soc_moved(plain, own.soc[0])
     remark = f"the model counts charge on {capacity_Ah:.4g} Ah" if told.capacity_Ah is not None else _REFITTED
-    if chosen.fault_V is not None:
-        remark = "the runs were freed of it before the refit; no model can have it: look for it and mend it"
+    if task.freed:
+        remark = _OF_RUNS if chosen.life is None else _AGED
     if chosen.correction is not None:
         remark = "the runs' columns were corrected by it before the refit; correct further runs of this rig likewise"
     train, soc = [corrected(run, chosen, plain) for run in task.train], [each + moved for each in own.soc]

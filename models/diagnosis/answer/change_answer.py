@@ -80,7 +80,7 @@ def _findings(analysis: Analysis, rivals: tuple[Tried, ...], record: Record) -> 
         findings.append(_finding(analysis, each, (record, after), confidence, others, given))
         left = after
     names = tuple(finding.effect for finding in findings)
-    chance = {each.effect.name: p for p, each in analysis.verdict.single}
+    chance = {each.effect.name: p for p, each in analysis.verdict.single} | analysis.untold_chances
     for each in rivals:
         after = record.less(_parts_V(analysis, each, record))
         others = (*names, *(other.effect.name for other in rivals if other is not each))

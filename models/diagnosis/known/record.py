@@ -10,7 +10,7 @@ import numpy as np
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
-from models.diagnosis.known.elsewhere import Elsewhere, Points
+from models.diagnosis.known.elsewhere import PLACES, TIMES, WHITE, Elsewhere, Points
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.thermal.heat_balance import HeatBalance
 from models.identification.bounded.knots import Knots
@@ -18,7 +18,10 @@ from models.identification.bounded.problem import Layout
 from models.identification.bounded.terms import Basis, Term
 from models.network.local_model_network import LocalModelNetwork
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
+# Documents of this version know nothing of what a run has of its own of the load there: they are read as if it were
+# nothing.
+_WITHOUT_OWN_LOAD, _OWN_LOAD = 2, len(PLACES) + TIMES.index("load there, own")
 # Digits that are written: far more than the estimates are good for.
 _DIGITS = 8
 
@@ -64,7 +67,8 @@ def from_json(document: dict[str, Any]) -> KnownRuns:
     ModelError
         It is none, or damaged.
     """
-    if document.get("kind") != "diagnosis_memory" or document.get("schema_version") != SCHEMA_VERSION:
+    known_versions = (_WITHOUT_OWN_LOAD, SCHEMA_VERSION)
+    if document.get("kind") != "diagnosis_memory" or document.get("schema_version") not in known_versions:
         raise ModelError(f"not a diagnosis memory of schema version {SCHEMA_VERSION}; fit the model again")
     try:
         cell, elsewhere = _cell(document), _elsewhere(document)
@@ -75,7 +79,8 @@ def from_json(document: dict[str, Any]) -> KnownRuns:
         len(elsewhere.left_V),
         len(elsewhere.unseen_V),
     }
-    if len(cell.coefficients) != cell.layout.size or len(counts) != 1:
+    causes = len(PLACES) + len(TIMES) + len(WHITE)
+    if len(cell.coefficients) != cell.layout.size or len(counts) != 1 or len(elsewhere.variances) != causes:
         raise ModelError("diagnosis memory is damaged: its sizes do not fit; fit the model again")
     return KnownRuns(cell, elsewhere, balance)
 
@@ -111,8 +116,9 @@ def _cell(document: dict[str, Any]) -> KnownCell:
 
 
 def _elsewhere(document: dict[str, Any]) -> Elsewhere:
+    variances = _array(document["variances"])
     return Elsewhere(
-        _array(document["variances"]),
+        np.insert(variances, _OWN_LOAD, 0.0) if document["schema_version"] == _WITHOUT_OWN_LOAD else variances,
         {str(name): float(value) for name, value in document["granted"].items()},
         _array(document["rate_scale"]),
         Points(**{each.name: _array(document["points"][each.name]) for each in fields(Points)}),

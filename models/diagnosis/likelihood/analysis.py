@@ -18,7 +18,7 @@ from models.diagnosis.likelihood.power import first_direction, smallest_shown
 from models.diagnosis.likelihood.shapes import Moving, shapes_of
 from models.diagnosis.likelihood.sight import Sight, background, look
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.verdict import Tried, Verdict, judge, prior_alone, together, try_shapes
+from models.diagnosis.likelihood.verdict import Tried, Verdict, chances_of, judge, prior_alone, together, try_shapes
 from models.effects import Effect
 from models.effects.view import View
 
@@ -32,12 +32,14 @@ class Analysis:
     sight, back : the runs, and what they would be like with nothing new
     tried : every effect that they can show
     verdict : probabilities
+    untold : effects that they may have, but do not tell from what any cell does: none of them is claimed
     """
 
     sight: Sight
     back: Background
     tried: tuple[Tried, ...]
     verdict: Verdict
+    untold: tuple[Tried, ...] = ()
 
     @cached_property
     def named(self) -> tuple[Tried, ...]:
@@ -60,7 +62,7 @@ class Analysis:
     @cached_property
     def sizes(self) -> dict[str, Weighed]:
         """Sizes of the named effects, found together, and of every other effect alone."""
-        out = {each.effect.name: each.weighed for each in self.tried}
+        out = {each.effect.name: each.weighed for each in (*self.tried, *self.untold)}
         if len(self.named) > 1:
             both, _ = together(self.back, self.named)
             first = 0
@@ -73,13 +75,27 @@ class Analysis:
     @property
     def rivals(self) -> tuple[Tried, ...]:
         """Effects that explain the runs nearly as well as the first that is named, where one alone is."""
+        hidden = tuple(each for each in self.untold if each.effect.name in self.untold_chances)
         if len(self.named) != 1:
-            return tuple(each for each in self.tried if self.named and self._stands_for(each))
+            return hidden + tuple(each for each in self.tried if self.named and self._stands_for(each))
         best = self.verdict.single[0][0]
         others = [each for p, each in self.verdict.single[1:] if p * THRESHOLDS.rival >= best]
         name = self.named[0].effect
         twin = [each for _, each in self.verdict.single[1:] if each.effect.name == name.twin and each not in others]
-        return tuple(twin + others)
+        return (*twin, *hidden, *others)
+
+    @cached_property
+    def untold_chances(self) -> dict[str, float]:
+        """Probability of each effect that is not claimed, where it would explain the runs nearly as well.
+
+        What is named gives it no more than half of its own.
+        """
+        if not self.named:
+            return {}
+        best = self.verdict.single[0][0] if len(self.named) == 1 else self.verdict.pairs[0][0]
+        chances = chances_of(self.back, self.verdict, list(self.tried), list(self.untold), self.sight.n_voltage)
+        near = {each.effect.name: p for each, p in zip(self.untold, chances.tolist(), strict=True)}
+        return {name: best * p / (p + max(p, best)) for name, p in near.items() if p * THRESHOLDS.rival >= best}
 
     def _stands_for(self, general: Tried) -> bool:
         """Whether a named pair would be as good with a free curve in the place of a special case of it."""
@@ -98,7 +114,8 @@ class Analysis:
             return self.verdict.unknown
         first = self.named[0]
         alone = sum(p for p, each in self.verdict.single if each is first)
-        return min(alone + sum(p for p, *both in self.verdict.pairs if any(each is first for each in both)), 1.0)
+        whole = min(alone + sum(p for p, *both in self.verdict.pairs if any(each is first for each in both)), 1.0)
+        return max(whole - sum(self.untold_chances.values()), 0.0)
 
     def _rms_V(self, tried: Tried, sizes: FloatArray) -> float:
         """How much voltage an effect of some sizes stands for at the runs' points."""
@@ -180,8 +197,13 @@ def _held(sight: Sight, soc_std: list[float] | None, effects: list[Effect]) -> A
     shapes = {one.name: shapes_of(sight, one) for one in effects}
     shapes = {name: own for name, own in shapes.items() if own}
     back = background(sight, soc_std, granted(sight, shapes))
-    tried = [try_shapes(back, one, shapes[one.name]) for one in effects if one.name in shapes]
-    return Analysis(sight, back, tuple(tried), judge(back, tried, sight.n_voltage))
+    # What the runs do not tell from what any cell does may be there, but is not named.
+    views = [run.points for run in sight.runs]
+    every = [try_shapes(back, one, shapes[one.name]) for one in effects if one.name in shapes]
+    told = [each.effect.tells(views) for each in every]
+    tried = [each for each, own in zip(every, told, strict=True) if own]
+    untold = tuple(each for each, own in zip(every, told, strict=True) if not own)
+    return Analysis(sight, back, tuple(tried), judge(back, tried, sight.n_voltage), untold)
 
 
 def _moved_soc(analysis: Analysis) -> Callable[[View], FloatArray] | None:

@@ -17,6 +17,7 @@ from models.effects import Effect
 
 _STEPS = 4
 _SETTLED = 0.05
+_LEAST = 1e-300
 
 
 @dataclass(frozen=True)
@@ -143,6 +144,25 @@ def prior_alone(tried: list[Tried]) -> FloatArray:
     """(effects,) prior probability of each effect alone."""
     share, at = _shares(tried), THRESHOLDS
     return (1.0 - at.nothing - at.unknown - at.pairs) * share / share.sum()
+
+
+def chances_of(
+    back: Background, verdict: Verdict, tried: list[Tried], others: list[Tried], n_voltage: int
+) -> FloatArray:
+    """(others,) probability of effects, alone, that were not weighed with the rest; 0 of one that worsens things.
+
+    Parameters
+    ----------
+    back : error and covariance
+    verdict, tried : of the effects that were weighed
+    others : effects that were not
+    n_voltage : points of the voltage, the first ones
+    """
+    alone = np.log(prior_alone([*tried, *others]))[len(tried) :]
+    logs = alone + THRESHOLDS.tempering * np.array([each.weighed.log_likelihood for each in others])
+    logs += np.log(max(verdict.nothing, _LEAST)) - np.log(THRESHOLDS.nothing)
+    worse = [_worsens(back, each.contribution, n_voltage) for each in others]
+    return np.where(worse, 0.0, np.exp(np.minimum(logs, 0.0)))
 
 
 def _likely(a: Effect, b: Effect) -> float:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.evidence.candidates import Candidate, Comparison, lean_columns, try_effect, try_lean
@@ -77,12 +78,17 @@ def analyse_structure(
     runs, soc : runs to be explained
     effects : to be tried
     soc_std : standard deviation of the stated SoC of each of these runs; None: that of a careful statement
+
+    Raises
+    ------
+    ModelError
+        The runs can show none of the effects.
     """
     samples = _inside(all_samples(reference, [*train, *runs], [*train_soc, *soc], _SAMPLES), len(train))
     error = np.concatenate([_error_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
     own = np.vstack([directions_V(network, view.run, view.initial_soc, view.index) for view in samples.views])
     open_ = nuisances_of(network, samples.views, [_SOC_STD] * len(train) + (soc_std or [_SOC_STD] * len(runs)))
-    usable = [effect for effect in effects if not effect.absorbed and visible(effect, [*train, *runs])]
+    usable = _usable(effects, samples, [*train, *runs])
     columns = {effect.name: samples.regressors(effect) for effect in usable}
     evidence, resolution = resolved(samples, error, own, open_, np.hstack(list(columns.values())))
     everything = evidence.solve(np.hstack(list(columns.values()))).cost / len(error)
@@ -103,6 +109,18 @@ def analyse_structure(
     if named and 0 < n_train < len(error) and not _lowers(named[-1], n_train, float(np.mean(error[n_train:] ** 2))):
         named = ()
     return StructureAnalysis(comparison, ranking, named, n_train, resolution)
+
+
+def _usable(effects: list[Effect], samples: Samples, runs: list[GridRun]) -> list[Effect]:
+    """Effects that a structure can lack and that the runs can show."""
+    seen = [each for each in effects if not each.absorbed and visible(each, runs) and each.tells(samples.views)]
+    if not seen:
+        names = ", ".join(each.name for each in effects) or "any effect"
+        raise ModelError(
+            f"diagnosis: the runs cannot show {names}; take runs that come back to a state of charge, at more than one "
+            "temperature"
+        )
+    return seen
 
 
 def _possible(comparison: Comparison, candidate: Candidate) -> bool:

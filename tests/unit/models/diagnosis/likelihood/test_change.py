@@ -6,7 +6,7 @@ import pytest
 
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
-from models.data.timeseries import TimeSeries
+from models.data.timeseries import FloatArray, TimeSeries
 from models.diagnosis import diagnose
 from models.diagnosis.answer.findings import Diagnosis
 from models.diagnosis.known.memory import KnownRuns
@@ -20,7 +20,7 @@ from models.network.model_record import ModelRecord
 from simulators.catalogue import CELLS
 from simulators.cell import Branch, Cell, CellParameters
 from tests.unit.models.diagnosis.cells import SOC, measured, simple_network
-from tests.unit.models.simulated_cells import record
+from tests.unit.models.simulated_cells import pulses_A, record
 
 CELL = CELLS["nmc"].parameters
 COLUMNS = ("time_s", "current_A", "voltage_V", "temperature_degC", "ambient_degC")
@@ -240,3 +240,25 @@ def test_bad_calls_are_refused() -> None:
     short = TimeSeries(np.arange(300.0), np.zeros(300), np.full(300, 3.6), np.full(300, 22.0))
     with pytest.raises(ModelError, match="SoC at the start"):
         diagnose(network, [short], [0.5], train=[short], mode="change")
+
+
+def grown(current_A: FloatArray, soc: float) -> TimeSeries:
+    return record(Cell(replace(CELL, resistance_growth_per_Ah=0.12), soc, 22.0), current_A, 3)
+
+
+def test_growth_is_named_where_the_state_of_charge_comes_back(memory: KnownRuns) -> None:
+    first = diagnosed(memory, grown(pulses_A(6000, CELL.capacity_Ah, 2), SOC)).findings[0]
+    assert first.effect == "resistance_growth"
+    assert first.parameters["growth_per_Ah"].value == pytest.approx(0.12, rel=0.1)
+
+
+def test_in_one_discharge_growth_is_not_claimed_but_told_as_what_it_may_be_as_well(memory: KnownRuns) -> None:
+    falling_A = CELL.capacity_Ah * np.random.default_rng(5).uniform(-2.0, 0.4, 150).repeat(20)
+    answer = diagnosed(memory, grown(falling_A, 0.8), 0.8)
+    assert answer.verdict == "ambiguous"
+    first = answer.findings[0]
+    assert first.effect != "resistance_growth" and "resistance_growth" in first.confounded_with
+    chance = {each.effect: each.confidence for each in answer.findings}
+    assert 0.0 < chance["resistance_growth"] <= 0.5
+    assert answer.next_experiment is not None and "resistance_growth" in answer.next_experiment["rivals"]
+    assert "resistance_growth" not in {name for name, _, _ in answer.power}
