@@ -15,8 +15,8 @@ from models.diagnosis.answer.next_experiment import discriminating_request
 from models.diagnosis.answer.unknown import depends_on
 from models.diagnosis.likelihood.analysis import Analysis
 from models.diagnosis.likelihood.shapes import whole_V
+from models.diagnosis.likelihood.tried import Tried
 from models.diagnosis.likelihood.values import values_of
-from models.diagnosis.likelihood.verdict import Tried
 from models.diagnosis.reference.record import Record
 from models.effects.view import View
 

@@ -18,7 +18,8 @@ from models.diagnosis.likelihood.power import first_direction, smallest_shown
 from models.diagnosis.likelihood.shapes import Moving, shapes_of
 from models.diagnosis.likelihood.sight import Sight, background, look
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.verdict import Tried, Verdict, chances_of, judge, prior_alone, together, try_shapes
+from models.diagnosis.likelihood.tried import Tried, together, try_shapes
+from models.diagnosis.likelihood.verdict import Verdict, chances_of, judge, prior_alone
 from models.effects import Effect
 from models.effects.view import View
 

@@ -9,7 +9,7 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background, log_sum
 from models.diagnosis.likelihood.shapes import Moving
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.verdict import Tried
+from models.diagnosis.likelihood.tried import Tried
 
 # Sizes, in units of the usual one, that are looked through.
 _SEARCH, _CLOSE = (1e-3, 1e3), 0.02

@@ -7,7 +7,7 @@ import numpy as np
 from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.likelihood.analysis import Analysis
 from models.diagnosis.likelihood.shapes import Linear
-from models.diagnosis.likelihood.verdict import Tried
+from models.diagnosis.likelihood.tried import Tried
 
 
 def values_of(analysis: Analysis, tried: Tried) -> dict[str, Value]:

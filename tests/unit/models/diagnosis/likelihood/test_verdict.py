@@ -1,10 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background
 from models.diagnosis.likelihood.shapes import Linear
+from models.diagnosis.likelihood.simpler import Simpler, price_of_shape
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.verdict import Tried, judge, try_shapes
+from models.diagnosis.likelihood.tried import Tried, try_shapes
+from models.diagnosis.likelihood.verdict import judge
 from models.effects import effect
 
 N = 60
@@ -64,3 +68,54 @@ def test_one_that_explains_clearly_less_does_not() -> None:
     tried[1] = try_shapes(back, effect("lithium_loss"), (poor,))
     assert tried[1].weighed.log_likelihood < THRESHOLDS.as_good * tried[0].weighed.log_likelihood
     assert judge(back, tried, N).single[0][1].effect.name == "ocv_shape"
+
+
+def shape_against_a_constant(extra_V: float) -> tuple[Background, list[Tried]]:
+    """A larger resistance, and one bump of its curve over the state of charge, beside something open."""
+    bumps = np.stack([np.exp(-0.5 * ((TIME - each) / 0.15) ** 2) for each in np.linspace(0.0, 1.0, 6)], axis=1)
+    back = against(1e-4 * TIME, 0.0125 * bumps.sum(axis=1) + extra_V * bumps[:, 3])
+    shapes = {"soc_dependence": 0.01 * bumps, "series_resistance": 0.01 * bumps.sum(axis=1)[:, None]}
+    return back, [try_shapes(back, effect(name), (Linear(each, (), (), 0),)) for name, each in shapes.items()]
+
+
+def likeliest(back: Background, tried: list[Tried]) -> str:
+    return judge(back, tried, N).single[0][1].effect.name
+
+
+def test_a_constant_stands_before_a_shape_that_explains_a_little_more() -> None:
+    back, tried = shape_against_a_constant(2.7e-3)
+    shape, constant = (each.weighed.log_likelihood for each in tried)
+    # Beyond a shape's smaller prior weight, but not beyond that of a second change.
+    assert THRESHOLDS.tempering * (shape - constant) > np.log(4.0)
+    assert likeliest(back, tried) == "series_resistance"
+
+
+def test_a_shape_that_explains_clearly_more_stands_before_the_constant() -> None:
+    assert likeliest(*shape_against_a_constant(2e-2)) == "soc_dependence"
+
+
+def test_a_shape_pays_no_more_than_the_constant_explains() -> None:
+    back, tried = shape_against_a_constant(0.0)
+    known = 2.0
+    worth = [25.0, known]
+    tried = [
+        replace(each, weighed=replace(each.weighed, log_likelihood=log)) for each, log in zip(tried, worth, strict=True)
+    ]
+    logs = np.zeros(2)
+    price_of_shape(tried, [], logs, np.zeros(0))
+    assert logs.tolist() == [-THRESHOLDS.tempering * known, 0.0]
+
+
+def test_what_leaves_more_error_than_a_simpler_explanation_is_not_named() -> None:
+    # A slope that only what is open hides comes with the second effect, which explains hardly anything.
+    open_V = 0.1 * TIME
+    column = 0.02 * np.sin(9.0 * TIME)
+    second = 0.02 * TIME + 1e-3 * np.cos(25.0 * TIME)
+    back = against(open_V, column + 1.5e-2 * np.cos(25.0 * TIME))
+    shapes = {"capacity": column, "relaxation": second}
+    tried = [try_shapes(back, effect(name), (Linear(each[:, None], (), (), 0),)) for name, each in shapes.items()]
+    simpler = Simpler(back, tried, N)
+    assert tried[0].weighed.log_likelihood > THRESHOLDS.asked
+    assert not simpler.single(0)
+    assert simpler.pair(0, 1)
+    assert judge(back, tried, N).pairs[0][0] == 0.0

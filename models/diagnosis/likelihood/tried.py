@@ -1,0 +1,109 @@
+"""What one effect makes of the judged runs, in its likeliest shape, and what several make of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.diagnosis.likelihood.background import Background, Weighed, Whitened, log_sum
+from models.diagnosis.likelihood.shapes import Linear, Moving
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.effects import Effect
+
+_STEPS = 4
+_SETTLED = 0.05
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One effect in its likeliest shape.
+
+    Attributes
+    ----------
+    effect : tried
+    shape : the likeliest
+    columns : (N, k) for usual sizes, or derivatives about what was moved
+    moved : (N,) what is taken off the error first; None: nothing
+    weighed : its evidence, that of all shapes together
+    broken : what is taken off the logarithm of the likelihood, because a simulation does not bear it out
+    """
+
+    effect: Effect
+    shape: Linear | Moving
+    columns: FloatArray
+    moved: FloatArray | None
+    weighed: Weighed
+    broken: float = 0.0
+
+    @property
+    def contribution(self) -> FloatArray:
+        """(N,) its part of both channels."""
+        return self.part(self.weighed.mean)
+
+    def part(self, sizes: FloatArray) -> FloatArray:
+        """(N,) the same for other sizes."""
+        part = self.columns @ sizes
+        return part if self.moved is None else part + self.moved
+
+
+def try_shapes(back: Background, one: Effect, shapes: tuple[Linear | Moving, ...]) -> Tried:
+    """Weigh an effect over all its shapes."""
+    every = [_linear(back, one, shape) if isinstance(shape, Linear) else _moving(back, one, shape) for shape in shapes]
+    best = max(every, key=lambda each: each.weighed.log_likelihood)
+    together = log_sum([each.weighed.log_likelihood for each in every]) - float(np.log(len(every)))
+    return replace(best, weighed=replace(best.weighed, log_likelihood=together))
+
+
+def _linear(back: Background, one: Effect, shape: Linear) -> Tried:
+    return Tried(one, shape, shape.columns, None, back.weigh(shape.columns))
+
+
+def _moving(back: Background, one: Effect, shape: Moving) -> Tried:
+    """Simulate again about what the runs ask for, from each start; the likeliest of what was simulated is taken."""
+    seen: list[Tried] = []
+    for start in (_best_start(back, shape),) if shape.from_best else shape.starts:
+        sizes = np.array(start)
+        for _ in range(_STEPS):
+            at, columns = shape.columns(sizes)
+            moved = at - columns @ sizes
+            whitened = back.whiten(columns, moved)
+            weighed = back.weigh_whitened(whitened)
+            broken = _broken(back, shape, weighed, whitened)
+            weighed = replace(weighed, log_likelihood=weighed.log_likelihood - broken)
+            seen.append(Tried(one, shape, columns, moved, weighed, broken))
+            asked = np.clip(back.step(whitened), *shape.limits)
+            settled = bool(np.abs(asked - sizes).max() < _SETTLED)
+            sizes = asked
+            if settled:
+                break
+    return max(seen, key=lambda each: each.weighed.log_likelihood)
+
+
+def _best_start(back: Background, shape: Moving) -> tuple[float, ...]:
+    """The start that leaves least."""
+    left = np.column_stack([back.error - shape.simulate(np.array(start)) for start in shape.starts])
+    return shape.starts[int(np.argmin(np.sum(back.white(left, 1.0) ** 2, axis=0)))]
+
+
+def _broken(back: Background, shape: Moving, weighed: Weighed, whitened: list[Whitened]) -> float:
+    """How much evidence the derivatives promise beyond what a simulation of the likeliest size bears out."""
+    truly = shape.simulate(np.clip(weighed.mean, *shape.limits))
+    broken = 0.0
+    for (scale, _), each, error in zip(THRESHOLDS.effect_scales, whitened, back.white_errors, strict=True):
+        if scale in THRESHOLDS.scales:
+            promised, left = each.error - each.columns @ weighed.mean, error - back.white(truly, scale)
+            broken = max(broken, 0.5 * float(left @ left - promised @ promised))
+    return broken
+
+
+def together(back: Background, several: Sequence[Tried]) -> tuple[Weighed, FloatArray]:
+    """Sizes of effects that are there at once, in their order, and (N,) what they stand for."""
+    moved = [each.moved for each in several if each.moved is not None]
+    columns = np.column_stack([each.columns for each in several])
+    whole = np.sum(moved, axis=0) if moved else None
+    weighed = back.weigh(columns, whole)
+    part = columns @ weighed.mean
+    return weighed, part if whole is None else part + whole
