@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TypedDict, Unpack
 
+from models.comparison.placed_runs import free_run_metrics
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
 from models.diagnosis.diagnosis import check_training
@@ -84,6 +85,8 @@ def add_effect(
     """
     chosen = effect(name)
     before = make_record(network, validate, validate_soc)
+    # The user compares the same model with the same run on the next page: one figure for both.
+    before_mV = free_run_metrics(network, validate, validate_soc)["rmse_mV"]
     own = make_record(network, train, train_soc)
     check_training(own.runs)
     if chosen.regressors is not None and not visible(chosen, own.runs):
@@ -101,8 +104,8 @@ def add_effect(
         validate = [corrected(run, chosen, {key: each.value for key, each in values.items()}) for run in validate]
     else:
         made, values = _in_structure(task)
-    after = make_record(made.network, validate, validate_soc)
-    return _addition(network, made.network, chosen, values, before, after, made.remark, train)
+    after_mV = free_run_metrics(made.network, validate, validate_soc)["rmse_mV"]
+    return _addition(network, made.network, chosen, values, (before_mV, after_mV), made.remark, train)
 
 
 @dataclass(frozen=True)
@@ -243,8 +246,7 @@ def _addition(
     network: LocalModelNetwork,
     chosen: Effect,
     values: dict[str, Value],
-    before: Record,
-    after: Record,
+    error_mV: tuple[float, float],
     remark: str,
     train: list[TimeSeries],
 ) -> Addition:
@@ -252,8 +254,8 @@ def _addition(
         "effect": chosen.name,
         "parameters": {key: {"value": v.value, "std": v.std, "unit": v.unit} for key, v in values.items()},
         "correction": chosen.correction is not None,
-        "error_before_mV": before.rms_mV,
-        "error_after_mV": after.rms_mV,
+        "error_before_mV": error_mV[0],
+        "error_after_mV": error_mV[1],
     }
     record = replace(network.record, effects=(*parent.record.effects, entry))
     made_by = version_of(network)
@@ -263,8 +265,8 @@ def _addition(
         train,
         parent=parent,
         settings={"effect": chosen.name},
-        errors={"parent_rmse_mV": before.rms_mV, "rmse_mV": after.rms_mV},
+        errors={"parent_rmse_mV": error_mV[0], "rmse_mV": error_mV[1]},
         code_version="unknown" if made_by is None else made_by.code_version,
         sums_sha256=None if made_by is None else made_by.sums_sha256,
     )
-    return Addition(versioned, chosen.name, values, before.rms_mV, after.rms_mV, remark)
+    return Addition(versioned, chosen.name, values, *error_mV, remark)

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from models.comparison import compare
 from models.data.timeseries import TimeSeries
 from models.network.lineage import version_of
 from models.pipeline.addition import Addition, add_effect
@@ -29,6 +30,18 @@ def test_an_effect_that_was_left_out_is_put_in_with_bounds() -> None:
     assert any("hysteresis" in term["effects"] for term in choices["terms"])
     assert version is not None and (version.number, version.made_by) == (2, "effect")
     assert made.parameters["amplitude_V"].value == pytest.approx(0.02, rel=0.5)
+
+
+def test_its_errors_are_those_of_a_comparison_wherever_the_judged_run_begins() -> None:
+    whole = run(9)
+    first = int(np.argmax(np.abs(whole.current_A[500:2000]))) + 500
+    soc = SOC + float(whole.current_A[1 : first + 1].sum()) / (3600.0 * CELL.capacity_Ah)
+    columns = (whole.current_A, whole.voltage_V, whole.temperature_degC)
+    late = TimeSeries(whole.time_s[first:] - whole.time_s[first], *(each[first:] for each in columns), name="late")
+    parent = fitted(without=("hysteresis",)).network
+    made = add_effect(parent, "hysteresis", [run(2), run(4)], [SOC, SOC], [late], [soc])
+    for network, error_mV in ((parent, made.error_before_mV), (made.network, made.error_after_mV)):
+        assert compare(network, [late], [soc])["overall"]["rmse_mV"] == pytest.approx(error_mV, rel=1e-9)
 
 
 def test_others_stay_left_out_where_runs_are_corrected() -> None:
