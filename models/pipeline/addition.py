@@ -26,6 +26,7 @@ from models.pipeline.bounded_refit import remembers
 from models.pipeline.effect_sizes import changed, freed, missing, sized
 from models.pipeline.fit import FitResult, fit_network
 from models.pipeline.known_effect import Again, difference, estimated_again, is_own
+from models.readouts.counted_on import counted_anew
 
 # Numbers of local models with which the ways to put an effect in are compared.
 _SIZES = (12, 24, 36)
@@ -101,6 +102,7 @@ def add_effect(
             task = replace(task, train=freed(chosen, values, train, own, network), freed=True)
             validate = freed(chosen, values, validate, before, network)
         made = _by_correction(task, values)
+        validate_soc, made = _starting(task, values, validate_soc, made)
         validate = [corrected(run, chosen, {key: each.value for key, each in values.items()}) for run in validate]
     else:
         made, values = _in_structure(task)
@@ -235,6 +237,23 @@ def _by_correction(task: _Task, values: dict[str, Value]) -> Again:
         return right.fitted(remark, capacity_Ah=capacity_Ah)
     network = replace(network, cell=replace(network.cell, capacity_Ah=capacity_Ah))
     return replace(right, network=network, own=make_record(network, train, soc)).again(remark)
+
+
+def _starting(task: _Task, values: dict[str, Value], stated: list[float], made: Again) -> tuple[list[float], Again]:
+    """States of charge at which the judged runs start once it is known how to count, and the remark that says so."""
+    plain, told, own = {key: each.value for key, each in values.items()}, task.chosen.assumption, task.own
+    if told is None:
+        return stated, made
+    moved = 0.0 if told.soc_moved is None else told.soc_moved(plain, own.soc[0])
+    capacity_Ah = task.network.cell.capacity_Ah if told.capacity_Ah is None else told.capacity_Ah(plain)
+    soc = own.soc, [each + moved for each in own.soc]
+    cells = task.network.cell, replace(task.network.cell, capacity_Ah=capacity_Ah)
+    found = counted_anew(stated, own.runs, soc, cells)
+    anew = [f"{now:.3f} instead of {thought:.3f}" for now, thought in zip(found, stated, strict=True) if now != thought]
+    if not anew:
+        return stated, made
+    counted = f"{made.remark}; judged from SoC {', '.join(anew)}, counted on from a training run"
+    return found, replace(made, remark=counted)
 
 
 def _name(network: LocalModelNetwork, effect_name: str) -> str:
