@@ -9,8 +9,9 @@ import numpy as np
 from real_cells_table import Runs, Split, read_runs
 
 from models.baselines import fit_enhanced_self_correcting, fit_equivalent_circuit
+from models.comparison.placed_runs import free_run_metrics
 from models.comparison.reach import bands
-from models.comparison.simulated_runs import RunComparison, free_run_metrics, simulate_runs
+from models.comparison.simulated_runs import RunComparison, simulate_runs
 from models.data.errors import ModelError
 from models.data.metrics import metrics
 from models.data.timeseries import FloatArray

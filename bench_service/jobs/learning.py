@@ -44,7 +44,7 @@ def learn_runs(
         runs of `validate`: no other has not been seen then.
     """
     # Lazy: numba and scipy take 1.1 s.
-    from models.comparison.simulated_runs import free_run_metrics
+    from models.comparison.placed_runs import free_run_metrics
     from models.network.lineage import version_of
     from models.network.local_model_network import LocalModelNetwork
     from models.pipeline.learning.learn import learn_from_run

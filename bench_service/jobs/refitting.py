@@ -65,7 +65,7 @@ def refit_to(
         As `jobs.diagnosing.add_effect_to`, without an effect and parameters.
     """
     # Lazy: numba and scipy take 1.1 s.
-    from models.comparison.simulated_runs import free_run_metrics
+    from models.comparison.placed_runs import free_run_metrics
     from models.network.local_model_network import LocalModelNetwork
 
     report(0.02, "reading samples")

@@ -10,6 +10,7 @@ import numpy as np
 from models.comparison.simulated_runs import RunComparison, beside, on_grid
 from models.comparison.start import Start
 from models.comparison.start_fit import start_from_head, start_from_run
+from models.data.metrics import Metrics, metrics
 from models.data.timeseries import TimeSeries
 from models.network.cell_model import CellModel
 
@@ -26,6 +27,13 @@ def place_runs(network: CellModel, runs: list[TimeSeries], initial_soc: list[flo
     grid = [on_grid(network, run) for run in runs]
     starts = [start_from_head(network, run, Start(soc)) for run, soc in zip(grid, initial_soc, strict=True)]
     return [beside(network, run, start) for run, start in zip(grid, starts, strict=True)]
+
+
+def free_run_metrics(network: CellModel, runs: list[TimeSeries], initial_soc: list[float]) -> Metrics:
+    """Figures of the free run over all runs together, as a comparison has them."""
+    compared = place_runs(network, runs, initial_soc)
+    measured = np.concatenate([each.run.voltage_V for each in compared])
+    return metrics(measured, np.concatenate([each.simulated_V for each in compared]))
 
 
 def fit_starts(

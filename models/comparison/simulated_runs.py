@@ -8,7 +8,6 @@ import numpy as np
 
 from models.comparison.reach import inside_by
 from models.comparison.start import Start, free_run_from_V
-from models.data.metrics import Metrics, metrics
 from models.data.resampling import GridRun, to_grid
 from models.data.timeseries import FloatArray, TimeSeries
 from models.effects.input_correction import as_read
@@ -57,13 +56,6 @@ def beside(network: CellModel, run: GridRun, start: Start) -> RunComparison:
     soc = soc_by_counting(run.charge_Ah, start.initial_soc, network.cell.capacity_Ah, network.cell.efficiency)
     inside = inside_domain(network, run, soc, start)
     return RunComparison(run, free_run_from_V(network, run, start), soc, inside, start)
-
-
-def free_run_metrics(network: CellModel, runs: list[TimeSeries], initial_soc: list[float]) -> Metrics:
-    """Figures of the free run over all runs together."""
-    compared = simulate_runs(network, runs, initial_soc)
-    measured = np.concatenate([each.run.voltage_V for each in compared])
-    return metrics(measured, np.concatenate([each.simulated_V for each in compared]))
 
 
 def inside_domain(network: CellModel, run: GridRun, soc: FloatArray, start: Start | None = None) -> np.ndarray:

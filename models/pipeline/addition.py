@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TypedDict, Unpack
 
+from models.comparison.placed_runs import free_run_metrics
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
 from models.diagnosis.diagnosis import check_training
@@ -25,6 +26,7 @@ from models.pipeline.bounded_refit import remembers
 from models.pipeline.effect_sizes import changed, freed, missing, sized
 from models.pipeline.fit import FitResult, fit_network
 from models.pipeline.known_effect import Again, difference, estimated_again, is_own
+from models.readouts.counted_on import counted_anew
 
 # Numbers of local models with which the ways to put an effect in are compared.
 _SIZES = (12, 24, 36)
@@ -84,6 +86,8 @@ def add_effect(
     """
     chosen = effect(name)
     before = make_record(network, validate, validate_soc)
+    # The user compares the same model with the same run on the next page: one figure for both.
+    before_mV = free_run_metrics(network, validate, validate_soc)["rmse_mV"]
     own = make_record(network, train, train_soc)
     check_training(own.runs)
     if chosen.regressors is not None and not visible(chosen, own.runs):
@@ -98,11 +102,12 @@ def add_effect(
             task = replace(task, train=freed(chosen, values, train, own, network), freed=True)
             validate = freed(chosen, values, validate, before, network)
         made = _by_correction(task, values)
+        validate_soc, made = _starting(task, values, validate_soc, made)
         validate = [corrected(run, chosen, {key: each.value for key, each in values.items()}) for run in validate]
     else:
         made, values = _in_structure(task)
-    after = make_record(made.network, validate, validate_soc)
-    return _addition(network, made.network, chosen, values, before, after, made.remark, train)
+    after_mV = free_run_metrics(made.network, validate, validate_soc)["rmse_mV"]
+    return _addition(network, made.network, chosen, values, (before_mV, after_mV), made.remark, train)
 
 
 @dataclass(frozen=True)
@@ -234,6 +239,23 @@ def _by_correction(task: _Task, values: dict[str, Value]) -> Again:
     return replace(right, network=network, own=make_record(network, train, soc)).again(remark)
 
 
+def _starting(task: _Task, values: dict[str, Value], stated: list[float], made: Again) -> tuple[list[float], Again]:
+    """States of charge at which the judged runs start once it is known how to count, and the remark that says so."""
+    plain, told, own = {key: each.value for key, each in values.items()}, task.chosen.assumption, task.own
+    if told is None:
+        return stated, made
+    moved = 0.0 if told.soc_moved is None else told.soc_moved(plain, own.soc[0])
+    capacity_Ah = task.network.cell.capacity_Ah if told.capacity_Ah is None else told.capacity_Ah(plain)
+    soc = own.soc, [each + moved for each in own.soc]
+    cells = task.network.cell, replace(task.network.cell, capacity_Ah=capacity_Ah)
+    found = counted_anew(stated, own.runs, soc, cells)
+    anew = [f"{now:.3f} instead of {thought:.3f}" for now, thought in zip(found, stated, strict=True) if now != thought]
+    if not anew:
+        return stated, made
+    counted = f"{made.remark}; judged from SoC {', '.join(anew)}, counted on from a training run"
+    return found, replace(made, remark=counted)
+
+
 def _name(network: LocalModelNetwork, effect_name: str) -> str:
     return f"{network.structure.name}+{effect_name}"
 
@@ -243,8 +265,7 @@ def _addition(
     network: LocalModelNetwork,
     chosen: Effect,
     values: dict[str, Value],
-    before: Record,
-    after: Record,
+    error_mV: tuple[float, float],
     remark: str,
     train: list[TimeSeries],
 ) -> Addition:
@@ -252,8 +273,8 @@ def _addition(
         "effect": chosen.name,
         "parameters": {key: {"value": v.value, "std": v.std, "unit": v.unit} for key, v in values.items()},
         "correction": chosen.correction is not None,
-        "error_before_mV": before.rms_mV,
-        "error_after_mV": after.rms_mV,
+        "error_before_mV": error_mV[0],
+        "error_after_mV": error_mV[1],
     }
     record = replace(network.record, effects=(*parent.record.effects, entry))
     made_by = version_of(network)
@@ -263,8 +284,8 @@ def _addition(
         train,
         parent=parent,
         settings={"effect": chosen.name},
-        errors={"parent_rmse_mV": before.rms_mV, "rmse_mV": after.rms_mV},
+        errors={"parent_rmse_mV": error_mV[0], "rmse_mV": error_mV[1]},
         code_version="unknown" if made_by is None else made_by.code_version,
         sums_sha256=None if made_by is None else made_by.sums_sha256,
     )
-    return Addition(versioned, chosen.name, values, before.rms_mV, after.rms_mV, remark)
+    return Addition(versioned, chosen.name, values, *error_mV, remark)

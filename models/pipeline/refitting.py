@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.comparison.simulated_runs import free_run_metrics
+from models.comparison.placed_runs import free_run_metrics
 from models.data.errors import ModelError
 from models.data.resampling import GridRun, to_grid
 from models.data.start_soc import start_soc

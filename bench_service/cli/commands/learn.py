@@ -42,7 +42,7 @@ def _arguments(parser: ArgumentParser) -> None:
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: numba and scipy take 1.5 s.
     from bench_service.exchange.atomic import check_writable
-    from models.comparison.simulated_runs import free_run_metrics
+    from models.comparison.placed_runs import free_run_metrics
     from models.pipeline.learning.learn import learn_from_runs
 
     check_writable(options.out)

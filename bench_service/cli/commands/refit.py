@@ -40,7 +40,7 @@ def _run(options: Namespace, output: Output) -> int:
     # Lazy: numba and scipy take 1.5 s.
     from bench_service.exchange.atomic import check_writable
     from bench_service.jobs.refitting import refitted
-    from models.comparison.simulated_runs import free_run_metrics
+    from models.comparison.placed_runs import free_run_metrics
 
     check_writable(options.out)
     parent = read_model(options.model)

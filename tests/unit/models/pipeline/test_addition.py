@@ -7,12 +7,21 @@ from functools import cache
 import numpy as np
 import pytest
 
+from models.comparison import compare
 from models.data.timeseries import TimeSeries
 from models.network.lineage import version_of
 from models.pipeline.addition import Addition, add_effect
 from models.pipeline.bounded_refit import remembers
 from tests.unit.models.diagnosis.cells import SOC, measured
 from tests.unit.models.pipeline.bounded_cell import CELL, fitted, run
+
+
+def part(whole: TimeSeries, first: int, end: int) -> TimeSeries:
+    """Samples first..end of a run as a run of their own."""
+    columns = (whole.current_A, whole.voltage_V, whole.temperature_degC)
+    return TimeSeries(
+        whole.time_s[first:end] - whole.time_s[first], *(each[first:end] for each in columns), name="part"
+    )
 
 
 def added(name: str, without: tuple[str, ...]) -> Addition:
@@ -29,6 +38,17 @@ def test_an_effect_that_was_left_out_is_put_in_with_bounds() -> None:
     assert any("hysteresis" in term["effects"] for term in choices["terms"])
     assert version is not None and (version.number, version.made_by) == (2, "effect")
     assert made.parameters["amplitude_V"].value == pytest.approx(0.02, rel=0.5)
+
+
+def test_its_errors_are_those_of_a_comparison_wherever_the_judged_run_begins() -> None:
+    whole = run(9)
+    first = int(np.argmax(np.abs(whole.current_A[500:2000]))) + 500
+    soc = SOC + float(whole.current_A[1 : first + 1].sum()) / (3600.0 * CELL.capacity_Ah)
+    late = part(whole, first, 3000)
+    parent = fitted(without=("hysteresis",)).network
+    made = add_effect(parent, "hysteresis", [run(2), run(4)], [SOC, SOC], [late], [soc])
+    for network, error_mV in ((parent, made.error_before_mV), (made.network, made.error_after_mV)):
+        assert compare(network, [late], [soc])["overall"]["rmse_mV"] == pytest.approx(error_mV, rel=1e-9)
 
 
 def test_others_stay_left_out_where_runs_are_corrected() -> None:
@@ -102,6 +122,21 @@ def test_charge_is_counted_on_a_new_capacity() -> None:
     made = renewed("capacity", capacity_Ah=0.93 * CELL.capacity_Ah)
     assert made.network.cell.capacity_Ah == pytest.approx(0.93 * CELL.capacity_Ah, rel=0.01)
     assert made.error_after_mV < 0.7 * made.error_before_mV
+
+
+def test_a_run_that_was_counted_on_from_the_one_before_is_judged_from_where_it_did_begin() -> None:
+    cell = replace(CELL, capacity_Ah=0.9 * CELL.capacity_Ah)
+    whole = measured(cell, 12, 4500)
+    train, validate = part(whole, 0, 3000), part(whole, 3000, 4500)
+    left, stated = (SOC + float(whole.current_A[1 : k + 1].sum()) / 3600.0 / CELL.capacity_Ah for k in (2999, 3000))
+    true = SOC + (stated - SOC) / 0.9
+    assert abs(true - stated) > 0.01
+    made = add_effect(fitted().network, "capacity", [train], [SOC], [validate], [left])
+    assert "counted on from a training run" in made.remark
+    own = add_effect(fitted().network, "capacity", [train], [SOC], [validate], [true])
+    assert "counted on" not in own.remark
+    assert made.error_after_mV < 1.5 * own.error_after_mV
+    assert compare(made.network, [validate], [stated])["overall"]["rmse_mV"] > 2.0 * made.error_after_mV
 
 
 def test_on_its_own_runs_an_effect_gets_more_resolution() -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from models.comparison.simulated_runs import free_run_metrics
+from models.comparison.placed_runs import free_run_metrics
 from models.data.errors import ModelError
 from models.identification.progress import Progress, silent
 from models.pipeline import choosing

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.comparison.simulated_runs import free_run_metrics
+from models.comparison.placed_runs import free_run_metrics
 from models.comparison.start import Start
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
