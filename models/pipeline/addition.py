@@ -7,6 +7,7 @@ from typing import TypedDict, Unpack
 
 from models.comparison.placed_runs import free_run_metrics
 from models.data.errors import ModelError
+from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
 from models.diagnosis.diagnosis import check_training
 from models.diagnosis.evidence.parameters import Value
@@ -26,7 +27,7 @@ from models.pipeline.bounded_refit import remembers
 from models.pipeline.effect_sizes import changed, freed, missing, sized
 from models.pipeline.fit import FitResult, fit_network
 from models.pipeline.known_effect import Again, difference, estimated_again, is_own
-from models.readouts.counted_on import counted_anew
+from models.readouts.counted_on import Counting, counted_anew
 
 # Numbers of local models with which the ways to put an effect in are compared.
 _SIZES = (12, 24, 36)
@@ -241,14 +242,13 @@ def _by_correction(task: _Task, values: dict[str, Value]) -> Again:
 
 def _starting(task: _Task, values: dict[str, Value], stated: list[float], made: Again) -> tuple[list[float], Again]:
     """States of charge at which the judged runs start once it is known how to count, and the remark that says so."""
-    plain, told, own = {key: each.value for key, each in values.items()}, task.chosen.assumption, task.own
-    if told is None:
-        return stated, made
+    plain, own, cell = {key: each.value for key, each in values.items()}, task.own, task.network.cell
+    told = task.chosen.assumption or Assumption()
     moved = 0.0 if told.soc_moved is None else told.soc_moved(plain, own.soc[0])
-    capacity_Ah = task.network.cell.capacity_Ah if told.capacity_Ah is None else told.capacity_Ah(plain)
-    soc = own.soc, [each + moved for each in own.soc]
-    cells = task.network.cell, replace(task.network.cell, capacity_Ah=capacity_Ah)
-    found = counted_anew(stated, own.runs, soc, cells)
+    right = cell if told.capacity_Ah is None else replace(cell, capacity_Ah=told.capacity_Ah(plain))
+    runs = [to_grid(corrected(run, task.chosen, plain), task.network.dt_s) for run in task.train]
+    after = Counting(runs, [each + moved for each in own.soc], right)
+    found = counted_anew(stated, Counting(own.runs, own.soc, cell), after)
     anew = [f"{now:.3f} instead of {thought:.3f}" for now, thought in zip(found, stated, strict=True) if now != thought]
     if not anew:
         return stated, made

@@ -6,6 +6,8 @@ that is judged begins elsewhere too: else the error of its start would be held a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from models.data.resampling import GridRun
 from models.network.regression import CellContext
 from models.network.signals import soc_by_counting
@@ -14,33 +16,40 @@ from models.network.signals import soc_by_counting
 _SAME_SOC = 1e-4
 
 
-def counted_anew(
-    stated: list[float],
-    runs: list[GridRun],
-    soc: tuple[list[float], list[float]],
-    cell: tuple[CellContext, CellContext],
-) -> list[float]:
+@dataclass(frozen=True)
+class Counting:
+    """How charge was counted through runs.
+
+    Attributes
+    ----------
+    runs, soc : as they were read, with the state of charge at which each was thought to start
+    cell : capacity and efficiency that were counted with
+    """
+
+    runs: list[GridRun]
+    soc: list[float]
+    cell: CellContext
+
+    @property
+    def ends(self) -> list[float]:
+        """State of charge at the end of each run."""
+        counted = [
+            soc_by_counting(run.charge_Ah, start, self.cell.capacity_Ah, self.cell.efficiency)
+            for run, start in zip(self.runs, self.soc, strict=True)
+        ]
+        return [float(each[-1]) for each in counted]
+
+
+def counted_anew(stated: list[float], before: Counting, after: Counting) -> list[float]:
     """States of charge at the start, those counted on from the end of a run counted anew.
 
     Parameters
     ----------
     stated : of each run in question
-    runs : that may have gone before
-    soc : at which each of these was thought to start, and at which it does
-    cell : capacity and efficiency that were counted with, and those that are right
+    before, after : how the runs that may have gone before were counted, and how they are to be
     """
-    ends = [_ends(runs, starts, each) for starts, each in zip(soc, cell, strict=True)]
     found = list(stated)
-    for before, after in zip(*ends, strict=True):
-        found = [
-            after if abs(thought - before) < _SAME_SOC else now for thought, now in zip(stated, found, strict=True)
-        ]
+    moved = [(old, new) for old, new in zip(before.ends, after.ends, strict=True) if abs(new - old) >= _SAME_SOC]
+    for thought, right in moved:
+        found = [right if abs(each - thought) < _SAME_SOC else now for each, now in zip(stated, found, strict=True)]
     return found
-
-
-def _ends(runs: list[GridRun], starts: list[float], cell: CellContext) -> list[float]:
-    counted = [
-        soc_by_counting(run.charge_Ah, start, cell.capacity_Ah, cell.efficiency)
-        for run, start in zip(runs, starts, strict=True)
-    ]
-    return [float(each[-1]) for each in counted]
