@@ -213,7 +213,12 @@ def test_a_first_cycle_from_the_library_to_its_capacity(open_page: OpenPage) -> 
     page.locator("#start-dt_s").fill("10")
     expect(page.locator("#start-wrong")).to_be_empty()
     expect(page.locator("#start-told")).to_contain_text("of test time")
-    expect(page.get_by_role("region", name="Steps").locator("tbody tr")).to_have_count(4)
+    steps = page.get_by_role("region", name="Steps").locator("tbody tr")
+    expect(steps).to_have_count(4)
+    # In words of the laboratory, with units.
+    expect(steps.nth(0)).to_contain_text("CC-CV")
+    expect(steps.nth(0)).to_contain_text("Current ≤ 0.125 A")
+    expect(steps.nth(1)).to_contain_text("Time ≥ 600 s")
     looked_at(page, "start-a-test")
     page.locator("#start-submit").click()
     expect(page.locator("#runs-body tbody tr").first).to_contain_text("CC-CV cycling")

@@ -2,6 +2,7 @@
 import { api } from "./api.js";
 import { el } from "./dom.js";
 import { duration, fixed, quantity } from "./format.js";
+import { QUANTITIES } from "./protocol-model.js";
 import { lengthWords } from "./run-preview.js";
 
 /** Fill the chooser; a value is "test:NAME", "protocol:ID", "profile:ID", "edit:" or "manual:". `known` is given the standard tests by name. */
@@ -78,13 +79,18 @@ function objections({ limits = {}, capacity_Ah }, length_s, currents, charge_Ah,
   return found;
 }
 
+const LAWS = { rest: "Rest", current: "Constant current", cc_cv: "CC-CV", voltage: "Constant voltage", power: "Power", resistance: "Resistance", profile: "Profile" };
+
 /** The steps of a protocol as a table. */
 export function stepTable(steps) {
   if (!steps.length) return [];
-  const ends = (step) => step.ends.map(({ quantity: what, above, value }) => `${what} ${above ? "≥" : "≤"} ${Number(value.toPrecision(5))}`).join(" or ");
+  const end = ({ quantity, above, value }) => {
+    const [name, unit, scale] = QUANTITIES.get(quantity) ?? [quantity, "", 1];
+    return `${name} ${above ? "≥" : "≤"} ${Number((scale * value).toPrecision(5))} ${unit}`.trim();
+  };
   const unit = { current: "A", cc_cv: "A", voltage: "A", power: "W", resistance: "Ohm" };
   const level = ({ law, level: size, voltage_V: held }) => [Number.isFinite(size) && law !== "rest" ? `${Number(size.toPrecision(5))} ${unit[law] ?? ""}` : "", held ? `held at ${Number(held.toPrecision(5))} V` : ""].filter(Boolean).join(", ");
   return [el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Steps" }, el("table", {}, el("caption", { text: "Steps" }),
     el("thead", {}, el("tr", {}, ["", "Step", "Kind", "Level", "Ends by"].map((text) => (text ? el("th", { scope: "col", text }) : el("td", {}))))),
-    el("tbody", {}, steps.map((step) => el("tr", {}, [step.step_index, step.name, step.law, level(step), ends(step)].map((cell) => el("td", {}, String(cell ?? "")))))))) ];
+    el("tbody", {}, steps.map((step) => el("tr", {}, [step.step_index, step.name, LAWS[step.law] ?? step.law, level(step), step.ends.map(end).join(" or ")].map((cell) => el("td", {}, String(cell ?? "")))))))) ];
 }
