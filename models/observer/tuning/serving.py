@@ -21,8 +21,9 @@ _QUICK = (1.0, 0.1)
 # Then these are moved by a factor at a time, down or up so often at most.
 _STEP = 10.0**0.5
 _MOVED = (("slow_error_std_V", 1, 1), ("resistance_std", 2, 0))
-# Samples that settings are judged by.
-_SAMPLES = 30_000
+# Samples that settings are judged by, and the fewest runs: with few the choice is a matter of which runs they are.
+_SAMPLES, _FEWEST = 60_000, 3
+_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 # What is most likely stays unless something near it is clearly better: it has all samples behind it.
 _CLEARLY = 0.9
 
@@ -36,7 +37,7 @@ def serving_best(judged: list[Judged], likely: ObserverSettings, rms_V: float) -
     likely : settings to begin with
     rms_V : RMS error of the model in free run
     """
-    some = judged[:: max(1, round(sum(len(each.run) for each in judged) / _SAMPLES))]
+    some = spread_runs(judged)
     best, score = likely, calibrated_band(some, likely).score
 
     def taken(trial: ObserverSettings) -> bool:
@@ -61,6 +62,14 @@ def serving_best(judged: list[Judged], likely: ObserverSettings, rms_V: float) -
             if best is not before:
                 break
     return best
+
+
+def spread_runs(judged: list[Judged]) -> list[Judged]:
+    """Runs spread over all: few runs stand there several times in turn, and every second one would be the same run."""
+    total = sum(len(each.run) for each in judged)
+    count = min(max(round(_SAMPLES * len(judged) / total), _FEWEST), len(judged))
+    order = sorted(range(len(judged)), key=lambda place: place * _GOLDEN % 1.0)
+    return [judged[place] for place in sorted(order[:count])]
 
 
 def judged_noise_V(likely: ObserverSettings, best: ObserverSettings) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from models.data.resampling import to_grid
 from models.observer.filter.settings import ObserverSettings
 from models.observer.tuning.calibration import calibrated_band
-from models.observer.tuning.serving import judged_noise_V, serving_best
+from models.observer.tuning.serving import judged_noise_V, serving_best, spread_runs
 from models.observer.tuning.unseen import Judged
 from tests.unit.models.observer.tuning.test_tuning import measured, network
 
@@ -45,3 +45,10 @@ def test_health_judges_by_noise_halfway_and_with_the_quick_error_that_was_left()
     np.testing.assert_allclose(judged_noise_V(LIKELY, noisier), 3e-3)
     left = replace(LIKELY, quick_error_std_V=0.0)
     np.testing.assert_allclose(judged_noise_V(LIKELY, left), np.hypot(1e-3, 2e-3))
+
+
+def test_settings_are_judged_by_each_of_a_few_long_runs_although_they_stand_there_several_times() -> None:
+    one, other = (Judged(network(), to_grid(measured(seed, 1e-3, 1e-6, 20.0, 20000), 1.0), 0.5) for seed in (1, 2))
+    chosen = spread_runs([one, other] * 4)
+    assert 3 <= len(chosen) < 8
+    assert all(any(run is each for run in chosen) for each in (one, other))
