@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 from browser_rig import OpenPage, looked_at, served
-from playwright.sync_api import expect
+from playwright.sync_api import Route, expect
 
 from bench_service.client import BenchClient
 from tests.patience import PATIENCE_S
@@ -63,3 +63,21 @@ def test_a_soak_is_written_played_and_looked_at(open_page: OpenPage, address: st
     same_axis, warmest_degC = page.wait_for_function(_AMBIENT).json_value()
     assert same_axis and 39.5 < warmest_degC < 40.5
     looked_at(page, "chamber-run")
+
+
+def test_what_is_known_of_the_cell_comes_late_and_leaves_alone_what_is_being_typed(open_page: OpenPage) -> None:
+    page = open_page("warm")
+    held: list[Route] = []
+    page.route("**/standing", lambda route: held.append(route))
+    page.get_by_text("Start a test", exact=True).click()
+    soc = page.locator("#start-initial_soc")
+    with page.expect_response("**/standing") as answer:
+        soc.focus()
+        while not held:
+            page.wait_for_timeout(20)
+        held.pop().continue_()
+    answer.value.finished()
+    page.wait_for_timeout(100)
+    expect(soc).to_have_value("")
+    page.keyboard.type("50")
+    expect(soc).to_have_value("50")

@@ -34,3 +34,8 @@ export function renderKeyed(node, key, build) {
 export function chip(tone, word, title = null) {
   return el("span", { class: "chip", data: { tone }, title }, el("span", { class: "dot", data: { tone } }), word);
 }
+
+/** What is known for a field, unless something stands there or is being typed there: it may come late. */
+export function offer(control, text) {
+  if (!control.value && document.activeElement !== control) control.value = text;
+}

@@ -1,7 +1,7 @@
 // The end of an import: name, capacity, state of charge; and the mapping to be remembered.
 import { api } from "./api.js";
 import { cellCapacity } from "./cell-fields.js";
-import { el, setText } from "./dom.js";
+import { el, offer, setText } from "./dom.js";
 import { follow } from "./jobs.js";
 
 /** `stored(runId)` at the end; `choices()` and `upload()` give what is stored; `work(title, task)` shows that it goes on. */
@@ -38,9 +38,9 @@ export function importStore(node, { stored, choices, upload, work }) {
   /** What is known of the cell need not be typed. */
   const known = async () => {
     const found = cell.value.trim() && (await api.cell(cell.value.trim()).catch(() => null));
-    if (found && !capacity.value && Number.isFinite(cellCapacity(found))) capacity.value = String(cellCapacity(found));
+    if (found && Number.isFinite(cellCapacity(found))) offer(capacity, String(cellCapacity(found)));
   };
   cell.addEventListener("change", known);
   known();
-  return { show: (seen) => { mapping = seen.mapping; if (!name.value) name.value = seen.file; } };
+  return { show: (seen) => { mapping = seen.mapping; offer(name, seen.file); } };
 }

@@ -1,7 +1,7 @@
 // Starts a run: what it will do, how long it takes and what speaks against it is said before.
 import { api } from "./api.js";
 import { cellChoice } from "./cell-choice.js";
-import { el, setText } from "./dom.js";
+import { el, offer, setText } from "./dom.js";
 import { MANUAL_ABOUT, manualFields } from "./manual-setpoint.js";
 import { protocolEditor } from "./protocol-editor.js";
 import { previewChart } from "./run-preview.js";
@@ -196,5 +196,5 @@ async function upload(file, state, list, say) {
 async function believe(bench, soc) {
   if (!bench || soc.value) return;
   const known = await api.standing(bench.name).catch(() => null);
-  if (known && !soc.value) soc.value = String(Math.round(1000 * known.soc) / 10);
+  if (known) offer(soc, String(Math.round(1000 * known.soc) / 10));
 }
