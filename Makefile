@@ -14,6 +14,8 @@ PYTEST_ARGS ?=
 # services and pages. Each file stays in one of them. In the order of their names, because those of the browser and of
 # whole campaigns are long: by itself xdist begins with the files that hold the most tests.
 WORKERS ?= 3
+# Hundreds of processes start in the tests: each would translate the project's files anew, 1.3 s a service.
+unexport PYTHONDONTWRITEBYTECODE
 PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 .PHONY: install demo test proof lint clean

@@ -55,6 +55,7 @@ def get_steps(run_id: PathId, services: ServicesOf) -> Answer:
                     "charged_Wh": 9.4,
                     "discharged_Wh": 9.1,
                     "cut_off": False,
+                    "begun_part_charged": False,
                     "mean_charge_voltage_V": 3.775,
                     "mean_discharge_voltage_V": 3.669,
                     "coulombic_efficiency": 0.996,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from dataclasses import asdict
 from typing import Any
 
@@ -17,7 +18,7 @@ from bench_service.protocol.document import read_protocol
 from bench_service.protocol.formats.reading import any_document
 from bench_service.protocol.library import build_test
 from bench_service.protocol.preview import Preview, preview
-from bench_service.protocol.program import Play, Program
+from bench_service.protocol.program import Again, Play, Program
 from bench_service.store.records import Json, ProtocolRecord
 
 
@@ -80,7 +81,7 @@ def _needed(bench: Bench | None) -> Bench:
 
 def _steps(program: Program) -> list[dict[str, Any]]:
     steps: dict[int, dict[str, Any]] = {}
-    for each in program.instructions:
+    for place, each in enumerate(program.instructions):
         if isinstance(each, Play) and each.number not in steps:
             ends = [
                 {"quantity": end.quantity, "above": end.above, "value": end.value, "over_s": end.over_s}
@@ -94,9 +95,16 @@ def _steps(program: Program) -> list[dict[str, Any]]:
                 "voltage_V": each.voltage_V or None,
                 "ends": ends,
                 "soak": None if each.soak is None else asdict(each.soak),
+                "most_times": _most_times(program, place),
                 "where": list(each.where),
             }
     return list(steps.values())
+
+
+def _most_times(program: Program, place: int) -> int:
+    """How often the loops around an instruction play it, unless an end leads out of them earlier."""
+    ends = [(at, each) for at, each in enumerate(program.instructions) if isinstance(each, Again)]
+    return math.prod(each.count for at, each in ends if each.back <= place <= at)
 
 
 def _ahead(seen: Preview) -> Json:

@@ -59,3 +59,7 @@ def show(console: Console, cycles: list[dict[str, Any]]) -> None:
         cells = (("" if shown[name] is None else form.format(shown[name])) for name, _, form in _COLUMNS)
         table.add_row(*cells)
     console.print(table)
+    for cycle in cycles:
+        if cycle["begun_part_charged"]:
+            count = cycle["cycle_count"]
+            console.print(f"Cycle {count} began part charged: more came out than went in, which is no efficiency.")

@@ -32,7 +32,11 @@ def step_table(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def cycle_table(steps: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return one object for each cycle: sums over its steps, mean voltages and efficiencies (None without charge)."""
+    """Return one object for each cycle: sums over its steps, mean voltages and efficiencies (None without charge).
+
+    A cycle that begins part charged gives more than it takes; what came out of what went in says nothing there, so
+    that its efficiencies are None, and `begun_part_charged` is true.
+    """
     cycles: dict[int, dict[str, Any]] = {}
     for step in steps:
         count = step["cycle_count"]
@@ -44,13 +48,17 @@ def cycle_table(steps: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for cycle in cycles.values():
         cycle["mean_charge_voltage_V"] = _ratio(cycle["charged_Wh"], cycle["charged_Ah"])
         cycle["mean_discharge_voltage_V"] = _ratio(cycle["discharged_Wh"], cycle["discharged_Ah"])
-        cycle["coulombic_efficiency"] = _ratio(cycle["discharged_Ah"], cycle["charged_Ah"])
-        cycle["energy_efficiency"] = _ratio(cycle["discharged_Wh"], cycle["charged_Wh"])
+        coulombic = _ratio(cycle["discharged_Ah"], cycle["charged_Ah"])
+        part = cycle["begun_part_charged"] = coulombic is not None and coulombic > _MOST_EFFICIENCY
+        cycle["coulombic_efficiency"] = None if part else coulombic
+        cycle["energy_efficiency"] = None if part else _ratio(cycle["discharged_Wh"], cycle["charged_Wh"])
     return [cycles[count] for count in sorted(cycles)]
 
 
 # Less than this is noise of a current that rests.
 _LEAST = 1e-3
+# More than sensors and a change of temperature make of an efficiency of 1.
+_MOST_EFFICIENCY = 1.05
 
 
 def _ratio(over: float, under: float) -> float | None:

@@ -142,7 +142,7 @@ def _cycles(cycles: Sequence[Mapping[str, Any]]) -> list[Part]:
     ]
     rows = [
         (
-            str(each["cycle_count"]),
+            f"{each['cycle_count']}{', begun part charged' if each['begun_part_charged'] else ''}",
             words.duration(each["duration_s"]),
             words.quantity(each["charged_Ah"], "Ah", digits=4),
             words.quantity(each["discharged_Ah"], "Ah", digits=4),

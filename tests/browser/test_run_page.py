@@ -219,6 +219,7 @@ def test_a_first_cycle_from_the_library_to_its_capacity(open_page: OpenPage) -> 
     expect(steps.nth(0)).to_contain_text("CC-CV")
     expect(steps.nth(0)).to_contain_text("Current ≤ 0.125 A")
     expect(steps.nth(1)).to_contain_text("Time ≥ 600 s")
+    expect(steps.nth(1)).to_contain_text("at most 2")
     looked_at(page, "start-a-test")
     page.locator("#start-submit").click()
     expect(page.locator("#runs-body tbody tr").first).to_contain_text("CC-CV cycling")
@@ -228,6 +229,8 @@ def test_a_first_cycle_from_the_library_to_its_capacity(open_page: OpenPage) -> 
     expect(page.locator("#run-facts .chip").first).to_have_text("completed")
     page.reload()
     loaded(page)
+    # It began half full: what came out of what went in is no efficiency.
+    expect(rows.nth(0)).to_contain_text("begun part charged")
     discharged_Ah = float(rows.nth(1).locator("td").nth(2).inner_text())
     assert 2.2 < discharged_Ah < 2.8
     page.locator("#row-4-left").select_option("cycle")

@@ -41,7 +41,7 @@ const n = (value, digits) => (Number.isFinite(value) ? fixed(value, digits) : MI
 const share = (value) => (Number.isFinite(value) ? percent(value, 2) : MISSING);
 
 function cycleRow(row) {
-  return [`${row.cycle_count}${row.cut_off ? ", not complete" : ""}`, n(row.charged_Ah, 4), n(row.discharged_Ah, 4), n(row.charged_Wh, 3), n(row.discharged_Wh, 3),
+  return [`${row.cycle_count}${row.cut_off ? ", not complete" : ""}${row.begun_part_charged ? ", begun part charged" : ""}`, n(row.charged_Ah, 4), n(row.discharged_Ah, 4), n(row.charged_Wh, 3), n(row.discharged_Wh, 3),
     n(row.mean_charge_voltage_V, 3), n(row.mean_discharge_voltage_V, 3), share(row.coulombic_efficiency), share(row.energy_efficiency), duration(row.duration_s)];
 }
 

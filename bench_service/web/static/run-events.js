@@ -13,6 +13,8 @@ export function eventsOf({ run, end_s: end }, events) {
   const even = Math.abs(rate - 1) < 0.02 ? 1 : rate;
   return [...events].reverse().map((event, k) => {
     const at = even * ((Date.parse(event.created_utc) - began) / 1000);
+    // A quick bench may have played minutes before its start is written down.
+    if (event.code === "run_started") return { ...event, number: k + 1, at: 0 };
     return { ...event, number: k + 1, at: at >= 0 && at <= end ? at : NaN };
   });
 }

@@ -29,7 +29,7 @@ function rows(run, end) {
     ["Samples", stored === null ? "being recorded" : count(stored)], ["Missed ticks", count(run.missed_ticks)],
     ["Sample period", quantity(run.dt_s, run.dt_s < 1 ? 3 : 0, "s")], ["SoC at the start", percent(run.initial_soc)],
     ["Capacity", quantity(run.capacity_Ah, 2, "Ah")], ["Current limits", limits(run.limits?.current_A, 1, "A")], ["Voltage limits", limits(run.limits?.voltage_V, 2, "V")],
-    ["Report", stored ? reportLinks("runs", run.id, "the run") : MISSING],
+    ["To share", stored ? reportLinks("runs", run.id, "the run") : MISSING],
     ["Operator", run.operator ?? MISSING], ["Cell", run.cell_id ? el("a", { href: cellHref(run.cell_id), text: run.cell_id }) : MISSING],
   ];
 }

@@ -91,6 +91,6 @@ export function stepTable(steps) {
   const unit = { current: "A", cc_cv: "A", voltage: "A", power: "W", resistance: "Ohm" };
   const level = ({ law, level: size, voltage_V: held }) => [Number.isFinite(size) && law !== "rest" ? `${Number(size.toPrecision(5))} ${unit[law] ?? ""}` : "", held ? `held at ${Number(held.toPrecision(5))} V` : ""].filter(Boolean).join(", ");
   return [el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Steps" }, el("table", {}, el("caption", { text: "Steps" }),
-    el("thead", {}, el("tr", {}, ["", "Step", "Kind", "Level", "Ends by"].map((text) => (text ? el("th", { scope: "col", text }) : el("td", {}))))),
-    el("tbody", {}, steps.map((step) => el("tr", {}, [step.step_index, step.name, LAWS[step.law] ?? step.law, level(step), step.ends.map(end).join(" or ")].map((cell) => el("td", {}, String(cell ?? "")))))))) ];
+    el("thead", {}, el("tr", {}, ["", "Step", "Kind", "Level", "Ends by", "Times"].map((text) => (text ? el("th", { scope: "col", text }) : el("td", {}))))),
+    el("tbody", {}, steps.map((step) => el("tr", {}, [step.step_index, step.name, LAWS[step.law] ?? step.law, level(step), [...new Set(step.ends.map(end))].join(" or "), step.most_times > 1 ? `at most ${step.most_times}` : ""].map((cell) => el("td", {}, String(cell ?? "")))))))) ];
 }

@@ -89,6 +89,10 @@ def test_a_preview_says_what_to_expect() -> None:
     seen = service.post("/protocols/preview", json={"protocol_id": "p1", "bench": "sim"}).json()
     assert seen["duration_s"] == pytest.approx(60, abs=15) and seen["stopped"] is None
     assert [step["law"] for step in seen["steps"]] == ["rest"]
+    inner = {"step": "loop", "count": 3, "steps": [REST, REST]}
+    looped = {**DOCUMENT, "steps": [REST, {"step": "loop", "count": 2, "steps": [inner, REST]}]}
+    seen = service.post("/protocols/preview", json={"document": looped, "bench": "sim"}).json()
+    assert [step["most_times"] for step in seen["steps"]] == [1, 6, 6, 2]
     hot = {**DOCUMENT, "steps": [{"step": "constant_current", "rate_C": 4, "until": {"time_s": 9}}]}
     refused = service.post("/protocols/preview", json={"document": hot, "bench": "sim"})
     assert refused.status_code == 422 and error_of(refused)["where"] == ["steps", 0, "rate_C"]

@@ -40,7 +40,7 @@ def test_what_was_moved_is_counted_and_what_was_noted_is_told() -> None:
 
 def test_cycles_are_drawn_and_told() -> None:
     cycle = {"cycle_count": 1, "duration_s": 3600.0, "charged_Ah": 1.0, "discharged_Ah": 0.99,
-             "coulombic_efficiency": 0.99, "energy_efficiency": None}  # fmt: skip
+             "coulombic_efficiency": 0.99, "energy_efficiency": None, "begun_part_charged": False}  # fmt: skip
     text = page(Measured(columns(), cycles=[cycle, cycle | {"cycle_count": 2}]))
     assert "Charge of each cycle" in text and "99.00 %" in text
 
