@@ -49,7 +49,7 @@ def fit(
 
     Parameters
     ----------
-    initial_soc_std, coulombic_efficiency, without : as in `models.pipeline.fit_request.FitRequest`
+    initial_soc_std, coulombic_efficiency, without : as in `models.pipeline.request.fit_request.FitRequest`
 
     Returns
     -------

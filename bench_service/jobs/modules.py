@@ -18,7 +18,7 @@ class ModuleWish(TypedDict):
     """Layout of a module (`in_series` None: as many as have a voltage), and the model of one cell, where there is one.
 
     `structure`, `without`, `initial_soc_std`, `coulombic_efficiency` are of the mean cell's network, see
-    `models.pipeline.fit_request.FitRequest`.
+    `models.pipeline.request.fit_request.FitRequest`.
     """
 
     in_series: int | None

@@ -22,9 +22,8 @@ from models.network.lineage import document_sha256, with_version
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
 from models.pipeline.choosing import Chosen, choose
-from models.pipeline.fit_request import FitOptions, FitRequest
 from models.pipeline.plans import BoundedNetwork, Built
-from models.pipeline.repeats import without_repeats
+from models.pipeline.request import FitOptions, FitRequest, in_step, without_repeats
 from models.pipeline.run_starts import with_starts
 from models.pipeline.training import Training, training
 from models.pipeline.usability.judge import judged_model
@@ -121,14 +120,15 @@ def fit(request: FitRequest) -> FitResult:
     started = time.perf_counter()
     report = request.progress or silent
     given = without_repeats(request)
-    request = given.request
-    data, chosen, built = _placed(request, report)
-    network = _noting(_read_out(built, data, report), choices=_choices(built, chosen))
+    taken = in_step(given.request)
+    data, chosen, built = _placed(taken.request, report)
+    network = _noting(_read_out(built, data, report), choices=_choices(built, chosen), effects=taken.effects)
     judged = _judged(network, data, request)
     network = _with_figures(network, data, built, judged)
-    network = _noting(network, usability=judged_model(network, data, judged.train, judged.validation, given.remarks))
+    remarks = (*given.remarks, *taken.remarks)
+    network = _noting(network, usability=judged_model(network, data, judged.train, judged.validation, remarks))
     report(0.97, "noting what a diagnosis will need")
-    network = _versioned(_with_memory(network, data), data, judged, request.code_version)
+    network = _versioned(_with_memory(network, data), data, given.request, judged)
     report(1.0, "done")
     return FitResult(
         network=network,
@@ -219,12 +219,12 @@ def _with_memory(network: LocalModelNetwork, data: Training) -> LocalModelNetwor
     return _noting(network, diagnosis=memory_to_json(memory))
 
 
-def _versioned(network: LocalModelNetwork, data: Training, judged: _Judged, code_version: str) -> LocalModelNetwork:
+def _versioned(network: LocalModelNetwork, data: Training, given: FitRequest, judged: _Judged) -> LocalModelNetwork:
     sums = network.record.sums
     return with_version(
         network,
         "fit",
-        data.runs,
+        given.train,
         settings={
             "structure": network.structure.name,
             "capacity_Ah": data.cell.capacity_Ah,
@@ -233,7 +233,7 @@ def _versioned(network: LocalModelNetwork, data: Training, judged: _Judged, code
             "initial_soc": [start.to_json() for start in data.starts],
         },
         errors={"train": judged.train, "validation": judged.validation},
-        code_version=code_version,
+        code_version=given.code_version,
         sums_sha256=None if sums is None else document_sha256(sums),
     )
 

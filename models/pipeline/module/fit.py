@@ -21,8 +21,8 @@ from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
 from models.network.structure import Structure
 from models.pipeline.fit import FitResult, fit
-from models.pipeline.fit_request import FitRequest
 from models.pipeline.module.choice import Candidate, candidates, chosen, figures
+from models.pipeline.request.fit_request import FitRequest
 
 
 @dataclass(frozen=True, kw_only=True)

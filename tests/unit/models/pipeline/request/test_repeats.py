@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from models.pipeline.fit_request import FitRequest
-from models.pipeline.repeats import without_repeats
+from models.pipeline.request.fit_request import FitRequest
+from models.pipeline.request.repeats import without_repeats
 from tests.unit.models.pipeline.usability.hand_data import CAPACITY_AH, pulses, run
 
 ONE, OTHER = run(pulses(200), 0.6, name="one"), run(pulses(220), 0.5, name="other")

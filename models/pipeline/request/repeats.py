@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.data.timeseries import TimeSeries
-from models.pipeline.fit_request import FitRequest
+from models.pipeline.request.fit_request import FitRequest
 
 
 def same_record(one: TimeSeries, other: TimeSeries) -> bool:
