@@ -27,11 +27,23 @@ _BAD_REQUESTS = frozenset({404, 409, 413, 415, 422})
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    if "_ARGCOMPLETE" in os.environ:
+        _complete(os.environ.get("COMP_LINE", "").split())
     try:
         options = _parser(find_commands(arguments[0] if arguments else None)).parse_args(arguments)
         return _run(options)
     except KeyboardInterrupt:
         return _complain("interrupted", _FAILED)
+
+
+def _complete(words: list[str]) -> None:
+    """Answer a shell that asks what could come next, and end; nothing happens where it asks for something else."""
+    # Lazy: 20 ms at each start.
+    import argcomplete
+
+    # The command that is typed, once it is whole: the others need not be loaded.
+    typed = words[1] if len(words) > 2 or (len(words) == 2 and os.environ["COMP_LINE"].endswith(" ")) else None
+    argcomplete.autocomplete(_parser(find_commands(typed)))
 
 
 def _run(options: Namespace) -> int:
