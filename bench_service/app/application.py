@@ -98,7 +98,7 @@ def create_app(
         version=version("bench-service"),
         lifespan=lifespan if services is None else None,
         openapi_url="/api/v1/openapi.json",
-        # The stock documentation pages load their scripts from other hosts.
+        # The stock documentation pages load their scripts from other hosts; ours is `/reference`.
         docs_url=None,
         redoc_url=None,
     )

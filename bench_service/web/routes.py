@@ -1,11 +1,14 @@
 """Serves the page, its modules and the vendored chart library, with the headers that keep it at home."""
 
 from pathlib import Path
+from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
+
+from bench_service.web.reference import reference
 
 _HERE = Path(__file__).parent
 
@@ -69,8 +72,14 @@ async def life_page(request: Request) -> Response:
     return _page(request, "life.html")
 
 
-def _page(request: Request, template: str) -> Response:
-    context = {"version": request.app.version, "openapi_url": request.app.openapi_url}
+@router.get("/reference", response_class=HTMLResponse)
+async def reference_page(request: Request) -> Response:
+    """Return the page of the REST interface, made from its own description; nothing comes from elsewhere."""
+    return _page(request, "reference.html", sections=reference(request.app.openapi()))
+
+
+def _page(request: Request, template: str, **parts: Any) -> Response:
+    context = {"version": request.app.version, "openapi_url": request.app.openapi_url, **parts}
     return _templates.TemplateResponse(request, template, context, headers=_page_headers(request))
 
 
