@@ -31,6 +31,11 @@ from models.readouts.counted_on import Counting, counted_anew
 
 # Numbers of local models with which the ways to put an effect in are compared.
 _SIZES = (12, 24, 36)
+_CLEARLY = 1.02
+_ROSE = (
+    "; on the runs that judge, the error rose: the training runs tell too little apart, so learn from runs that differ "
+    "in load and pauses as those do, or leave it out"
+)
 _FINER = "the bounded network had it already; it was fitted to the training runs again, with more resolution for it"
 _ANEW = "the structure had it already; it was fitted to the training runs again"
 _OTHER_KIND = "a bounded network cannot have it: the full structure, which can, was fitted to the training runs instead"
@@ -108,7 +113,8 @@ def add_effect(
     else:
         made, values = _in_structure(task)
     after_mV = free_run_metrics(made.network, validate, validate_soc)["rmse_mV"]
-    return _addition(network, made.network, chosen, values, (before_mV, after_mV), made.remark, train)
+    remark = made.remark + (_ROSE if after_mV > _CLEARLY * before_mV else "")
+    return _addition(network, made.network, chosen, values, (before_mV, after_mV), remark, train)
 
 
 @dataclass(frozen=True)

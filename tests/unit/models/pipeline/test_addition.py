@@ -151,3 +151,12 @@ def test_what_a_bounded_network_cannot_have_is_added_in_another_kind() -> None:
     made = added("charge_discharge_asymmetry", ())
     assert made.network.structure.kernel != "hat"
     assert any(axis.signal == "hysteresis" for axis in made.network.structure.axes)
+
+
+def test_an_error_that_rises_on_the_judged_run_is_said() -> None:
+    aged = measured(replace(CELL, capacity_Ah=0.9 * CELL.capacity_Ah), 14, 3000)
+    other = measured(replace(CELL, capacity_Ah=1.1 * CELL.capacity_Ah), 12, 3000)
+    made = add_effect(fitted().network, "capacity", [other], [SOC], [aged], [SOC])
+    assert made.error_after_mV > 1.02 * made.error_before_mV
+    assert "the error rose" in made.remark
+    assert "the error rose" not in renewed("capacity", capacity_Ah=0.93 * CELL.capacity_Ah).remark
