@@ -24,7 +24,14 @@ seed = 3
 effects = { relaxation = 0.0 }
 hidden_effect = "hysteresis"
 """
-_CAMPAIGN = {"bench": "sim", "name": "hidden", "structure": "minimal", "seed": 3, "soc": [0.3, 0.7]}
+_CAMPAIGN = {
+    "bench": "sim",
+    "name": "hidden",
+    "structure": "minimal",
+    "seed": 3,
+    "soc": [0.3, 0.7],
+    "duration_s": 9000.0,
+}
 _LONG_MS = 1000 * LONG_S
 
 
