@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 from models.data.resampling import to_grid, typical_interval_s
-from models.effects import effect
+from models.effects import effects
 from models.effects.input_correction import corrected
 from models.identification.dead_time import dead_time
 from models.identification.excitation import check_series
 from models.network.model_record import AddedEffect, EffectValue
 from models.pipeline.request.fit_request import FitRequest
-
-_EFFECT, _PARAMETER = "dead_time", "delay_s"
 
 
 @dataclass(frozen=True)
@@ -47,14 +45,15 @@ def in_step(request: FitRequest) -> InStep:
     found = dead_time([to_grid(run, dt_s) for run in request.train])
     if found is None or found.samples == 0:
         return InStep(request)
-    chosen, delay_s = effect(_EFFECT), found.samples * dt_s
-    train = [corrected(run, chosen, {_PARAMETER: delay_s}) for run in request.train]
+    delay_s = found.samples * dt_s
+    chosen = next(each for each in effects().values() if each.correction and each.correction.delay_s)
     (parameter,) = chosen.parameters
+    train = [corrected(run, chosen, {parameter.name: delay_s}) for run in request.train]
     # Told to the nearest sample.
     value: EffectValue = {"value": delay_s, "std": dt_s / math.sqrt(12.0), "unit": parameter.unit}
     entry: AddedEffect = {
-        "effect": _EFFECT,
-        "parameters": {_PARAMETER: value},
+        "effect": chosen.name,
+        "parameters": {parameter.name: value},
         "correction": True,
         "error_before_mV": 1e3 * found.before_V,
         "error_after_mV": 1e3 * found.after_V,
