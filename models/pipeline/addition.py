@@ -31,10 +31,11 @@ from models.readouts.counted_on import Counting, counted_anew
 
 # Numbers of local models with which the ways to put an effect in are compared.
 _SIZES = (12, 24, 36)
+# Less than this is no news: an effect that is in the model already moves nothing else.
 _CLEARLY = 1.02
 _ROSE = (
-    "; on the runs that judge, the error rose: the training runs tell too little apart, so learn from runs that differ "
-    "in load and pauses as those do, or leave it out"
+    "; the error rose on the runs that judge: they need something else, or the training runs, with one mean current or "
+    "one temperature, do not tell it from other effects: learn from runs that differ, or leave it out"
 )
 _FINER = "the bounded network had it already; it was fitted to the training runs again, with more resolution for it"
 _ANEW = "the structure had it already; it was fitted to the training runs again"
@@ -221,6 +222,7 @@ def _refitted(
         initial_soc=train_soc,
         dt_s=network.structure.dt_s,
         progress=progress,
+        in_step=True,
     )
     named = replace(fitted.network, structure=replace(fitted.network.structure, name=own_name))
     return replace(fitted, network=named)

@@ -176,6 +176,8 @@ def _mean_cell(request: ModuleFitRequest, layout: tuple[int, int], soc: list[flo
         progress=report,
         without=request.without,
         code_version=request.code_version,
+        # Beside the mean cell stand voltages of cells that nobody puts in step.
+        in_step=True,
     )
     return fit(asked)
 

@@ -28,6 +28,7 @@ class FitRequest:
     without : effects that are left out of the bounded network
     finer : effects that it has with more resolution than usual
     code_version : of the program, for the record
+    in_step : the runs are as an earlier model reads them, so that no dead time is looked for
     """
 
     train: list[TimeSeries]
@@ -43,6 +44,7 @@ class FitRequest:
     without: tuple[str, ...] = ()
     finer: tuple[str, ...] = ()
     code_version: str = "unknown"
+    in_step: bool = False
 
 
 class FitOptions(TypedDict, total=False):
@@ -59,3 +61,4 @@ class FitOptions(TypedDict, total=False):
     without: tuple[str, ...]
     finer: tuple[str, ...]
     code_version: str
+    in_step: bool

@@ -38,7 +38,7 @@ def in_step(request: FitRequest) -> InStep:
     NotIdentifiableError, ModelError
         The runs cannot be read as measurements of a cell.
     """
-    if not request.train or not (math.isfinite(request.capacity_Ah) and request.capacity_Ah > 0.0):
+    if request.in_step or not request.train or not (math.isfinite(request.capacity_Ah) and request.capacity_Ah > 0.0):
         return InStep(request)
     dt_s = request.dt_s if request.dt_s is not None else typical_interval_s(request.train)
     check_series(request.train, dt_s, request.capacity_Ah)

@@ -9,6 +9,7 @@ from models.comparison import compare
 from models.data.timeseries import TimeSeries
 from models.effects import effect
 from models.effects.input_correction import corrected
+from models.pipeline.addition import add_effect
 from models.pipeline.fit import fit_network
 from models.pipeline.request import FitRequest, in_step
 from tests.unit.models.diagnosis.cells import SOC
@@ -22,6 +23,20 @@ def late(on_time: TimeSeries, delay_s: float) -> TimeSeries:
 def test_a_log_in_step_is_left() -> None:
     request = FitRequest(train=[run(2), run(4)], capacity_Ah=CELL.capacity_Ah, initial_soc=[SOC, SOC])
     assert in_step(request).request is request
+
+
+def test_runs_that_an_earlier_model_reads_are_left() -> None:
+    request = FitRequest(train=[late(run(2), 2.0)], capacity_Ah=CELL.capacity_Ah, initial_soc=[SOC], in_step=True)
+    assert in_step(request).request is request
+
+
+def test_an_effect_that_is_added_keeps_how_runs_are_read() -> None:
+    asked = {"capacity_Ah": CELL.capacity_Ah, "initial_soc": [SOC, SOC], "dt_s": 1.0}
+    train = [late(run(2), 2.0), late(run(4), 2.0)]
+    parent = fit_network(train, structure="bounded", without=("hysteresis",), **asked).network
+    made = add_effect(parent, "hysteresis", train, [SOC, SOC], [late(run(9), 2.0)], [SOC])
+    assert [each["effect"] for each in made.network.record.effects] == ["dead_time", "hysteresis"]
+    assert made.error_after_mV < 0.5 * made.error_before_mV
 
 
 @pytest.mark.parametrize("delay_s", [2.0, -1.0])
