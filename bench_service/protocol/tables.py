@@ -49,9 +49,11 @@ def cycle_table(steps: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         cycle["mean_charge_voltage_V"] = _ratio(cycle["charged_Wh"], cycle["charged_Ah"])
         cycle["mean_discharge_voltage_V"] = _ratio(cycle["discharged_Wh"], cycle["discharged_Ah"])
         coulombic = _ratio(cycle["discharged_Ah"], cycle["charged_Ah"])
-        part = cycle["begun_part_charged"] = coulombic is not None and coulombic > _MOST_EFFICIENCY
-        cycle["coulombic_efficiency"] = None if part else coulombic
-        cycle["energy_efficiency"] = None if part else _ratio(cycle["discharged_Wh"], cycle["charged_Wh"])
+        more_came_out = coulombic is not None and coulombic > _MOST_EFFICIENCY
+        cycle["coulombic_efficiency"] = None if more_came_out else coulombic
+        cycle["energy_efficiency"] = None if more_came_out else _ratio(cycle["discharged_Wh"], cycle["charged_Wh"])
+        # One that was cut off may have been about to charge.
+        cycle["begun_part_charged"] = more_came_out and not cycle["cut_off"]
     return [cycles[count] for count in sorted(cycles)]
 
 

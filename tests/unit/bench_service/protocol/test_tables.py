@@ -28,6 +28,11 @@ def test_a_cycle_that_begins_half_full_has_no_efficiency_and_says_why() -> None:
     assert out.getvalue().count("began part charged") == 1 and "Cycle 1 began" in out.getvalue()
 
 
+def test_a_cycle_that_was_cut_off_before_its_charge_was_whole_did_not_begin_part_charged() -> None:
+    (cycle,) = cycle_table([_step(1, 0.0, 2.5), _step(1, 0.1, 0.0) | {"ended_by": "run_ended"}])
+    assert cycle["cut_off"] and cycle["coulombic_efficiency"] is None and not cycle["begun_part_charged"]
+
+
 def test_a_cycle_of_one_direction_has_no_efficiency() -> None:
     (cycle,) = cycle_table([_step(1, 0.0, 2.5)])
     assert cycle["coulombic_efficiency"] is None and not cycle["begun_part_charged"]
