@@ -7,7 +7,6 @@ from argparse import ArgumentParser, Namespace
 from bench_service.cli.command import Command
 from bench_service.cli.output import Output
 
-_SHELLS = ("bash", "zsh", "fish")
 _WHERE = {
     "bash": 'eval "$(bench-service completion bash)"    # in ~/.bashrc',
     "zsh": 'eval "$(bench-service completion zsh)"    # in ~/.zshrc, after compinit',
@@ -16,7 +15,7 @@ _WHERE = {
 
 
 def _arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("shell", choices=_SHELLS, help="; ".join(_WHERE.values()).replace("%", "%%"))
+    parser.add_argument("shell", choices=list(_WHERE), help="; ".join(_WHERE.values()))
 
 
 def _run(options: Namespace, output: Output) -> int:
