@@ -2,10 +2,11 @@
 
 ``python benchmarks/proof.py [--into proof] [--data FOLDER] [NAME ...]``, or ``make proof``
 
-Each proof is another benchmark in the size that docs/results.md quotes. What it prints goes to `proof/NAME.txt` once
-it has ended; a proof whose file is there is skipped, one that was stopped goes on at its next case where it keeps them
-(`proof/NAME.rows`, `proof/models`). Records of real cells are not in the repository: what needs them is left out where
-`--data` does not name their folder. Ends with 1 where one has failed.
+Each proof is another benchmark in the size that docs/results.md quotes; `tests` are those tests that `make test` leaves
+out because they take long. What it prints goes to `proof/NAME.txt` once it has ended; a proof whose file is there is
+skipped, one that was stopped goes on at its next case where it keeps them (`proof/NAME.rows`, `proof/models`). Records
+of real cells are not in the repository: what needs them is left out where `--data` does not name their folder. Ends
+with 1 where one has failed.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from rich.console import Console
 from rich.table import Table
 
 HERE = Path(__file__).parent
-MODELS, ROWS, DATA = "{into}/models", "{into}/{name}.rows", "{data}"
+MODELS, ROWS, DATA, TESTS = "{into}/models", "{into}/{name}.rows", "{data}", str(HERE.parent / "tests")
 PROOFS: dict[str, tuple[str, ...]] = {
+    "tests": ("-m", "pytest", "-m", "proof", "-n", "2", "--dist", "loadfile", "-q", TESTS),
     "recorder_kill": ("recorder_kill", "--kills", "100"),
     "fault_sequences": ("fault_sequences", "--cases", "500", "--seed", "1"),
     "diagnosis_structure": ("diagnosis_structure", "--cases", "60", "--nulls", "60", "--rows", ROWS, "--json"),
@@ -58,7 +60,8 @@ def prove(name: str, into: Path, data: Path | None) -> str:
     if data is None and any(DATA in part for part in PROOFS[name]):
         return "needs --data"
     module, *options = (part.format(into=into, name=name, data=data) for part in PROOFS[name])
-    command = [sys.executable, str(HERE / f"{module}.py"), *options]
+    program = [module] if module == "-m" else [str(HERE / f"{module}.py")]
+    command = [sys.executable, *program, *options]
     found = filter(None, [str(HERE.parent), os.environ.get("PYTHONPATH")])
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(found)}
     print(f"{name} ...", flush=True)

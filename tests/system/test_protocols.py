@@ -42,11 +42,12 @@ def played(folder: Path, protocol: str) -> bytes:
     return (folder / "run.csv").read_bytes()
 
 
-@pytest.mark.parametrize("protocol", ["modbus-tcp", "modbus-rtu"])
+@pytest.mark.parametrize("protocol", [pytest.param("modbus-tcp", marks=pytest.mark.proof), "modbus-rtu"])
 def test_a_profile_is_played_over_modbus(tmp_path: Path, protocol: str) -> None:
     assert played(tmp_path / "run", protocol).count(b"\n") == 82
 
 
+@pytest.mark.proof
 def test_two_runs_over_can_are_equal_to_the_bit(tmp_path: Path) -> None:
     first = played(tmp_path / "first", "can")
     assert first == played(tmp_path / "second", "can") and first.count(b"\n") == 82
@@ -95,7 +96,7 @@ def run_protocol(folder: Path, protocol: str, steps: object, extra: str, dt: str
     return json.loads(done.stdout), np.genfromtxt(folder / "run.csv", delimiter=",", names=True)
 
 
-@pytest.mark.parametrize("protocol", ["modbus-tcp", "modbus-rtu", "can"])
+@pytest.mark.parametrize("protocol", ["modbus-tcp", pytest.param("modbus-rtu", marks=pytest.mark.proof), "can"])
 def test_a_protocol_is_played_in_lock_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, protocol: str) -> None:
     answer, samples = run_protocol(tmp_path, protocol, STEPS, "", "0.5")
     assert (answer["state"], answer["samples"], answer["missed_ticks"]) == ("completed", 121, 0)

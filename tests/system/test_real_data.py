@@ -117,6 +117,7 @@ def test_what_a_small_model_of_a_real_cell_lacks_is_named_and_added(tmp_path: Pa
     assert added["error_after_mV"] < 0.9 * added["error_before_mV"]
 
 
+@pytest.mark.proof
 def test_pulses_and_rests_of_a_large_cell(leaf: Fitted) -> None:
     assert leaf.said["train"]["rmse_mV"] < 10.0  # seen: 2.6
     (run,) = answer(call("observe", leaf.model, LEAF, "--initial-soc", 0.8, "--json"))["runs"]

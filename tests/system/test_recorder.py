@@ -105,7 +105,7 @@ def test_a_time_range_is_read_from_sealed_and_fresh_chunks_alike(start, attach, 
         assert reader.read("run", SAMPLES, from_s=5000.0).n == 0
 
 
-@pytest.mark.parametrize("kills", [10])
+@pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.proof)])
 def test_acknowledged_rows_survive_kill_9(start, attach, tmp_path, kills):
     rng = random.Random(5)
     for kill in range(kills):

@@ -59,6 +59,7 @@ def test_the_path_by_curl(service: Service, folder: Path) -> None:
     assert (folder / "where.json").stat().st_size > 0
 
 
+@pytest.mark.proof
 def test_the_path_by_the_client(service: Service, folder: Path) -> None:
     said = played(folder, [sys.executable, "-c", script("python")], BENCH_URL=service.url)
     effect, before_mV, after_mV = re.findall(r"(\w+) added: ([0-9.]+) -> ([0-9.]+) mV", said)[0]

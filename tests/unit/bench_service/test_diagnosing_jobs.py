@@ -82,6 +82,7 @@ def test_an_error_is_mapped(document: dict[str, Any]) -> None:
     assert found["maps"] and 0.0 <= found["outside_training"] < 1.0
 
 
+@pytest.mark.proof
 def test_an_experiment_between_two_effects_keeps_its_limits(document: dict[str, Any]) -> None:
     request = {
         "capacity_Ah": CELL.capacity_Ah,

@@ -36,6 +36,7 @@ def board(tmp_path: Path):
     return call
 
 
+@pytest.mark.proof
 def test_the_board_judges_what_can_be_fitted_and_goes_on_where_it_was(board, tmp_path: Path) -> None:
     resume = tmp_path / "rows.jsonl"
     options = ("--structures", "minimal", "no such structure", "--peers", "--resume", str(resume))

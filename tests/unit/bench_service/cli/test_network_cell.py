@@ -50,6 +50,7 @@ def test_between_two_samples_the_step_of_the_current_is_there_at_once() -> None:
     assert cell.step(4.0, 0.0).voltage_V == pulse.voltage_V, "looking moves nothing"
 
 
+@pytest.mark.proof
 def test_with_a_heat_balance_it_is_the_closed_simulation() -> None:
     thermal = ThermalModel(
         20.0, 0.06, 8.0, 0.4, dU_dT_V_per_K=(-3e-4, 2e-4), dU_dT_soc=(0.3, 0.7), polarisation_Ohm=0.004,

@@ -34,6 +34,7 @@ def _write(path: Path, in_series: int, parallel: int) -> Path:
     return path
 
 
+@pytest.mark.proof
 def test_a_module_is_observed_and_the_page_shows_the_choice(
     model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -92,7 +92,7 @@ def test_a_log_that_begins_anywhere_is_simulated_at_the_noise(order: int, where:
     assert found.initial_soc == soc and found.soc_std is None
 
 
-@pytest.mark.parametrize("order", [0, 2])
+@pytest.mark.parametrize("order", [0, pytest.param(2, marks=pytest.mark.proof)])
 def test_a_wrong_soc_is_found_with_a_deviation_that_holds(order: int) -> None:
     model, off = cell(order), []
     for seed, where in enumerate([*BEFORE, *BEFORE]):

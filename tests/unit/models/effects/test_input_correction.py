@@ -113,6 +113,7 @@ def test_a_gain_against_ambient_needs_ambient() -> None:
         as_read(ModelRecord(effects=tuple(ALL)), replace(run_of(), ambient_degC=None))
 
 
+@pytest.mark.proof
 def test_a_model_with_a_sensors_offset_compares_and_observes_with_the_true_current() -> None:
     train, run = measured(CELL, 1), measured(CELL, 2)
     fit = fit_network([train], capacity_Ah=CELL.capacity_Ah, structure=BARE, initial_soc=[SOC], dt_s=1.0)

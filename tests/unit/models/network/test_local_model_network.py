@@ -144,6 +144,7 @@ def test_a_given_structure_is_kept() -> None:
     assert fitted.train["rmse_mV"] < 2.0
 
 
+@pytest.mark.proof
 def test_auto_finds_what_the_cell_is_made_of() -> None:
     runs = [synthetic.run(5000, seed=s, noise_V=1e-3, name=str(s)) for s in (2, 5, 6, 9)]
     fitted = fit_network(runs[:3], capacity_Ah=synthetic.CAPACITY_AH, structure="auto", validate=runs[3:])

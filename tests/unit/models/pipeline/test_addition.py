@@ -51,6 +51,7 @@ def test_its_errors_are_those_of_a_comparison_wherever_the_judged_run_begins() -
         assert compare(network, [late], [soc])["overall"]["rmse_mV"] == pytest.approx(error_mV, rel=1e-9)
 
 
+@pytest.mark.proof
 def test_others_stay_left_out_where_runs_are_corrected() -> None:
     made = added("current_offset", ("hysteresis",))
     assert made.network.structure.name == "bounded+current_offset"
@@ -73,10 +74,14 @@ def renewed(name: str, **changes: float) -> Addition:
 @pytest.mark.parametrize(
     ("name", "parameter", "changes", "size"),
     [
-        ("hysteresis", "amplitude_V", {"hysteresis_amplitude_V": 0.032}, 0.012),
+        pytest.param("hysteresis", "amplitude_V", {"hysteresis_amplitude_V": 0.032}, 0.012, marks=pytest.mark.proof),
         ("series_resistance", "resistance_Ohm", {"series_resistance_Ohm": 0.008}, 0.008),
-        ("temperature_dependence", "activation_K", {"activation_K": 2500.0}, 2500.0),
-        ("resistance_growth", "growth_per_Ah", {"resistance_growth_per_Ah": 0.04}, 0.04),
+        pytest.param(
+            "temperature_dependence", "activation_K", {"activation_K": 2500.0}, 2500.0, marks=pytest.mark.proof
+        ),
+        pytest.param(
+            "resistance_growth", "growth_per_Ah", {"resistance_growth_per_Ah": 0.04}, 0.04, marks=pytest.mark.proof
+        ),
     ],
 )
 def test_what_a_network_has_is_estimated_again_as_a_difference(
@@ -94,6 +99,7 @@ def test_what_a_network_has_is_estimated_again_as_a_difference(
     assert remembers(network)
 
 
+@pytest.mark.proof
 def test_a_contact_that_comes_and_goes_is_taken_out_of_the_runs_and_not_into_the_model() -> None:
     ohm, runs = 0.015, []
     for each in changed_cell():
@@ -112,18 +118,21 @@ def test_the_difference_is_said_in_the_unit_of_a_bench() -> None:
     )
 
 
+@pytest.mark.proof
 def test_a_wrong_effect_moves_the_rest_as_well_and_says_so() -> None:
     made = renewed("hysteresis", capacity_Ah=0.93 * CELL.capacity_Ah)
     assert "more than that has changed" in made.remark
     assert made.error_after_mV < made.error_before_mV
 
 
+@pytest.mark.proof
 def test_charge_is_counted_on_a_new_capacity() -> None:
     made = renewed("capacity", capacity_Ah=0.93 * CELL.capacity_Ah)
     assert made.network.cell.capacity_Ah == pytest.approx(0.93 * CELL.capacity_Ah, rel=0.01)
     assert made.error_after_mV < 0.7 * made.error_before_mV
 
 
+@pytest.mark.proof
 def test_a_run_that_was_counted_on_from_the_one_before_is_judged_from_where_it_did_begin() -> None:
     cell = replace(CELL, capacity_Ah=0.9 * CELL.capacity_Ah)
     whole = measured(cell, 12, 4500)
@@ -139,6 +148,7 @@ def test_a_run_that_was_counted_on_from_the_one_before_is_judged_from_where_it_d
     assert compare(made.network, [validate], [stated])["overall"]["rmse_mV"] > 2.0 * made.error_after_mV
 
 
+@pytest.mark.proof
 def test_on_its_own_runs_an_effect_gets_more_resolution() -> None:
     made = added("hysteresis", ())
     choices = made.network.record.choices
@@ -147,6 +157,7 @@ def test_on_its_own_runs_an_effect_gets_more_resolution() -> None:
     assert "more resolution" in made.remark
 
 
+@pytest.mark.proof
 def test_what_a_bounded_network_cannot_have_is_added_in_another_kind() -> None:
     made = added("charge_discharge_asymmetry", ())
     assert made.network.structure.kernel != "hat"

@@ -58,6 +58,7 @@ def test_a_short_run_of_an_unchanged_cell_does_not_undo_what_was_known() -> None
         assert rmse_mV(found, run(9)) < rmse_mV(network, run(9)) + more_mV
 
 
+@pytest.mark.proof
 def test_old_and_new_runs_together_say_what_a_refit_with_full_weight_says() -> None:
     """The covariance stands for the old runs."""
     network, new = fitted().network, run(12)

@@ -81,6 +81,7 @@ def test_logs_that_begin_at_rest_keep_their_starts() -> None:
     assert result.train["rmse_mV"] < 1.05 * NOISE_MV
 
 
+@pytest.mark.proof
 def test_wrong_states_of_charge_are_found_as_far_as_the_runs_contradict_each_other() -> None:
     off = (0.05, -0.03, 0.01, -0.03)
     logs = [log(np.zeros(1), seed, wrong) for seed, wrong in enumerate(off, start=11)]

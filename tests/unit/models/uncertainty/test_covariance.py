@@ -119,6 +119,7 @@ def test_a_penalty_that_the_estimate_went_far_against_is_not_taken_for_knowledge
     assert (stds[1] > 2.0 * stds[0]).mean() > 0.5
 
 
+@pytest.mark.proof
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.shared], ids=lambda kind: kind.name)
 def test_stated_deviations_hold_where_the_truth_is_itself_a_network(kind) -> None:
     row = judge(kind, cases=8, n_samples=2500)

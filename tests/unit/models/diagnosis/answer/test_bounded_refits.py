@@ -45,6 +45,7 @@ def test_what_was_left_out_is_named_where_the_cell_has_it() -> None:
     assert found.named[0].held_out_mV < 0.8 * found.held_out_mV
 
 
+@pytest.mark.proof
 def test_what_the_cell_does_not_have_is_not_missed() -> None:
     assert refits(fitted(CELL, "hysteresis"), CELL) is None
 

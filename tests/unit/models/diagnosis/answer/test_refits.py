@@ -46,6 +46,7 @@ def kinds(structure: Structure) -> list[str]:
     return [parse_signal(channel.signal).kind for channel in structure.inputs]
 
 
+@pytest.mark.proof
 def test_a_simple_cell_gets_an_effect_the_plain_way() -> None:
     network, run = fitted(SLOW, BARE)
     trial = search(network, run)
@@ -57,6 +58,7 @@ def test_a_simple_cell_gets_an_effect_the_plain_way() -> None:
     assert len(found.choice.given.inputs) == len(BARE.inputs) + 1
 
 
+@pytest.mark.proof
 def test_several_time_constants_take_the_place_of_a_shared_pole() -> None:
     network, run = fitted(SLOW, minimal_structure(1.0))
     trial = search(network, run)
@@ -104,6 +106,7 @@ def test_refits_name_what_lowers_the_error_of_unseen_runs() -> None:
     assert any("refits" in remark for remark in answer.remarks)
 
 
+@pytest.mark.proof
 def test_refits_name_nothing_where_nothing_is_missing() -> None:
     network, run = fitted(CELL, BARE)
     analysis, _, record = analysed(network, CELL)

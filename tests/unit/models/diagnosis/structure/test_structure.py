@@ -55,6 +55,7 @@ def test_an_effect_that_the_structure_lacks_is_named_added_and_pays() -> None:
     assert again.verdict == "nothing_missing"
 
 
+@pytest.mark.proof
 def test_growth_is_named_and_taken_out_of_the_runs() -> None:
     network, train, run = fitted(replace(CELL, resistance_growth_per_Ah=0.08))
     answer = diagnose(network, [run], [SOC], train=[train], train_soc=[SOC], mode="structure")
@@ -68,6 +69,7 @@ def test_growth_is_named_and_taken_out_of_the_runs() -> None:
     assert added.remark.startswith("the runs were freed of it") and "as each run began" in added.remark
 
 
+@pytest.mark.proof
 def test_growth_is_not_named_in_one_discharge() -> None:
     """A resistance over the state of charge, which the network lacks, looks like it there."""
     cell = replace(CELL, ohmic_at_empty_Ohm=0.06)
@@ -91,6 +93,7 @@ def test_nothing_is_missing_in_a_structure_that_has_all() -> None:
     assert answer.findings == ()
 
 
+@pytest.mark.proof
 def test_a_sensor_error_is_added_as_a_correction() -> None:
     network, train, run = fitted(CELL)
     wrong = [replace(each, current_A=each.current_A + 0.02) for each in (train, run)]
@@ -101,6 +104,7 @@ def test_a_sensor_error_is_added_as_a_correction() -> None:
     assert added.network.record.effects[0]["correction"] is True
 
 
+@pytest.mark.proof
 def test_an_effect_on_the_temperature_alone_is_added_as_a_correction() -> None:
     network, train, run = fitted(CELL)
 
@@ -137,7 +141,7 @@ def test_what_is_there_already_is_fitted_again() -> None:
     assert made.error_after_mV < made.error_before_mV
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("order", [0, pytest.param(1, marks=pytest.mark.proof), 2])
 def test_sensitivities_are_the_derivatives_of_the_free_run(order: int) -> None:
     train = measured(CELL, 4, n=1500)
     structure = replace(minimal_structure(1.0), output_order=order)
@@ -152,7 +156,7 @@ def test_sensitivities_are_the_derivatives_of_the_free_run(order: int) -> None:
     np.testing.assert_allclose(jacobian @ (2.0 * move).ravel(), high - low, rtol=1e-4, atol=1e-9)
 
 
-@pytest.mark.parametrize("order", [0, 1])
+@pytest.mark.parametrize("order", [pytest.param(0, marks=pytest.mark.proof), 1])
 def test_an_effect_is_sized_although_the_structure_lacks_much_besides(order: int) -> None:
     whole = CELLS["nmc"].parameters
     cell = replace(whole, slow=Branch(0.0, 900.0), hysteresis_amplitude_V=0.03, hysteresis_rate=40.0)

@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
@@ -78,6 +79,7 @@ def test_the_band_holds_about_as_often_as_it_says() -> None:
     assert 0.8 < float(np.mean(inside)) <= 1.0
 
 
+@pytest.mark.proof
 def test_a_network_that_no_observer_can_use_says_so() -> None:
     structure = Structure(0, (InputChannel("current"),), (PartitionAxis("current"),), hand_network.DT_S)
     blind = hand_network.network(structure, np.array([[0.02, 3.3]]))

@@ -30,6 +30,7 @@ def test_runs_that_an_earlier_model_reads_are_left() -> None:
     assert in_step(request).request is request
 
 
+@pytest.mark.proof
 def test_an_effect_that_is_added_keeps_how_runs_are_read() -> None:
     asked = {"capacity_Ah": CELL.capacity_Ah, "initial_soc": [SOC, SOC], "dt_s": 1.0}
     train = [late(run(2), 2.0), late(run(4), 2.0)]
@@ -39,7 +40,7 @@ def test_an_effect_that_is_added_keeps_how_runs_are_read() -> None:
     assert made.error_after_mV < 0.5 * made.error_before_mV
 
 
-@pytest.mark.parametrize("delay_s", [2.0, -1.0])
+@pytest.mark.parametrize("delay_s", [2.0, pytest.param(-1.0, marks=pytest.mark.proof)])
 def test_a_late_voltage_is_put_in_step_and_said(delay_s: float) -> None:
     asked = {"capacity_Ah": CELL.capacity_Ah, "initial_soc": [SOC, SOC], "dt_s": 1.0}
     train = [late(run(2), delay_s), late(run(4), delay_s)]
