@@ -16,30 +16,18 @@ _STEP_SAMPLES = 0.05
 _STARTS = (-4.0, -3.0, -2.0, -1.0, -0.3, 0.3, 1.0, 2.0, 3.0, 4.0)
 
 
-def _late(view: View, samples: int) -> FloatArray:
-    """(m,) change of the model's voltage where the current comes whole samples later."""
-    if not samples:
-        return np.zeros(len(view.index))
-    current_A = view.run.current_A
-    if samples > 0:
-        later_A = np.concatenate([np.full(samples, current_A[0]), current_A[:-samples]])
-    else:
-        later_A = np.concatenate([current_A[-samples:], np.full(-samples, current_A[-1])])
-    return view.moved(current_A=later_A)
-
-
 def _voltage(view: View, delay_s: float) -> FloatArray:
     """Between two samples the voltage is taken as a straight line."""
     samples = delay_s / view.run.dt_s
     whole = int(np.floor(samples))
     share = samples - whole
-    late = (1.0 - share) * _late(view, whole)
-    return late + share * _late(view, whole + 1) if share else late
+    late = (1.0 - share) * view.late_V(whole)
+    return late + share * view.late_V(whole + 1) if share else late
 
 
 def _regressors(view: View) -> FloatArray:
     """Change of the voltage in V for each second that it comes later, from the current one sample later."""
-    return _late(view, 1)[:, None] / view.run.dt_s
+    return view.late_V(1)[:, None] / view.run.dt_s
 
 
 EFFECT = Effect(

@@ -172,6 +172,19 @@ class View:
         """(m,) voltage across the model's resistances for another scaled current."""
         return self.model.overvoltage_V(self.run, self.soc, self.index, drive_A)
 
+    def late_V(self, samples: int) -> FloatArray:
+        """(m,) change of the model's voltage where the current comes whole samples later; before, where negative."""
+        if samples not in self._late:
+            current_A = self.run.current_A
+            later_A = current_A[np.clip(np.arange(len(current_A)) - samples, 0, len(current_A) - 1)]
+            self._late[samples] = self.moved(current_A=later_A)
+        return self._late[samples]
+
+    @cached_property
+    def _late(self) -> dict[int, FloatArray]:
+        # A search for a delay asks for the same few over and over.
+        return {0: np.zeros(len(self.index))}
+
     def moved(
         self,
         soc: FloatArray | None = None,

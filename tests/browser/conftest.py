@@ -47,7 +47,7 @@ def open_page(chromium: Browser, address: str) -> Iterator[OpenPage]:
     def open_it(
         bench: str, viewport: dict[str, int] = DESKTOP, prepare: Callable[[Page], None] | None = None, path: str = "/"
     ) -> Page:
-        context = chromium.new_context(viewport=viewport, timezone_id="Europe/Berlin")  # pyright: ignore[reportArgumentType]
+        context = chromium.new_context(viewport=viewport, timezone_id="Europe/Berlin", reduced_motion="reduce")  # pyright: ignore[reportArgumentType]
         context.set_default_timeout(1000 * PATIENCE_S)
         page = context.new_page()
         page.on("request", note)

@@ -85,9 +85,10 @@ class KnownCell:
 
     def through(self, signals: FloatArray, soc: FloatArray, chosen: np.ndarray) -> FloatArray:
         """(m,) voltage of some of the terms, given by their numbers."""
-        out = np.zeros(len(soc))
+        out, among = np.zeros(len(soc)), np.zeros(len(self.layout.basis.terms), dtype=bool)
+        among[chosen] = True
         for places, gains, numbers in self._groups:
-            own = np.flatnonzero(np.isin(numbers, chosen))
+            own = np.flatnonzero(among[numbers])
             if len(own):
                 knots = self.layout.knots.soc[places]
                 left = np.clip(np.searchsorted(knots, soc, side="right") - 1, 0, len(knots) - 2)

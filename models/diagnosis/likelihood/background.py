@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,6 +13,7 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 
 _JITTER = 1e-10
+_SCALES = tuple(scale for scale, _ in THRESHOLDS.effect_scales)
 
 
 def log_sum(logs: list[float] | FloatArray) -> float:
@@ -64,30 +66,41 @@ class Background:
     fixed: FloatArray
     elsewhere: FloatArray
 
-    def root(self, scale: float) -> FloatArray:
-        """(N, N) lower triangle of the covariance, the error elsewhere being `scale` times as large as learned."""
-        if scale not in self._roots:
-            whole = self.fixed + scale**2 * self.elsewhere
-            whole[np.diag_indices_from(whole)] *= 1.0 + _JITTER
-            self._roots[scale] = cholesky(whole, lower=True, check_finite=False)
-        return self._roots[scale]
-
     def white(self, columns: FloatArray, scale: float) -> FloatArray:
-        """(N, k) or (N,) columns by the root of the covariance."""
-        return solve_triangular(self.root(scale), columns, lower=True, check_finite=False)
+        """(N, k) or (N,) columns by a root of the covariance, the error elsewhere `scale` times as large as learned."""
+        return next(self.whites(columns, (scale,)))
+
+    def whites(self, columns: FloatArray, scales: Iterable[float]) -> Iterator[FloatArray]:
+        """The same for several scales, for little more than one."""
+        _, turn, ratios = self._axes
+        turned = turn @ columns
+        for scale in scales:
+            spread = np.sqrt(1.0 + scale**2 * ratios)
+            yield turned / (spread if turned.ndim == 1 else spread[:, None])
 
     def log_root(self, scale: float) -> float:
         """Logarithm of the determinant of the root."""
-        return float(np.sum(np.log(np.diag(self.root(scale)))))
+        log_fixed, _, ratios = self._axes
+        return log_fixed + 0.5 * float(np.sum(np.log1p(scale**2 * ratios)))
 
     @cached_property
-    def _roots(self) -> dict[float, FloatArray]:
-        return {}
+    def _axes(self) -> tuple[float, FloatArray, FloatArray]:
+        """Logarithm of the root of `fixed`, and (N, N), (N,) by which it becomes 1 and `elsewhere` a diagonal.
+
+        One matrix is a root for all scales, of which a search asks thousands of times.
+        """
+        fixed = self.fixed.copy()
+        fixed[np.diag_indices_from(fixed)] *= 1.0 + _JITTER
+        root = cholesky(fixed, lower=True, check_finite=False)
+        half = solve_triangular(root, self.elsewhere, lower=True, check_finite=False)
+        ratios, axes = np.linalg.eigh(solve_triangular(root, half.T, lower=True, check_finite=False))
+        turn = solve_triangular(root, axes, lower=True, trans="T", check_finite=False).T
+        return float(np.sum(np.log(np.diag(root)))), np.ascontiguousarray(turn), np.maximum(ratios, 0.0)
 
     @cached_property
     def white_errors(self) -> list[FloatArray]:
         """(N,) error by the root, for each scale of `effect_scales`."""
-        return [self.white(self.error, scale) for scale, _ in THRESHOLDS.effect_scales]
+        return list(self.whites(self.error, _SCALES))
 
     def log_of_nothing(self, scales: tuple[float, ...], weights: tuple[float, ...]) -> float:
         """Logarithm of the likelihood where nothing is new, up to a constant."""
@@ -123,8 +136,7 @@ class Background:
         """Columns, and the error less what is moved, by the root, for each scale of `effect_scales`."""
         stacked, k = columns if moved is None else np.column_stack([columns, moved]), columns.shape[1]
         out = []
-        for (scale, _), white_error in zip(THRESHOLDS.effect_scales, self.white_errors, strict=True):
-            white = self.white(stacked, scale)
+        for white, white_error in zip(self.whites(stacked, _SCALES), self.white_errors, strict=True):
             out.append(Whitened(white[:, :k], white_error if moved is None else white_error - white[:, k]))
         return out
 

@@ -32,8 +32,8 @@ def pair_gains(
     shift = [np.zeros(len(back.error)) if each is None else each for each in moved]
     stacked = np.column_stack([*columns, *shift])
     products, right, base = [], [], []
-    for s, (scale, weight) in enumerate(THRESHOLDS.effect_scales):
-        white, error = back.white(stacked, scale), back.white_errors[s]
+    whites = back.whites(stacked, (scale for scale, _ in THRESHOLDS.effect_scales))
+    for (scale, weight), white, error in zip(THRESHOLDS.effect_scales, whites, back.white_errors, strict=True):
         products.append(white.T @ white)
         right.append(white.T @ error)
         base.append(float(np.log(weight)) - back.log_root(scale) - 0.5 * float(error @ error))

@@ -43,8 +43,8 @@ def smallest_shown(back: Background, tried: Tried, prior: float, explained: Floa
     unlucky = float(ndtri(at.power))
     usual = 1.0 / max(float(np.linalg.norm(first_direction(tried)[0])), 1e-300)
     inner, nothing = [], []
-    for scale, weight in zip(at.scales, at.scale_weights, strict=True):
-        white = back.white(np.column_stack([column * usual, back.error - explained]), scale)
+    whites = back.whites(np.column_stack([column * usual, back.error - explained]), at.scales)
+    for scale, weight, white in zip(at.scales, at.scale_weights, whites, strict=True):
         inner.append(float(white[:, 0] @ white[:, 0]))
         base = float(np.log(weight)) - back.log_root(scale)
         nothing.append(base - 0.5 * float(white[:, 1] @ white[:, 1]))

@@ -91,10 +91,11 @@ def _best_start(back: Background, shape: Moving) -> tuple[float, ...]:
 def _broken(back: Background, shape: Moving, weighed: Weighed, whitened: list[Whitened]) -> float:
     """How much evidence the derivatives promise beyond what a simulation of the likeliest size bears out."""
     truly = shape.simulate(np.clip(weighed.mean, *shape.limits))
-    broken = 0.0
-    for (scale, _), each, error in zip(THRESHOLDS.effect_scales, whitened, back.white_errors, strict=True):
+    broken, scales = 0.0, [scale for scale, _ in THRESHOLDS.effect_scales]
+    rows = zip(scales, whitened, back.white_errors, back.whites(truly, scales), strict=True)
+    for scale, each, error, white in rows:
         if scale in THRESHOLDS.scales:
-            promised, left = each.error - each.columns @ weighed.mean, error - back.white(truly, scale)
+            promised, left = each.error - each.columns @ weighed.mean, error - white
             broken = max(broken, 0.5 * float(left @ left - promised @ promised))
     return broken
 

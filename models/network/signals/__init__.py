@@ -18,7 +18,7 @@ from models.data.errors import StructureError
 from models.data.timeseries import FloatArray
 from models.network.signals.charge_counting import soc_by_counting
 from models.network.signals.direction import REST_C_RATE, held_sign
-from models.network.signals.kind import Held, Parameter, Signal, SignalKind, Step
+from models.network.signals.kind import Held, Parameter, Shared, Signal, SignalKind, Step
 from models.network.signals.temperature_scale import KELVIN, REFERENCE_K, arrhenius
 
 # Filters are imported from `filters` and the state of hysteresis from `direction`: kinds have files of these names.
@@ -42,7 +42,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class RunSignals:
+class RunSignals(Shared):
     """What signals of one run are made from, evenly spaced.
 
     Attributes

@@ -20,10 +20,14 @@ EXCHANGE_CURRENT = Parameter("exchange_current_A", "A")
 
 def drive(signal: Signal, points: Points) -> FloatArray:
     """(n,) current as a signal takes it in: scaled by temperature and through asinh where asked, before any filter."""
-    x = points.current_A
-    if signal.get("activation_K"):
-        x = x * arrhenius(points.temperature_degC, signal.get("activation_K"))
-    return np.arcsinh(x / signal.get("exchange_current_A")) if signal.get("exchange_current_A") else x
+    activation_K, exchange_A = signal.get("activation_K"), signal.get("exchange_current_A")
+    # A network has a few dozen signals that differ in their filter alone.
+    if (activation_K, exchange_A) not in points.driven:
+        x = points.current_A
+        if activation_K:
+            x = x * arrhenius(points.temperature_degC, activation_K)
+        points.driven[activation_K, exchange_A] = np.arcsinh(x / exchange_A) if exchange_A else x
+    return points.driven[activation_K, exchange_A]
 
 
 def slowed(signal: Signal, x: FloatArray, dt_s: float) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -35,6 +36,20 @@ class Points(Protocol):
         """Cell capacity."""
         ...
 
+    @property
+    def driven(self) -> dict[tuple[float, float], FloatArray]:
+        """What signals of the same constants take in of the current, kept by `driven.drive`."""
+        ...
+
+
+class Shared:
+    """Remembers what several signals of the same points are made from."""
+
+    @cached_property
+    def driven(self) -> dict[tuple[float, float], FloatArray]:
+        """By activation in K and exchange current in A."""
+        return {}
+
 
 class Run(Points, Protocol):
     """The same, evenly spaced in time from a long rest on."""
@@ -46,7 +61,7 @@ class Run(Points, Protocol):
 
 
 @dataclass(frozen=True)
-class Held:
+class Held(Shared):
     """Points at each of which everything has been held for ever.
 
     Attributes
@@ -64,7 +79,7 @@ class Held:
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(Shared):
     """Samples around a step of the current; before it everything has been held for ever.
 
     Attributes
