@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -45,10 +44,10 @@ class Points(Protocol):
 class Shared:
     """Remembers what several signals of the same points are made from."""
 
-    @cached_property
+    @property
     def driven(self) -> dict[tuple[float, float], FloatArray]:
         """By activation in K and exchange current in A."""
-        return {}
+        return self.__dict__.setdefault("_driven", {})
 
 
 class Run(Points, Protocol):
