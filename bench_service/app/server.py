@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import signal
 import socket
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -18,12 +17,11 @@ from bench_service.app.lifespan import running_services
 from bench_service.config import ServiceConfig
 from bench_service.config.token import service_token
 from bench_service.errors import ConflictError, StoreError
+from bench_service.numerics import one_thread
 from bench_service.store.metadata import MetadataStore
 
 _BACKLOG = 128
 _LAST_ANSWERS_S = 2
-# Inherited by workers and control processes: small problems are slower on many threads.
-_BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class AddressError(ConflictError):
@@ -63,8 +61,7 @@ def serve(
 @asynccontextmanager
 async def running_server(config: ServiceConfig, host: str = "127.0.0.1", port: int = 0) -> AsyncIterator[str]:
     """Serve while the block lasts; gives the address. Raises as `serve`."""
-    for name in _BLAS_VARIABLES:
-        os.environ.setdefault(name, "1")
+    one_thread()  # inherited by workers and control processes
     with _bound(host, port) as listener:
         url = _url(host, listener.getsockname()[1])
         with _opened(config, url) as store:

@@ -17,6 +17,7 @@ from bench_service.cli.command import Command, find_commands
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
 from bench_service.errors import BadRequestError, ConflictError, NotFoundError
+from bench_service.numerics import one_thread
 
 _FAILED, _BAD_INPUT = 1, 2
 _OWN_PACKAGES = frozenset({"bench_service", "drivers", "models", "simulators"})
@@ -26,6 +27,7 @@ _BAD_REQUESTS = frozenset({404, 409, 413, 415, 422})
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit status."""
+    one_thread()
     arguments = sys.argv[1:] if arguments is None else arguments
     if "_ARGCOMPLETE" in os.environ:
         _complete(os.environ.get("COMP_LINE", "").split())

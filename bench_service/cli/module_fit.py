@@ -8,8 +8,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from threadpoolctl import threadpool_limits
-
 from bench_service.cli.errors import UsageError
 from bench_service.cli.files import read_logs, read_model, read_structure, write_document
 from bench_service.cli.initial_soc import initial_soc
@@ -62,7 +60,7 @@ def run_module_fit(options: Namespace, output: Output) -> int:
     validate = read_logs(options.validate, options.current_sign, output)
     soc = initial_soc([log.run for log in (*train, *validate)], options.initial_soc)
     in_series, parallel = options.layout or (None, 1)
-    with output.progress("Fitting") as report, threadpool_limits(1):
+    with output.progress("Fitting") as report:
         fitted = fit_module(
             ModuleFitRequest(
                 train=train,

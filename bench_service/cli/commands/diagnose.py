@@ -5,8 +5,6 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING, Any
 
-from threadpoolctl import threadpool_limits
-
 from bench_service.cli.command import Command
 from bench_service.cli.judged_runs import add_judged_runs, read_judged_runs
 from bench_service.cli.output import Output
@@ -36,7 +34,7 @@ def _run(options: Namespace, output: Output) -> int:
 
     check_report(options)
     judged = read_judged_runs(options, output)
-    with output.progress("Diagnosing"), threadpool_limits(1):
+    with output.progress("Diagnosing"):
         diagnosis = diagnose(
             judged.network,
             judged.runs,

@@ -8,8 +8,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from threadpoolctl import threadpool_limits
-
 from bench_service.cli.arguments import efficiency, fraction, names, positive
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_runs, read_structure, write_document
@@ -82,8 +80,7 @@ def _run(options: Namespace, output: Output) -> int:
     train = read_runs(options.train, options.current_sign, output)
     validate = read_runs(options.validate, options.current_sign, output)
     soc = initial_soc([*train, *validate], options.initial_soc)
-    # The matrices are small: a second BLAS thread costs more than it brings.
-    with output.progress("Fitting") as report, threadpool_limits(1):
+    with output.progress("Fitting") as report:
         fitted = fit_network(
             train,
             capacity_Ah=options.capacity_Ah,
@@ -98,8 +95,7 @@ def _run(options: Namespace, output: Output) -> int:
             code_version=version("bench-service"),
         )
     held_out = (validate, soc[len(train) :]) if validate else None
-    with threadpool_limits(1):
-        network = with_tuned_observer(fitted.network, train, fitted.initial_soc, held_out)
+    network = with_tuned_observer(fitted.network, train, fitted.initial_soc, held_out)
     write_document(options.out, network.to_json())
     _warn_of_narrow_soc(fitted.network, output)
     answer = _answer(fitted, options.out, time.perf_counter() - started)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING, Any
 
-from threadpoolctl import threadpool_limits
-
 from bench_service.cli.arguments import fraction, numbers
 from bench_service.cli.command import Command
 from bench_service.cli.errors import UsageError
@@ -49,7 +47,7 @@ def _run(options: Namespace, output: Output) -> int:
     if options.at is not None and len(options.at) != len(options.runs):
         raise UsageError(f"--at names {len(options.at)} place(s) for {len(options.runs)} run(s)")
     judged = read_judged_runs(options, output)
-    with output.progress("Following the cell") as report, threadpool_limits(1):
+    with output.progress("Following the cell") as report:
         found = trend(
             judged.network,
             judged.runs,

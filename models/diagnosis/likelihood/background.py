@@ -94,7 +94,7 @@ class Background:
         root = cholesky(fixed, lower=True, check_finite=False)
         half = solve_triangular(root, self.elsewhere, lower=True, check_finite=False)
         ratios, axes = np.linalg.eigh(solve_triangular(root, half.T, lower=True, check_finite=False))
-        turn = solve_triangular(root, axes, lower=True, trans="T", check_finite=False).T
+        turn = solve_triangular(root, axes, lower=True, trans=1, check_finite=False).T
         return float(np.sum(np.log(np.diag(root)))), np.ascontiguousarray(turn), np.maximum(ratios, 0.0)
 
     @cached_property
