@@ -44,7 +44,8 @@ def life_report(heading: Heading, result: Mapping[str, Any], called: Mapping[str
                              *_ahead(result.get("forecast"))]),
         Section("Resistance", [over_runs("Resistance of the first moment, with 95 % bands", resistance, "mΩ")]),
         Section("What explains the error", [explained(runs)]),
-        Section("What is new", [*_since(result.get("change_points", ()), names), Table(heads, rows, frozenset({1}))]),
+        Section("What is new", [*_since(result.get("change_points", ()), names), *_open(result),
+                                Table(heads, rows, frozenset({1}))]),
     ]  # fmt: skip
     about = (
         "Each run is held against the cell as it was. What is said to be new is borne out by the series as a whole: of "
@@ -112,6 +113,11 @@ def _since(points: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> lis
     return [Points(said)] if said else []
 
 
+def _open(result: Mapping[str, Any]) -> list[Part]:
+    said = to_settle(result)
+    return [] if said is None else [said]
+
+
 def in_words(entry: Mapping[str, Any]) -> str:
     """What a run's entry says is new."""
     if entry["verdict"] == "nothing_missing":
@@ -124,7 +130,20 @@ def in_words(entry: Mapping[str, Any]) -> str:
         else words.plain(finding["effect"])
         for finding in entry["findings"]
     ]
-    return (" or " if entry["verdict"] == "ambiguous" else ", then ").join(found)
+    if entry["verdict"] != "ambiguous":
+        return ", then ".join(found)
+    rivals = [words.plain(rival) for finding in entry["findings"] for rival in finding.get("confounded_with", ())]
+    return " or ".join(dict.fromkeys([*found, *rivals]))
+
+
+def to_settle(result: Mapping[str, Any]) -> str | None:
+    """Which experiment would tell apart what the last run leaves open; None: nothing is left open."""
+    asked = result.get("next_experiment")
+    if asked is None:
+        return None
+    hours = float(asked["duration_s"]) / 3600.0
+    rivals = words.listed([words.effect(rival) for rival in asked["rivals"]], "from")
+    return f"Next experiment: a profile of {hours:.0f} h that tells {rivals}."
 
 
 def where_told(entry: Mapping[str, Any]) -> Mapping[str, Any] | None:

@@ -80,7 +80,7 @@ def _show(console: Console, result: dict[str, Any]) -> None:
     # Lazy: rich takes 60 ms.
     from rich.table import Table
 
-    from bench_service.reports.life import in_words, where_told
+    from bench_service.reports.life import in_words, to_settle, where_told
 
     table = Table("run", "capacity / Ah", "resistance / mOhm", "what is new")
     for each in result["runs"]:
@@ -95,6 +95,8 @@ def _show(console: Console, result: dict[str, Any]) -> None:
         console.print(f"{each['effect']} since {each['run']} (between {first} and {last})")
     if result["forecast"] is not None:
         console.print(result["forecast"]["explanation"])
+    if (said := to_settle(result)) is not None:
+        console.print(f"{said} (The request is in the --json answer.)")
     for line in usability_lines(result["usability"]):
         console.print(line)
 

@@ -11,7 +11,9 @@ export function inWords(run) {
   if (run.verdict === "nothing_missing") return "nothing";
   if (run.verdict === "unknown_effect") return "something that no known effect explains";
   const names = run.findings.map(({ effect, evidence }) => (evidence?.where ? `resistance ${evidence.where}` : plain(effect)));
-  return names.join(run.verdict === "ambiguous" ? " or " : ", then ");
+  if (run.verdict !== "ambiguous") return names.join(", then ");
+  const rivals = run.findings.flatMap((finding) => finding.confounded_with.map(plain));
+  return [...new Set([...names, ...rivals])].join(" or ");
 }
 
 /** Draw a life into a node; `nameOf` gives a run's name. */
@@ -27,6 +29,7 @@ export function drawLife(node, life, nameOf) {
   node.replaceChildren(
     el("p", { class: "life-words", text: life.forecast ? `${life.forecast.explanation}.` : "When the end is reached is not told: too few runs." }),
     el("ul", { class: "life-words" }, life.change_points.map((point) => el("li", { text: `${plain(point.effect)} since ${nameOf(point.run)}, between ${point.between.map(nameOf).join(" and ")}` }))),
+    life.next_experiment ? el("p", { class: "life-words", text: `Next experiment: a profile of ${(life.next_experiment.duration_s / 3600).toFixed(0)} h that tells ${life.next_experiment.rivals.map(plain).join(" from ")}.` }) : "",
     ...shown.flatMap(([title], k) => [el("h3", { text: title }), plots[k]]), table(life, nameOf));
   shown.forEach(([, , option], k) => new Chart(plots[k], option));
 }

@@ -9,6 +9,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.answer.findings import Diagnosis, Finding
+from models.diagnosis.answer.next_experiment import discriminating_request
 from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend import latent
@@ -65,10 +66,18 @@ def answer(weighed: Weighed, record: Record, by_set: FloatArray, borne_out: bool
         noise_floor_mV=record.noise_floor_mV,
         unexplained_mV=left.rms_mV,
         depends_on=(),
-        next_experiment=None,
+        next_experiment=_settling(weighed, findings[0].effect, rivals[0]) if rivals else None,
         seconds=time.perf_counter() - started,
         remarks=tuple(remarks),
     )
+
+
+def _settling(weighed: Weighed, first: str, second: str) -> dict[str, Any]:
+    """Request for the profile that tells two changes apart, from where the run has left the cell."""
+    given, run = weighed.given, weighed.given.run
+    left = given.soc + float(run.charge_Ah[-1]) / weighed.state.capacity_Ah
+    measured_V = run.voltage_V[np.isfinite(run.voltage_V)]
+    return discriminating_request(given.known.cell, (first, second), measured_V, float(np.clip(left, 0.0, 1.0)))
 
 
 def _findings(

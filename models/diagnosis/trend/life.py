@@ -98,6 +98,8 @@ class Trend:
         ]
         return {
             "runs": [each.to_json() for each in self.runs],
+            # What the last run leaves open is open today.
+            "next_experiment": self.runs[-1].diagnosis.next_experiment,
             "change_points": changes,
             "forecast": None if self.forecast is None else self.forecast.to_json(),
             "seconds": self.seconds,

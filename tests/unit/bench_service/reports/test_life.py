@@ -48,6 +48,8 @@ def test_every_verdict_has_words() -> None:
     said = {each: in_words(entry("x", verdict=each, findings=findings)) for each in VERDICTS}
     assert said["missing"] == "capacity, then series resistance"
     assert said["ambiguous"] == "capacity or series resistance"
+    one = [{"effect": "capacity", "confounded_with": ["ocv_shape"]}]
+    assert in_words(entry("x", verdict="ambiguous", findings=one)) == "capacity or ocv shape"
     assert said["nothing_missing"] == "nothing"
     assert "no known effect" in said["unknown_effect"]
 

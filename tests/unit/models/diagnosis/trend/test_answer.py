@@ -55,7 +55,13 @@ def test_a_curve_that_could_be_it_is_named_as_rival(aged: Weighed) -> None:
     both = np.where([each in (("curve",), ("resistance",)) for each in EVERY], 0.48, 0.04 / 6)
     told = answer(aged, record_of(aged), both, True, time.perf_counter())
     assert told.verdict == "ambiguous"
-    assert told.findings[0].confounded_with in (("ocv_shape",), ("resistance_growth",))
+    (rival,) = told.findings[0].confounded_with
+    assert {told.findings[0].effect, rival} == {"ocv_shape", "resistance_growth"}
+    # The experiment that would settle it begins where the discharge has left the cell.
+    asked = told.next_experiment
+    assert asked is not None
+    assert asked["rivals"] == [told.findings[0].effect, rival] and asked["criterion"] == "discriminate"
+    assert asked["initial_soc"] == pytest.approx(0.0, abs=0.1)
 
 
 def test_nothing_is_said_where_the_series_does_not_bear_it_out(aged: Weighed) -> None:
