@@ -10,14 +10,14 @@ from scipy.linalg import cho_factor, cho_solve
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
+from models.diagnosis.known.training_starts import Fitted, TrainingStarts, training_starts
 from models.effects.view import View
 from models.identification.bounded.fitted import curve_by_values
 from models.identification.bounded.knots import make_knots
 from models.identification.bounded.monotone import rising
-from models.identification.bounded.problem import Layout, groups_of, make_layout, make_sums, run_index, soc_over
-from models.identification.bounded.strengths import HeldOut, penalty
+from models.identification.bounded.problem import Layout, fold_of, make_layout, make_sums, run_index, soc_over
+from models.identification.bounded.strengths import START, HeldOut, penalty
 from models.identification.bounded.variants import CURVE, GAINS, SLOPES, Trials, Variant, best_variant
-from models.network.folds import outer_folds
 from models.network.regression import CellContext, SignalBank
 
 # Curve and gains have knots over all of this, whatever was trained: what was not is open and not exact.
@@ -28,6 +28,8 @@ _SAMPLES = 25_000
 _INDEPENDENT = (600.0, 2500.0)
 # Of the size of a gain's prior at its bound, where the information alone would call it exact.
 _RIDGE = 1e-9
+# Of the largest of a matrix, below which a number says nothing.
+_NOTHING = 1e-15
 # Points of the training runs that are kept.
 POINTS = 600
 
@@ -62,46 +64,85 @@ def fit_known(
     variant : form of the network; None: chosen by held-out error
     """
     bank = SignalBank(runs, soc, CellContext(capacity_Ah))
-    trials = Trials(bank)
+    # Which form is best shows once the runs begin where they did.
+    rough = _held(bank, variant or Variant())
+    placed = _placed(bank, training_starts(_fitted(bank, bank, rough, START), runs, soc))
+    trials = Trials(placed)
     variant = best_variant(trials) if variant is None else variant
-    held = _held(trials, variant)
+    held = _held(placed, variant)
     logs = held.best() if variant not in trials.known else held.best(trials.known[variant][1], 2)
-    degC = np.concatenate([run.temperature_degC for run in runs])
+    starts = training_starts(_fitted(bank, placed, held, logs), runs, soc)
+    placed = _placed(bank, starts)
+    held = _held(placed, variant)
+    cell = _cell(placed, held, logs)
+    return cell, _left(cell, placed, held, logs, starts)
+
+
+def _placed(bank: SignalBank, starts: TrainingStarts) -> SignalBank:
+    """Runs as if each had begun where it is said to."""
+    runs = [replace(run, voltage_V=run.voltage_V - volts) for run, volts in zip(bank.runs, starts.volts, strict=True)]
+    return replace(bank, runs=runs)
+
+
+def _cell(bank: SignalBank, held: HeldOut, logs: tuple[float, ...]) -> KnownCell:
+    degC = np.concatenate([run.temperature_degC for run in bank.runs])
     span = (25.0, 25.0) if np.isnan(degC).any() else (float(degC.min()), float(degC.max()))
     layout = held.sums.layout
     whole = curve_by_values(layout, rising(held, logs, span))
-    domain = _domain(bank)
-    # Its covariance and typical resistance need the cell to look at the runs.
-    bare = KnownCell(layout, whole, np.zeros((0, 0)), capacity_Ah, runs[0].dt_s, domain, 0.0, _usual(bank, layout))
-    run, index, rows = _points(bare, runs, soc)
-    voltage = np.array([runs[r].voltage_V[i] for r, i in zip(run, index, strict=True)])
-    fold = _fold_of(bank)[np.cumsum([0, *(len(each) for each in runs[:-1])])[run] + index]
-    unseen, open_V2 = np.empty(len(run)), np.zeros((len(run), len(run)))
-    noise = _noise(held, logs, bank)
+    covariance = _covariance(held, logs, _noise(held, logs), None)
+    dt_s, usual = bank.runs[0].dt_s, _usual(bank, layout)
+    # What it typically resists needs the cell to look at the runs.
+    bare = KnownCell(layout, whole, covariance, bank.cell.capacity_Ah, dt_s, _domain(bank), 0.0, usual)
+    return replace(bare, typical_Ohm=_typical_Ohm(bare, bank.runs, bank.initial_soc))
+
+
+def _fitted(bank: SignalBank, placed: SignalBank, held: HeldOut, logs: tuple[float, ...]) -> Fitted:
+    """A cell with what its training runs say of their starts.
+
+    Parameters
+    ----------
+    bank, placed : runs as measured, and less what was taken off them before
+    held, logs : form and strengths, of the latter
+    """
+    count = float(held.sums.count.sum())
+    information = held.sums.xx.sum(axis=0) / count + penalty(held.sums, logs)
+    number, sample = run_index(bank), np.concatenate([np.arange(len(run)) for run in bank.runs])
+    measured = np.concatenate([run.measured for run in bank.runs])
+    chosen = np.flatnonzero(measured & (np.arange(len(measured)) % _keep_every(bank) == 0))
+    kept = [sample[chosen[number[chosen] == r]] for r in range(len(bank.runs))]
+    taken_V: list[FloatArray] = [was.voltage_V - now.voltage_V for was, now in zip(bank.runs, placed.runs, strict=True)]
+    free = held.whole(logs).free
+    return Fitted(_cell(placed, held, logs), free, information, kept, taken_V, _noise(held, logs) / count)
+
+
+def _left(cell: KnownCell, bank: SignalBank, held: HeldOut, logs: tuple[float, ...], starts: TrainingStarts) -> Left:
+    """What a cell leaves of its training runs, and what fits leave of the folds that they did not see."""
+    run, index, rows = _points(cell, bank.runs, bank.initial_soc)
+    voltage = np.array([bank.runs[r].voltage_V[i] for r, i in zip(run, index, strict=True)])
+    fold = fold_of(bank)[np.cumsum([0, *(len(each) for each in bank.runs[:-1])])[run] + index]
+    unseen, open_V2, noise_V2 = np.empty(len(run)), starts.open_V2(run, index), _noise(held, logs)
     for number in np.unique(fold):
         own = np.flatnonzero(fold == number)
-        without = curve_by_values(layout, held.without(logs, int(number)).x)
+        without = curve_by_values(held.sums.layout, held.without(logs, int(number)).x)
         unseen[own] = voltage[own] - rows[own] @ without
-        open_V2[np.ix_(own, own)] = rows[own] @ _covariance(held, logs, noise, int(number)) @ rows[own].T
-    fitted = voltage - rows @ whole
-    cell = replace(bare, covariance=_covariance(held, logs, noise, None), typical_Ohm=_typical_Ohm(bare, runs, soc))
-    return cell, Left(run, index, fitted, unseen, open_V2)
+        open_V2[np.ix_(own, own)] += rows[own] @ _covariance(held, logs, noise_V2, int(number)) @ rows[own].T
+    return Left(run, index, voltage - rows @ cell.coefficients, unseen, open_V2)
 
 
-def _held(trials: Trials, variant: Variant) -> HeldOut:
-    soc = np.concatenate(soc_over(trials.bank, variant.axis))
+def _held(bank: SignalBank, variant: Variant) -> HeldOut:
+    soc = np.concatenate(soc_over(bank, variant.axis))
     low, high = min(float(soc.min()), _WHOLE_SOC[0]), max(float(soc.max()), _WHOLE_SOC[1])
-    layout = make_layout(trials.bank, trials.basis(variant), make_knots(low, high, CURVE, GAINS, SLOPES))
-    keep = max(1, sum(len(run) for run in trials.bank.runs) // _SAMPLES)
-    return HeldOut(make_sums(trials.bank, layout, keep, _fold_of(trials.bank)).by_increments())
+    layout = make_layout(bank, Trials(bank).basis(variant), make_knots(low, high, CURVE, GAINS, SLOPES))
+    # A fifth of each run is held out and not a whole one, which would take its part of the window along; what differs
+    # from run to run, where each begins above all, is found for every run.
+    return HeldOut(make_sums(bank, layout, _keep_every(bank), fold_of(bank)).by_increments())
 
 
-def _fold_of(bank: SignalBank) -> np.ndarray:
-    """(N,) number of the fold of each sample: whole runs wherever there are three, for what differs between them."""
-    return outer_folds(run_index(bank), groups_of(bank))
+def _keep_every(bank: SignalBank) -> int:
+    return max(1, sum(len(run) for run in bank.runs) // _SAMPLES)
 
 
-def _noise(held: HeldOut, logs: tuple[float, ...], bank: SignalBank) -> float:
+def _noise(held: HeldOut, logs: tuple[float, ...]) -> float:
     """Squared held-out error in V^2 times how many samples stand for one independent one."""
     count = float(held.sums.count.sum())
     independent = float(np.clip(count / 10.0, *_INDEPENDENT))
@@ -114,7 +155,8 @@ def _covariance(held: HeldOut, logs: tuple[float, ...], noise_V2: float, without
     kept = np.arange(len(sums.count)) != (-1 if without is None else without)
     count = float(sums.count[kept].sum())
     whole = sums.xx[kept].sum(axis=0) + count * penalty(sums, logs)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    # What no sample says anything of has no scale of its own.
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), _NOTHING * np.diag(whole).max()))
     scaled = whole * np.outer(scale, scale) + _RIDGE * np.eye(len(whole))
     inverse = cho_solve(cho_factor(scaled), np.eye(len(whole))) * np.outer(scale, scale)
     n = sums.layout.n_curve

@@ -26,6 +26,12 @@ class Known:
     level_soc, level_points : over how much SoC the size of errors is taken together, and how many points the mean of
         all counts for
     least_V : resolution and noise of a converter, V
+    start_share : a signal at the start, over its root mean square in the training runs
+    start_V : loop that may have been at either end at the start, V
+    start_s : time constants of what no branch of the model stands for, s
+    start_of_typical : of the typical overvoltage, what each of these may be at the start
+    start_soc : standard deviation of a stated SoC
+    start_loop : rate at which the place in a loop is forgotten, over the capacity
     steps : of the search for variances, which is flat at its end
     """
 
@@ -47,6 +53,12 @@ class Known:
     level_soc: float = 0.04
     level_points: float = 10.0
     least_V: float = 2e-4
+    start_share: float = 1.5
+    start_V: float = 5e-3
+    start_s: tuple[float, ...] = (60.0, 300.0, 1000.0, 3000.0)
+    start_of_typical: float = 0.05
+    start_soc: float = 0.005
+    start_loop: float = 40.0
     steps: int = 25
 
 

@@ -12,6 +12,7 @@ from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.likelihood.background import Background, Weighed
 from models.diagnosis.likelihood.granted import granted
 from models.diagnosis.likelihood.power import first_direction, smallest_shown
@@ -179,7 +180,7 @@ def analyse(
         No sample of the runs can be judged.
     """
     sight = look(known, runs, soc, share=share)
-    std = None if same_start else soc_std or [THRESHOLDS.start_soc] * len(runs)
+    std = None if same_start else soc_std or [KNOWN.start_soc] * len(runs)
     first = _held(sight, std, effects)
     moved = _moved_soc(first)
     if moved is None:

@@ -13,9 +13,9 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.known.elsewhere import Points, points_of
 from models.diagnosis.known.fitting import spread
 from models.diagnosis.known.memory import KnownRuns, simulated_heat
+from models.diagnosis.known.start import start_columns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.likelihood.background import Background
-from models.diagnosis.likelihood.start import start_columns
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.thermal.heat_balance import has_temperature
 from models.effects.thermal_view import ThermalView

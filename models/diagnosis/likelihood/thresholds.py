@@ -31,13 +31,7 @@ class Thresholds:
     in_question : difference of logarithms to the likeliest, within which pairs are asked for that
     rival : factor of the probability within which two effects cannot be told apart
     power : share of cases in which an effect of the stated size is seen
-    start_share : a signal at the start, over its root mean square in the training runs
-    start_V : loop that may have been at either end at the start, V
-    start_s : time constants of what no branch of the model stands for, s
-    start_of_typical : of the typical overvoltage, what each of these may be at the start
-    start_soc : standard deviation of a stated SoC
     start_K : of the temperature at the start, K
-    start_loop : rate at which the place in a loop is forgotten, over the capacity
     heat_error : of the model's temperature, in units of its training error: another run is off by its own error too
     resistance : usual share by which all resistances of a run may differ together
     usual_V : voltage of an effect that does not say how large it usually is, V
@@ -67,13 +61,7 @@ class Thresholds:
     in_question: float = 8.0
     rival: float = 10.0
     power: float = 0.9
-    start_share: float = 1.5
-    start_V: float = 5e-3
-    start_s: tuple[float, ...] = (60.0, 300.0, 1000.0, 3000.0)
-    start_of_typical: float = 0.05
-    start_soc: float = 0.005
     start_K: float = 3.0
-    start_loop: float = 40.0
     heat_error: float = 1.4
     resistance: float = 0.3
     usual_V: float = 0.01

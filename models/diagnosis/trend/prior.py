@@ -13,8 +13,8 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.elsewhere import Points, points_of
 from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.known.start import start_columns
 from models.diagnosis.known.thresholds import KNOWN
-from models.diagnosis.likelihood.start import start_columns
 from models.diagnosis.trend.ends import Ends
 from models.diagnosis.trend.latent import NODES, latent, usual_Ohm
 from models.diagnosis.trend.quick import Steps, quick_rows, step_points

@@ -13,7 +13,7 @@ from models.data.timeseries import TimeSeries
 from models.diagnosis.diagnosis import check_training, known_of
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.record import known_in
-from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.trend.alarms import claimed
 from models.diagnosis.trend.answer import answer
@@ -70,7 +70,7 @@ def trend(
     if len(at) != len(runs):
         raise ModelError(f"{len(at)} place(s) for {len(runs)} run(s): give one for each")
     known = memory if memory is not None else _known(network, runs, initial_soc, train or [], train_soc or [])
-    stds = soc_std or [THRESHOLDS.start_soc] * len(runs)
+    stds = soc_std or [KNOWN.start_soc] * len(runs)
     held: list[tuple[Weighed, Record, float]] = []
     for number, (run, soc, std) in enumerate(zip(runs, initial_soc, stds, strict=True)):
         progress(number / len(runs), run.name)

@@ -1,4 +1,4 @@
-"""Where a judged run begins: states that nobody knows, each with what it does to the voltage."""
+"""Where a run begins: states that nobody knows, each with what it does to the voltage."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
-from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.diagnosis.known.thresholds import KNOWN
 from models.effects.view import View
 from models.network.signals import parse_signal
 
@@ -23,7 +23,7 @@ def start_columns(cell: KnownCell, view: View, soc_std: float) -> FloatArray:
     view : run and samples
     soc_std : standard deviation of the stated state of charge
     """
-    index, at = view.index, THRESHOLDS
+    index, at = view.index, KNOWN
     time_s = view.run.time_s[index]
     passed = view.throughput_Ah[index] / view.capacity_Ah
     soc = view.soc[index] + view.inputs.surface

@@ -1,0 +1,114 @@
+"""Where training runs begin: what nobody knows of it is found with the cell that is fitted to them.
+
+A state of charge that is half a point off, or a log that begins in a relaxation, would else bend the cell, and what is
+left of it would pass for an error of the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag, cho_factor, cho_solve
+
+from models.data.resampling import GridRun
+from models.data.timeseries import FloatArray
+from models.diagnosis.known.cell import KnownCell
+from models.diagnosis.known.start import start_columns
+from models.diagnosis.known.thresholds import KNOWN
+from models.effects.view import View
+
+_BLOCK = 4096
+# Of the largest information, with which coefficients that no sample speaks of stay where they are.
+_RIDGE = 1e-13
+
+
+@dataclass(frozen=True)
+class TrainingStarts:
+    """What the starts of training runs make of their voltage.
+
+    Attributes
+    ----------
+    every : (n, k) V of one standard deviation of each unknown state, of each run
+    sizes : (K,) likeliest states of all runs, one after the other
+    covariance : (K, K) of what is left open of them
+    """
+
+    every: list[FloatArray]
+    sizes: FloatArray
+    covariance: FloatArray
+
+    @property
+    def volts(self) -> list[FloatArray]:
+        """(n,) V of each run."""
+        edges = np.cumsum([each.shape[1] for each in self.every])[:-1]
+        return [each @ own for each, own in zip(self.every, np.split(self.sizes, edges), strict=True)]
+
+    def open_V2(self, run: np.ndarray, index: np.ndarray) -> FloatArray:
+        """(m, m) covariance, at points of the runs, of what is left open."""
+        columns: FloatArray = np.asarray(block_diag(*(each[index[run == r]] for r, each in enumerate(self.every))))
+        return columns @ self.covariance @ columns.T
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A cell with the samples that it was fitted to.
+
+    Attributes
+    ----------
+    cell : fitted
+    free : (P,) coefficients that are not at a bound, the curve given by its first value and its increments
+    information : (P, P) mean square that each pair of coefficients makes, and their penalty, in V^2
+    kept : (m,) samples of each run that it was fitted to
+    taken_V : (n,) what had been taken off the measured voltage of each run
+    error_V2 : mean squared error over how many independent samples there are
+    """
+
+    cell: KnownCell
+    free: np.ndarray
+    information: FloatArray
+    kept: list[np.ndarray]
+    taken_V: list[FloatArray]
+    error_V2: float
+
+
+def training_starts(fitted: Fitted, runs: list[GridRun], soc: list[float]) -> TrainingStarts:
+    """Likeliest starts, the cell's coefficients free to follow but for those at a bound.
+
+    Parameters
+    ----------
+    fitted : cell to begin with
+    runs, soc : as measured, on one grid, with their stated SoC at the start
+
+    Notes
+    -----
+    Variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.
+    """
+    cell, own = fitted.cell, np.flatnonzero(fitted.free)
+    views = [View(cell, run, s, np.arange(len(run))) for run, s in zip(runs, soc, strict=True)]
+    every = [start_columns(cell, view, KNOWN.start_soc) for view in views]
+    size, count = sum(each.shape[1] for each in every), sum(len(kept) for kept in fitted.kept)
+    across, down, inner, asked = np.zeros((len(own), size)), np.zeros(len(own)), np.zeros((size, size)), np.zeros(size)
+    first = 0
+    for run, start, kept, taken_V, columns in zip(runs, soc, fitted.kept, fitted.taken_V, every, strict=True):
+        part = slice(first, first + columns.shape[1])
+        for at in range(0, len(kept), _BLOCK):
+            view = View(cell, run, start, kept[at : at + _BLOCK])
+            rows, begun = _by_increments(cell, view)[:, own], columns[view.index]
+            across[:, part] += rows.T @ begun / count
+            down += rows.T @ taken_V[view.index] / count
+            inner[part, part] += begun.T @ begun / count
+            asked[part] += begun.T @ view.residual_V / count
+        first = part.stop
+    information = fitted.information[np.ix_(own, own)]
+    factor = cho_factor(information + _RIDGE * information.max(initial=0.0) * np.eye(len(own)))
+    inner = inner - across.T @ cho_solve(factor, across) + fitted.error_V2 * np.eye(size)
+    solved = np.linalg.inv(0.5 * (inner + inner.T))
+    return TrainingStarts(every, solved @ (asked - across.T @ cho_solve(factor, down)), fitted.error_V2 * solved)
+
+
+def _by_increments(cell: KnownCell, view: View) -> FloatArray:
+    """(m, P) derivatives of the voltage to the coefficients, the curve given by its first value and its increments."""
+    rows, n = cell.regressors(view.inputs, view.soc[view.index]), cell.layout.n_curve
+    rows[:, :n] = np.flip(np.cumsum(np.flip(rows[:, :n], 1), axis=1), 1)
+    return rows

@@ -1,0 +1,51 @@
+"""Where training runs begin is found with the cell: neither a wrong count nor a relaxation passes for its error."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.data.resampling import GridRun
+from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.likelihood.learning import know
+from models.effects import effects
+from models.identification.bounded.variants import Variant
+from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, trained
+from tests.unit.models.hand_network import CAPACITY_AH
+
+NOISE_V = 5e-4
+
+
+def rms_V(known: KnownRuns) -> float:
+    return float(np.sqrt(np.mean(known.elsewhere.unseen_V**2)))
+
+
+def known_from(runs: list[GridRun], soc: list[float]) -> KnownRuns:
+    return know(runs, soc, CAPACITY_AH, list(effects().values()), Variant())
+
+
+def relaxing(run: GridRun, volts: float) -> GridRun:
+    """Began in the middle of a relaxation that nobody logged."""
+    return replace(run, voltage_V=run.voltage_V + volts * np.exp(-run.time_s / 600.0))
+
+
+@pytest.mark.parametrize("off", [0.004, -0.007])
+def test_states_of_charge_that_contradict_each_other_bend_nothing(off: float) -> None:
+    """0.7 V over the whole charge: contradictions of 6 and 10 mV, that of a careful statement."""
+    found = known_from([trained(1), trained(2), trained(3)], [SOC + off, SOC - off, SOC])
+    assert rms_V(found) < 1.5 * NOISE_V
+    soc = np.linspace(*found.cell.soc_range, 9)
+    moved_V = found.cell.open_circuit_V(soc) - known_runs().cell.open_circuit_V(soc)
+    assert np.ptp(moved_V) < 1e-3
+
+
+def test_a_log_that_begins_in_a_relaxation_bends_nothing() -> None:
+    found = known_from([relaxing(trained(1), 0.006), trained(2)], [SOC, SOC])
+    assert rms_V(found) < 1.5 * NOISE_V
+
+
+def test_what_the_starts_leave_open_is_no_error_of_the_cell() -> None:
+    """Runs that begin as they are said to are known as well as before."""
+    assert rms_V(known_runs()) < 1.3 * NOISE_V
+    variances = known_runs().elsewhere.variances
+    assert np.isfinite(variances).all() and (variances >= 0.0).all()
