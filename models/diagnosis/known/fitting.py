@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from models.data.errors import NotIdentifiableError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
+from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.known.training_starts import Fitted, TrainingStarts, training_starts
 from models.effects.view import View
 from models.identification.bounded.fitted import curve_by_values
@@ -30,6 +32,8 @@ _INDEPENDENT = (600.0, 2500.0)
 _RIDGE = 1e-9
 # Of the largest of a matrix, below which a number says nothing.
 _NOTHING = 1e-15
+# Least range of the state of charge in which a curve can be seen.
+_LEAST_SOC = 1e-6
 # Points of the training runs that are kept.
 POINTS = 600
 
@@ -62,20 +66,54 @@ def fit_known(
     runs, soc : training runs on one grid, with their SoC at the start
     capacity_Ah : of the cell
     variant : form of the network; None: chosen by held-out error
+
+    Raises
+    ------
+    NotIdentifiableError
+        No charge goes in or out.
     """
     bank = SignalBank(runs, soc, CellContext(capacity_Ah))
-    # Which form is best shows once the runs begin where they did.
-    rough = _held(bank, variant or Variant())
-    placed = _placed(bank, training_starts(_fitted(bank, bank, rough, START), runs, soc))
-    trials = Trials(placed)
-    variant = best_variant(trials) if variant is None else variant
-    held = _held(placed, variant)
-    logs = held.best() if variant not in trials.known else held.best(trials.known[variant][1], 2)
-    starts = training_starts(_fitted(bank, placed, held, logs), runs, soc)
-    placed = _placed(bank, starts)
-    held = _held(placed, variant)
+    low, high = _domain(bank)["soc"]
+    if high - low < _LEAST_SOC:
+        raise NotIdentifiableError(
+            f"diagnosis: the training runs stand still at a state of charge of {low:.2f}, and say nothing of the cell: "
+            "name others, through which a current flows, or none"
+        )
+    placed, held, logs, starts = _found(bank, variant) or (bank, *_chosen(bank, variant), None)
     cell = _cell(placed, held, logs)
     return cell, _left(cell, placed, held, logs, starts)
+
+
+def _found(
+    bank: SignalBank, variant: Variant | None
+) -> tuple[SignalBank, HeldOut, tuple[float, ...], TrainingStarts] | None:
+    """Runs without what their starts make of the voltage, form and strengths for them; None where this is not worth it.
+
+    Which form is best shows once the runs begin where they did.
+    """
+    rough = _held(bank, variant or Variant())
+    placed = _placed(bank, training_starts(_fitted(bank, bank, rough, START), bank.runs, bank.initial_soc))
+    if not _worth(_summed(placed, rough.sums.layout), START, rough, START, KNOWN.start_promise):
+        return None
+    held, logs = _chosen(placed, variant)
+    starts = training_starts(_fitted(bank, placed, held, logs), bank.runs, bank.initial_soc)
+    placed, said = _placed(bank, starts), _summed(bank, held.sums.layout)
+    held = _summed(placed, held.sums.layout)
+    worth = _worth(held, logs, said, said.best(logs), KNOWN.start_worth)
+    return (placed, held, logs, starts) if worth else None
+
+
+def _worth(found: HeldOut, logs: tuple[float, ...], said: HeldOut, said_logs: tuple[float, ...], share: float) -> bool:
+    """Whether runs with found starts leave no more than a share of the error on unseen samples."""
+    return found.mean_mse(logs) <= share**2 * said.mean_mse(said_logs)
+
+
+def _chosen(bank: SignalBank, variant: Variant | None) -> tuple[HeldOut, tuple[float, ...]]:
+    """Sums of a form, the best where none is given, and the strengths that serve it best."""
+    trials = Trials(bank)
+    variant = best_variant(trials) if variant is None else variant
+    held = _held(bank, variant)
+    return held, held.best() if variant not in trials.known else held.best(trials.known[variant][1], 2)
 
 
 def _placed(bank: SignalBank, starts: TrainingStarts) -> SignalBank:
@@ -115,12 +153,15 @@ def _fitted(bank: SignalBank, placed: SignalBank, held: HeldOut, logs: tuple[flo
     return Fitted(_cell(placed, held, logs), free, information, kept, taken_V, _noise(held, logs) / count)
 
 
-def _left(cell: KnownCell, bank: SignalBank, held: HeldOut, logs: tuple[float, ...], starts: TrainingStarts) -> Left:
+def _left(
+    cell: KnownCell, bank: SignalBank, held: HeldOut, logs: tuple[float, ...], starts: TrainingStarts | None
+) -> Left:
     """What a cell leaves of its training runs, and what fits leave of the folds that they did not see."""
     run, index, rows = _points(cell, bank.runs, bank.initial_soc)
     voltage = np.array([bank.runs[r].voltage_V[i] for r, i in zip(run, index, strict=True)])
     fold = fold_of(bank)[np.cumsum([0, *(len(each) for each in bank.runs[:-1])])[run] + index]
-    unseen, open_V2, noise_V2 = np.empty(len(run)), starts.open_V2(run, index), _noise(held, logs)
+    unseen, noise_V2 = np.empty(len(run)), _noise(held, logs)
+    open_V2 = np.zeros((len(run), len(run))) if starts is None else starts.open_V2(run, index)
     for number in np.unique(fold):
         own = np.flatnonzero(fold == number)
         without = curve_by_values(held.sums.layout, held.without(logs, int(number)).x)
@@ -133,6 +174,10 @@ def _held(bank: SignalBank, variant: Variant) -> HeldOut:
     soc = np.concatenate(soc_over(bank, variant.axis))
     low, high = min(float(soc.min()), _WHOLE_SOC[0]), max(float(soc.max()), _WHOLE_SOC[1])
     layout = make_layout(bank, Trials(bank).basis(variant), make_knots(low, high, CURVE, GAINS, SLOPES))
+    return _summed(bank, layout)
+
+
+def _summed(bank: SignalBank, layout: Layout) -> HeldOut:
     # A fifth of each run is held out and not a whole one, which would take its part of the window along; what differs
     # from run to run, where each begins above all, is found for every run.
     return HeldOut(make_sums(bank, layout, _keep_every(bank), fold_of(bank)).by_increments())

@@ -24,7 +24,8 @@ def start_columns(cell: KnownCell, view: View, soc_std: float) -> FloatArray:
     soc_std : standard deviation of the stated state of charge
     """
     index, at = view.index, KNOWN
-    time_s = view.run.time_s[index]
+    # What flowed before a log, where it is known, stands in front of it.
+    time_s = view.run.time_s[index] - view.run.time_s[0]
     passed = view.throughput_Ah[index] / view.capacity_Ah
     soc = view.soc[index] + view.inputs.surface
     above, here, below = (cell.open_circuit_V(soc + each) for each in (soc_std, 0.0, -soc_std))

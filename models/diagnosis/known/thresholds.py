@@ -31,6 +31,10 @@ class Known:
     start_s : time constants of what no branch of the model stands for, s
     start_of_typical : of the typical overvoltage, what each of these may be at the start
     start_soc : standard deviation of a stated SoC
+    start_worth : share of the error on unseen samples to which found starts of the training runs must lower it to be
+        taken: cycles that begin full or empty, at rest, come down to 0.75 at best, for what begins alike in all of them
+        is the cell's own; logs that begin anywhere to 0.2 to 0.6
+    start_promise : the same of a plain cell with usual strengths, above which nothing more is tried
     start_loop : rate at which the place in a loop is forgotten, over the capacity
     steps : of the search for variances, which is flat at its end
     """
@@ -58,6 +62,8 @@ class Known:
     start_s: tuple[float, ...] = (60.0, 300.0, 1000.0, 3000.0)
     start_of_typical: float = 0.05
     start_soc: float = 0.005
+    start_worth: float = 0.7
+    start_promise: float = 0.9
     start_loop: float = 40.0
     steps: int = 25
 

@@ -86,7 +86,7 @@ def training_starts(fitted: Fitted, runs: list[GridRun], soc: list[float]) -> Tr
     """
     cell, own = fitted.cell, np.flatnonzero(fitted.free)
     views = [View(cell, run, s, np.arange(len(run))) for run, s in zip(runs, soc, strict=True)]
-    every = [start_columns(cell, view, KNOWN.start_soc) for view in views]
+    every = [_open(start) * start_columns(cell, view, KNOWN.start_soc) for view, start in zip(views, soc, strict=True)]
     size, count = sum(each.shape[1] for each in every), sum(len(kept) for kept in fitted.kept)
     across, down, inner, asked = np.zeros((len(own), size)), np.zeros(len(own)), np.zeros((size, size)), np.zeros(size)
     first = 0
@@ -105,6 +105,11 @@ def training_starts(fitted: Fitted, runs: list[GridRun], soc: list[float]) -> Tr
     inner = inner - across.T @ cho_solve(factor, across) + fitted.error_V2 * np.eye(size)
     solved = np.linalg.inv(0.5 * (inner + inner.T))
     return TrainingStarts(every, solved @ (asked - across.T @ cho_solve(factor, down)), fitted.error_V2 * solved)
+
+
+def _open(soc: float) -> float:
+    """0 where a run begins full or empty: that is what the cell's voltage said, not what somebody counted."""
+    return float(0.0 < soc < 1.0)
 
 
 def _by_increments(cell: KnownCell, view: View) -> FloatArray:

@@ -26,7 +26,7 @@ CURVE, GAINS, FINE_GAINS, SLOPES, FINE_SLOPES = 48, 9, 17, 6, 24
 _SEARCH_SAMPLES = 45_000
 # Depth in h, time constant in s and activation in K of the surfaces that are offered. A sphere's depth is its slowest
 # time constant over 2675 in units of its own filling; a curve that two electrodes share moves by less.
-_SPHERES = ((0.03, 80.0, 3500.0), (0.055, 150.0, 3500.0), (0.08, 215.0, 3500.0))
+_SPHERES = ((0.055, 150.0, 3500.0), (0.08, 215.0, 3500.0))
 _SURFACES = ((0.02, 200.0, 5500.0), (0.02, 700.0, 5500.0), (0.05, 1000.0, 4500.0), (0.1, 2000.0, 2500.0), *_SPHERES)
 _ONE_TEMPERATURE = ((0.02, 200.0, 3500.0), (0.05, 400.0, 3500.0), (0.1, 1500.0, 3500.0), *_SPHERES)
 # The range of temperature from which on its influence can be told, and from which on a surface's activation can.

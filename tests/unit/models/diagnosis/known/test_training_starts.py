@@ -7,6 +7,7 @@ import pytest
 
 from models.data.resampling import GridRun
 from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.known.training_starts import Fitted, training_starts
 from models.diagnosis.likelihood.learning import know
 from models.effects import effects
 from models.identification.bounded.variants import Variant
@@ -39,6 +40,16 @@ def test_states_of_charge_that_contradict_each_other_bend_nothing(off: float) ->
     assert np.ptp(moved_V) < 1e-3
 
 
+@pytest.mark.parametrize("end", [0.0, 1.0])
+def test_a_run_that_begins_full_or_empty_begins_there(end: float) -> None:
+    """Cycles all begin alike, and what is alike in all of them is the cell's own."""
+    rough = known_runs().cell
+    runs, size = [relaxing(trained(1), 0.006), relaxing(trained(2), 0.006)], rough.layout.size
+    whole = Fitted(rough, np.ones(size, dtype=bool), np.eye(size), [np.arange(4000)] * 2, [np.zeros(4000)] * 2, 1e-9)
+    found = training_starts(whole, runs, [end, 0.5])
+    assert not found.volts[0].any() and found.volts[1].any()
+
+
 def test_a_log_that_begins_in_a_relaxation_bends_nothing() -> None:
     found = known_from([relaxing(trained(1), 0.006), trained(2)], [SOC, SOC])
     assert rms_V(found) < 1.5 * NOISE_V
@@ -49,3 +60,10 @@ def test_what_the_starts_leave_open_is_no_error_of_the_cell() -> None:
     assert rms_V(known_runs()) < 1.3 * NOISE_V
     variances = known_runs().elsewhere.variances
     assert np.isfinite(variances).all() and (variances >= 0.0).all()
+
+
+def test_a_run_with_what_flowed_before_in_front_begins_there() -> None:
+    """Its grid then begins at a negative time."""
+    runs = [replace(run, time_s=run.time_s - 30_000.0) for run in (trained(1), trained(2))]
+    found = known_from(runs, [SOC, SOC])
+    assert rms_V(found) == pytest.approx(rms_V(known_runs()), rel=1e-9)
