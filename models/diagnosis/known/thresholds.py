@@ -32,8 +32,8 @@ class Known:
     start_of_typical : of the typical overvoltage, what each of these may be at the start
     start_soc : standard deviation of a stated SoC
     start_worth : share of the error on unseen samples to which found starts of the training runs must lower it to be
-        taken: cycles that begin full or empty, at rest, come down to 0.75 at best, for what begins alike in all of them
-        is the cell's own; logs that begin anywhere to 0.2 to 0.6
+        taken: on foreign cells whose logs begin anywhere they lower it to 0.2 to 0.7, on measured pulses and drive
+        cycles to 0.8 and more, or raise it
     start_promise : the same of a plain cell with usual strengths, above which nothing more is tried
     start_loop : rate at which the place in a loop is forgotten, over the capacity
     steps : of the search for variances, which is flat at its end

@@ -17,6 +17,7 @@ from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.start import start_columns
 from models.diagnosis.known.thresholds import KNOWN
 from models.effects.view import View
+from models.identification.bounded.problem import summed_beyond
 
 _BLOCK = 4096
 # Of the largest information, with which coefficients that no sample speaks of stay where they are.
@@ -108,12 +109,15 @@ def training_starts(fitted: Fitted, runs: list[GridRun], soc: list[float]) -> Tr
 
 
 def _open(soc: float) -> float:
-    """0 where a run begins full or empty: that is what the cell's voltage said, not what somebody counted."""
-    return float(0.0 < soc < 1.0)
+    """0 where a run is said to begin full or empty: that is what the cell's voltage said, not what somebody counted.
+
+    Cycles all begin there alike, and what is alike in all of them is the cell's own.
+    """
+    return float(KNOWN.start_soc < soc < 1.0 - KNOWN.start_soc)
 
 
 def _by_increments(cell: KnownCell, view: View) -> FloatArray:
     """(m, P) derivatives of the voltage to the coefficients, the curve given by its first value and its increments."""
     rows, n = cell.regressors(view.inputs, view.soc[view.index]), cell.layout.n_curve
-    rows[:, :n] = np.flip(np.cumsum(np.flip(rows[:, :n], 1), axis=1), 1)
+    rows[:, :n] = summed_beyond(rows[:, :n])
     return rows

@@ -84,14 +84,26 @@ class Sums:
 
         def turned(matrix: FloatArray) -> FloatArray:
             out = matrix.copy()
-            # With U = cumulated increments, the derivative by an increment is the sum over all later knots.
-            out[..., :n, :] = np.flip(np.cumsum(np.flip(out[..., :n, :], -2), axis=-2), -2)
-            out[..., :, :n] = np.flip(np.cumsum(np.flip(out[..., :, :n], -1), axis=-1), -1)
+            out[..., :n, :] = summed_beyond(out[..., :n, :], axis=-2)
+            out[..., :, :n] = summed_beyond(out[..., :, :n])
             return out
 
         xy = self.xy.copy()
-        xy[:, :n] = np.flip(np.cumsum(np.flip(xy[:, :n], -1), axis=-1), -1)
+        xy[:, :n] = summed_beyond(xy[:, :n])
         return Sums(self.layout, turned(self.xx), xy, self.yy, self.count, turned(self.penalties))
+
+
+def summed_beyond(values: FloatArray, axis: int = -1) -> FloatArray:
+    """Derivatives by a curve's first value and its increments, from those by its values; shape as `values`.
+
+    With a curve of cumulated increments, the derivative by an increment is the sum over all later knots.
+
+    Parameters
+    ----------
+    values : derivatives by the values at the knots
+    axis : along which the knots stand
+    """
+    return np.flip(np.cumsum(np.flip(values, axis), axis=axis), axis)
 
 
 def soc_over(bank: SignalBank, axis: str) -> list[FloatArray]:
