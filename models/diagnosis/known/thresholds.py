@@ -32,8 +32,8 @@ class Known:
     start_of_typical : of the typical overvoltage, what each of these may be at the start
     start_soc : standard deviation of a stated SoC
     start_worth : share of the error on unseen samples to which found starts of the training runs must lower it to be
-        taken: on foreign cells whose logs begin anywhere they lower it to 0.2 to 0.7, on measured pulses and drive
-        cycles to 0.8 and more, or raise it
+        taken: on foreign cells whose logs begin anywhere they lower it to 0.2 to 0.7, on twelve splits of measured
+        records to 0.9 and more
     start_promise : the same of a plain cell with usual strengths, above which nothing more is tried
     start_loop : rate at which the place in a loop is forgotten, over the capacity
     steps : of the search for variances, which is flat at its end
