@@ -17,9 +17,18 @@ from models.effects.view import View
 from models.identification.bounded.fitted import curve_by_values
 from models.identification.bounded.knots import make_knots
 from models.identification.bounded.monotone import rising
-from models.identification.bounded.problem import Layout, fold_of, make_layout, make_sums, run_index, soc_over
+from models.identification.bounded.problem import (
+    Layout,
+    fold_of,
+    groups_of,
+    make_layout,
+    make_sums,
+    run_index,
+    soc_over,
+)
 from models.identification.bounded.strengths import START, HeldOut, penalty
 from models.identification.bounded.variants import CURVE, GAINS, SLOPES, Trials, Variant, best_variant
+from models.network.folds import outer_folds
 from models.network.regression import CellContext, SignalBank
 
 # Curve and gains have knots over all of this, whatever was trained: what was not is open and not exact.
@@ -79,9 +88,14 @@ def fit_known(
             f"diagnosis: the training runs stand still at a state of charge of {low:.2f}, and say nothing of the cell: "
             "name others, through which a current flows, or none"
         )
-    placed, held, logs, starts = _found(bank, variant) or (bank, *_chosen(bank, variant), None)
+    found, fold = _found(bank, variant), fold_of(bank)
+    if found is None:
+        # Whole runs are held out wherever there are three, for what differs between them.
+        fold = outer_folds(run_index(bank), groups_of(bank))
+        found = bank, *_chosen(bank, variant, fold), None
+    placed, held, logs, starts = found
     cell = _cell(placed, held, logs)
-    return cell, _left(cell, placed, held, logs, starts)
+    return cell, _left(cell, placed, held, logs, starts, fold)
 
 
 def _found(
@@ -89,16 +103,18 @@ def _found(
 ) -> tuple[SignalBank, HeldOut, tuple[float, ...], TrainingStarts] | None:
     """Runs without what their starts make of the voltage, form and strengths for them; None where this is not worth it.
 
-    Which form is best shows once the runs begin where they did.
+    Which form is best shows once the runs begin where they did. A fifth of each run is held out and not a whole one,
+    which would take its part of the window along: what differs from run to run is what is found.
     """
-    rough = _held(bank, variant or Variant())
+    fifths = fold_of(bank)
+    rough = _held(bank, variant or Variant(), fifths)
     placed = _placed(bank, training_starts(_fitted(bank, bank, rough, START), bank.runs, bank.initial_soc))
-    if not _worth(_summed(placed, rough.sums.layout), START, rough, START, KNOWN.start_promise):
+    if not _worth(_summed(placed, rough.sums.layout, fifths), START, rough, START, KNOWN.start_promise):
         return None
-    held, logs = _chosen(placed, variant)
+    held, logs = _chosen(placed, variant, fifths)
     starts = training_starts(_fitted(bank, placed, held, logs), bank.runs, bank.initial_soc)
-    placed, said = _placed(bank, starts), _summed(bank, held.sums.layout)
-    held = _summed(placed, held.sums.layout)
+    placed, said = _placed(bank, starts), _summed(bank, held.sums.layout, fifths)
+    held = _summed(placed, held.sums.layout, fifths)
     worth = _worth(held, logs, said, said.best(logs), KNOWN.start_worth)
     return (placed, held, logs, starts) if worth else None
 
@@ -108,11 +124,11 @@ def _worth(found: HeldOut, logs: tuple[float, ...], said: HeldOut, said_logs: tu
     return found.mean_mse(logs) <= share**2 * said.mean_mse(said_logs)
 
 
-def _chosen(bank: SignalBank, variant: Variant | None) -> tuple[HeldOut, tuple[float, ...]]:
+def _chosen(bank: SignalBank, variant: Variant | None, fold: np.ndarray) -> tuple[HeldOut, tuple[float, ...]]:
     """Sums of a form, the best where none is given, and the strengths that serve it best."""
     trials = Trials(bank)
     variant = best_variant(trials) if variant is None else variant
-    held = _held(bank, variant)
+    held = _held(bank, variant, fold)
     return held, held.best() if variant not in trials.known else held.best(trials.known[variant][1], 2)
 
 
@@ -154,12 +170,17 @@ def _fitted(bank: SignalBank, placed: SignalBank, held: HeldOut, logs: tuple[flo
 
 
 def _left(
-    cell: KnownCell, bank: SignalBank, held: HeldOut, logs: tuple[float, ...], starts: TrainingStarts | None
+    cell: KnownCell,
+    bank: SignalBank,
+    held: HeldOut,
+    logs: tuple[float, ...],
+    starts: TrainingStarts | None,
+    folds: np.ndarray,
 ) -> Left:
     """What a cell leaves of its training runs, and what fits leave of the folds that they did not see."""
     run, index, rows = _points(cell, bank.runs, bank.initial_soc)
     voltage = np.array([bank.runs[r].voltage_V[i] for r, i in zip(run, index, strict=True)])
-    fold = fold_of(bank)[np.cumsum([0, *(len(each) for each in bank.runs[:-1])])[run] + index]
+    fold = folds[np.cumsum([0, *(len(each) for each in bank.runs[:-1])])[run] + index]
     unseen, noise_V2 = np.empty(len(run)), _noise(held, logs)
     open_V2 = np.zeros((len(run), len(run))) if starts is None else starts.open_V2(run, index)
     for number in np.unique(fold):
@@ -170,17 +191,15 @@ def _left(
     return Left(run, index, voltage - rows @ cell.coefficients, unseen, open_V2)
 
 
-def _held(bank: SignalBank, variant: Variant) -> HeldOut:
+def _held(bank: SignalBank, variant: Variant, fold: np.ndarray) -> HeldOut:
     soc = np.concatenate(soc_over(bank, variant.axis))
     low, high = min(float(soc.min()), _WHOLE_SOC[0]), max(float(soc.max()), _WHOLE_SOC[1])
     layout = make_layout(bank, Trials(bank).basis(variant), make_knots(low, high, CURVE, GAINS, SLOPES))
-    return _summed(bank, layout)
+    return _summed(bank, layout, fold)
 
 
-def _summed(bank: SignalBank, layout: Layout) -> HeldOut:
-    # A fifth of each run is held out and not a whole one, which would take its part of the window along; what differs
-    # from run to run, where each begins above all, is found for every run.
-    return HeldOut(make_sums(bank, layout, _keep_every(bank), fold_of(bank)).by_increments())
+def _summed(bank: SignalBank, layout: Layout, fold: np.ndarray) -> HeldOut:
+    return HeldOut(make_sums(bank, layout, _keep_every(bank), fold).by_increments())
 
 
 def _keep_every(bank: SignalBank) -> int:
