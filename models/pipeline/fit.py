@@ -24,12 +24,16 @@ from models.network.model_record import Json
 from models.pipeline.choosing import Chosen, choose
 from models.pipeline.plans import BoundedNetwork, Built
 from models.pipeline.request import FitOptions, FitRequest, in_step, without_repeats
-from models.pipeline.run_starts import with_starts
+from models.pipeline.run_starts import likely_starts, with_starts
 from models.pipeline.training import Training, training
 from models.pipeline.usability.judge import judged_model
 from models.readouts.possible_cell import made_possible
 from models.readouts.tables import read_out
 from models.thermal.cell_temperature import thermal_record
+
+# Likelier states of charge are taken where they lower the error on unseen runs to this share of it. On eight foreign
+# cells that were stated to half a point, 0.4 to 0.8 went with a better simulation of further logs.
+_LIKELY_WORTH = 0.8
 
 
 class RunFigures(RunMetrics):
@@ -157,13 +161,24 @@ def _placed(request: FitRequest, report: Progress) -> tuple[Training, Chosen, Bu
 
     stated = data.starts
     data, built = with_starts(data, first.built, again, lambda made: made.network, request.initial_soc_std)
-    moved = data.starts != stated
-    if not automatic and not moved:
-        return data, first, built
+    placed = first if data.starts == stated else None
+    if request.initial_soc_std > 0.0 and isinstance(built, BoundedNetwork):
+        likely = _likely_placed(data, placed or Chosen(first.plan, built, built.held_out()), request)
+        data, placed = likely or (data, placed)
+    if placed is not None and not automatic:
+        return data, placed, built if placed is first else placed.built
     # What was chosen with runs in the wrong places may be richer than what explains them in the right ones.
-    known = first if automatic and not moved else None
-    chosen = choose(data, request.structure, without, part_of(report, 0.35, 0.5), known, finer)
+    chosen = choose(data, request.structure, without, part_of(report, 0.35, 0.5), placed, finer)
     return data, chosen, chosen.built
+
+
+def _likely_placed(data: Training, known: Chosen, request: FitRequest) -> tuple[Training, Chosen] | None:
+    """Training data and network with likelier states of charge, where these simulate unseen runs better by far."""
+    trial = likely_starts(data, known.built.network, request.initial_soc_std)
+    if trial is None:
+        return None
+    again = choose(trial, "bounded", request.without, silent, finer=request.finer)
+    return (trial, again) if again.held_out.rmse_V <= _LIKELY_WORTH * known.held_out.rmse_V else None
 
 
 def _choices(built: Built, chosen: Chosen) -> Json:

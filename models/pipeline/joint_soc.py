@@ -29,7 +29,7 @@ _MOVED = 1e-3
 _RIDGE = 1e-9
 # Runs contradict each other only where they meet: with less than this share of its samples at states of charge that
 # another run has too, a run is as right as it says.
-_LEAST_SHARED = 0.1
+LEAST_SHARED = 0.1
 
 
 def joint_soc(
@@ -58,7 +58,7 @@ def joint_soc(
     weight = every / (expected.level_V**2 * max(expected.correlation.inflation, every))
     spread = np.linalg.inv(weight * information + np.eye(len(now)) / soc_std**2)
     step = spread @ (weight * gradient + (said - now) / soc_std**2)
-    meets = _shared(data) >= _LEAST_SHARED
+    meets = shared_soc(data) >= LEAST_SHARED
     n = max(int(meets.sum()), 1)
     apart = np.diag(meets.astype(np.float64)) - np.outer(meets, meets) / n
     variance = np.diag(apart @ spread @ apart) + soc_std**2 / n
@@ -66,7 +66,7 @@ def joint_soc(
     return found, np.where(meets, np.minimum(np.sqrt(variance), soc_std), soc_std)
 
 
-def _shared(data: Training) -> FloatArray:
+def shared_soc(data: Training) -> FloatArray:
     """(R,) share of each run's samples at states of charge that another run has too."""
     counted = data.counted_soc()
     out = np.zeros(len(counted))

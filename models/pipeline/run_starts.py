@@ -20,8 +20,10 @@ from models.comparison.start_noise import ErrorModel, seen_error_model, whitener
 from models.data.history import PlacedRun
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
+from models.diagnosis import likely_soc
 from models.network.local_model_network import LocalModelNetwork
-from models.pipeline.joint_soc import joint_soc
+from models.network.regression import SignalBank
+from models.pipeline.joint_soc import LEAST_SHARED, joint_soc, shared_soc
 from models.pipeline.training import Training
 
 _ROUNDS = 4
@@ -31,6 +33,9 @@ _WORTH, _LITTLE = 22.5, 0.002
 # A start is looked for where the error over so long is so many times that of the rest of the run. Runs of a real cell
 # that began at rest were at most 2.1 times worse, cut ones of a simulated cell 4 to 8 times.
 _FIRST_S, _WORSE = 600.0, 2.5
+
+# States of charge are moved along straight pieces of the curve by no more than this at once.
+_STRAIGHT_SOC = 0.01
 
 BuiltT = TypeVar("BuiltT")
 
@@ -82,6 +87,34 @@ def with_starts(
         if number > 0 and _rms_V(again_V) > (1.0 - _LITTLE) * _rms_V(errors_V):
             break
     return (data, built) if soc_std == 0.0 else (_with_std(network_of(built), data, stated, soc_std), built)
+
+
+def likely_starts(data: Training, network: LocalModelNetwork, soc_std: float) -> Training | None:
+    """Training data with states of charge that contradict each other least, whatever flowed before the runs.
+
+    Parameters
+    ----------
+    data : with the starts that are known so far
+    network : fitted to them
+    soc_std : how far off a state of charge may be
+
+    Returns
+    -------
+    None where the states of charge cannot be told apart: of a single run, or of runs that do not meet.
+    """
+    meets = shared_soc(data) >= LEAST_SHARED
+    if meets.sum() <= 1:
+        return None
+    bank = SignalBank(data.fit_grid, data.fit_soc, data.cell)
+    shift, std = likely_soc(bank, min(soc_std, _STRAIGHT_SOC))
+    # One that all share moves the curve along and shows nowhere.
+    shift = np.where(meets, shift - shift[meets].mean(), 0.0)
+    whole = np.where(meets, np.minimum(np.hypot(std, soc_std / np.sqrt(meets.sum())), soc_std), soc_std)
+    starts = [
+        replace(start, initial_soc=float(start.initial_soc + moved), soc_std=float(own))
+        for start, moved, own in zip(data.starts, shift, whole, strict=True)
+    ]
+    return _placed(network, data, starts)
 
 
 def _histories(network: LocalModelNetwork, data: Training, errors_V: list[FloatArray]) -> list[Start]:

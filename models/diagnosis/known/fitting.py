@@ -11,6 +11,7 @@ from models.data.errors import NotIdentifiableError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
+from models.diagnosis.known.points import points
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.known.training_starts import Fitted, TrainingStarts, training_starts
 from models.effects.view import View
@@ -43,8 +44,6 @@ _RIDGE = 1e-9
 _NOTHING = 1e-15
 # Least range of the state of charge in which a curve can be seen.
 _LEAST_SOC = 1e-6
-# Points of the training runs that are kept.
-POINTS = 600
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ def _found(
     """
     fifths = fold_of(bank)
     rough = _held(bank, variant or Variant(), fifths)
-    placed = _placed(bank, training_starts(_fitted(bank, bank, rough, START), bank.runs, bank.initial_soc))
+    placed = _roughly_placed(bank, rough, KNOWN.start_soc)
     if not _worth(_summed(placed, rough.sums.layout, fifths), START, rough, START, KNOWN.start_promise):
         return None
     held, logs = _chosen(placed, variant, fifths)
@@ -117,6 +116,29 @@ def _found(
     held = _summed(placed, held.sums.layout, fifths)
     worth = _worth(held, logs, said, said.best(logs), KNOWN.start_worth)
     return (placed, held, logs, starts) if worth else None
+
+
+def likely_soc(bank: SignalBank, soc_std: float) -> tuple[FloatArray, FloatArray]:
+    """By how much each training run's state of charge is likely to lie above the stated one, whatever went before it.
+
+    Parameters
+    ----------
+    bank : training runs with their stated states of charge
+    soc_std : how far off those may be, at most a point or two, over which curves are straight
+
+    Returns
+    -------
+    shift, std : (R,)
+    """
+    fifths = fold_of(bank)
+    placed = _roughly_placed(bank, _held(bank, Variant(), fifths), soc_std)
+    held, logs = _chosen(placed, None, fifths)
+    return training_starts(_fitted(bank, placed, held, logs), bank.runs, bank.initial_soc, soc_std).soc_shifts
+
+
+def _roughly_placed(bank: SignalBank, rough: HeldOut, soc_std: float) -> SignalBank:
+    """Runs as if each had begun where a plain cell says."""
+    return _placed(bank, training_starts(_fitted(bank, bank, rough, START), bank.runs, bank.initial_soc, soc_std))
 
 
 def _worth(found: HeldOut, logs: tuple[float, ...], said: HeldOut, said_logs: tuple[float, ...], share: float) -> bool:
@@ -178,7 +200,7 @@ def _left(
     folds: np.ndarray,
 ) -> Left:
     """What a cell leaves of its training runs, and what fits leave of the folds that they did not see."""
-    run, index, rows = _points(cell, bank.runs, bank.initial_soc)
+    run, index, rows = points(cell, bank.runs, bank.initial_soc)
     voltage = np.array([bank.runs[r].voltage_V[i] for r, i in zip(run, index, strict=True)])
     fold = folds[np.cumsum([0, *(len(each) for each in bank.runs[:-1])])[run] + index]
     unseen, noise_V2 = np.empty(len(run)), _noise(held, logs)
@@ -227,29 +249,6 @@ def _covariance(held: HeldOut, logs: tuple[float, ...], noise_V2: float, without
     inverse[:n] = np.cumsum(inverse[:n], axis=0)
     inverse[:, :n] = np.cumsum(inverse[:, :n], axis=1)
     return noise_V2 * 0.5 * (inverse + inverse.T)
-
-
-def _points(cell: KnownCell, runs: list[GridRun], soc: list[float]) -> tuple[np.ndarray, np.ndarray, FloatArray]:
-    """Run and sample of points spread over the runs, with (m, P) regressors."""
-    total = sum(int(run.measured.sum()) for run in runs)
-    number, index, rows = [], [], []
-    for r, (run, start) in enumerate(zip(runs, soc, strict=True)):
-        known = np.flatnonzero(run.measured)
-        n = max(1, round(POINTS * len(known) / total))
-        chosen = known[spread(len(known), n, r)]
-        view = View(cell, run, start, chosen)
-        number.append(np.full(len(chosen), r))
-        index.append(chosen)
-        rows.append(cell.regressors(view.inputs, view.soc[chosen]))
-    return np.concatenate(number), np.concatenate(index), np.vstack(rows)
-
-
-def spread(n: int, count: int, seed: int) -> np.ndarray:
-    """Numbers of `count` of n samples, one drawn from each of as many equal stretches."""
-    count = min(n, count)
-    edges = np.linspace(0, n, count + 1)
-    drawn = np.random.default_rng(seed).uniform(size=count)
-    return np.minimum((edges[:-1] + drawn * np.diff(edges)).astype(np.int64), n - 1)
 
 
 def _typical_Ohm(cell: KnownCell, runs: list[GridRun], soc: list[float]) -> float:

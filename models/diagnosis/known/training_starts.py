@@ -33,17 +33,29 @@ class TrainingStarts:
     every : (n, k) V of one standard deviation of each unknown state, of each run
     sizes : (K,) likeliest states of all runs, one after the other
     covariance : (K, K) of what is left open of them
+    soc_std : standard deviation that the stated states of charge were taken to have
     """
 
     every: list[FloatArray]
     sizes: FloatArray
     covariance: FloatArray
+    soc_std: float
 
     @property
     def volts(self) -> list[FloatArray]:
         """(n,) V of each run."""
-        edges = np.cumsum([each.shape[1] for each in self.every])[:-1]
-        return [each @ own for each, own in zip(self.every, np.split(self.sizes, edges), strict=True)]
+        return [each @ own for each, own in zip(self.every, np.split(self.sizes, self._edges[1:-1]), strict=True)]
+
+    @property
+    def soc_shifts(self) -> tuple[FloatArray, FloatArray]:
+        """(R,) by how much each run's state of charge lies above the stated one, and the standard deviation of that."""
+        first = self._edges[:-1]
+        return self.soc_std * self.sizes[first], self.soc_std * np.sqrt(np.diag(self.covariance)[first])
+
+    @property
+    def _edges(self) -> np.ndarray:
+        """(R + 1,) place of each run's first state, that of charge; the last: number of all."""
+        return np.cumsum([0, *(each.shape[1] for each in self.every)])
 
     def open_V2(self, run: np.ndarray, index: np.ndarray) -> FloatArray:
         """(m, m) covariance, at points of the runs, of what is left open."""
@@ -73,13 +85,16 @@ class Fitted:
     error_V2: float
 
 
-def training_starts(fitted: Fitted, runs: list[GridRun], soc: list[float]) -> TrainingStarts:
+def training_starts(
+    fitted: Fitted, runs: list[GridRun], soc: list[float], soc_std: float = KNOWN.start_soc
+) -> TrainingStarts:
     """Likeliest starts, the cell's coefficients free to follow but for those at a bound.
 
     Parameters
     ----------
     fitted : cell to begin with
     runs, soc : as measured, on one grid, with their stated SoC at the start
+    soc_std : how far off that may be
 
     Notes
     -----
@@ -87,7 +102,7 @@ def training_starts(fitted: Fitted, runs: list[GridRun], soc: list[float]) -> Tr
     """
     cell, own = fitted.cell, np.flatnonzero(fitted.free)
     views = [View(cell, run, s, np.arange(len(run))) for run, s in zip(runs, soc, strict=True)]
-    every = [_open(start) * start_columns(cell, view, KNOWN.start_soc) for view, start in zip(views, soc, strict=True)]
+    every = [_open(start) * start_columns(cell, view, soc_std) for view, start in zip(views, soc, strict=True)]
     size, count = sum(each.shape[1] for each in every), sum(len(kept) for kept in fitted.kept)
     across, down, inner, asked = np.zeros((len(own), size)), np.zeros(len(own)), np.zeros((size, size)), np.zeros(size)
     first = 0
@@ -105,7 +120,8 @@ def training_starts(fitted: Fitted, runs: list[GridRun], soc: list[float]) -> Tr
     factor = cho_factor(information + _RIDGE * information.max(initial=0.0) * np.eye(len(own)))
     inner = inner - across.T @ cho_solve(factor, across) + fitted.error_V2 * np.eye(size)
     solved = np.linalg.inv(0.5 * (inner + inner.T))
-    return TrainingStarts(every, solved @ (asked - across.T @ cho_solve(factor, down)), fitted.error_V2 * solved)
+    sizes = solved @ (asked - across.T @ cho_solve(factor, down))
+    return TrainingStarts(every, sizes, fitted.error_V2 * solved, soc_std)
 
 
 def _open(soc: float) -> float:

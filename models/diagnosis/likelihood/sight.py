@@ -11,8 +11,8 @@ from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.elsewhere import Points, points_of
-from models.diagnosis.known.fitting import spread
 from models.diagnosis.known.memory import KnownRuns, simulated_heat
+from models.diagnosis.known.points import spread
 from models.diagnosis.known.start import start_columns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.likelihood.background import Background

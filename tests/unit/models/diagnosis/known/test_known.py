@@ -8,7 +8,7 @@ import pytest
 
 from models.data.errors import ModelError
 from models.diagnosis.known.elsewhere import PLACES, TIMES, Points, level, points_of
-from models.diagnosis.known.fitting import spread
+from models.diagnosis.known.points import spread
 from models.diagnosis.known.record import from_json, to_json
 from models.effects.view import View
 from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, steps_A, trained, true_run
