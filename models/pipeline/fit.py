@@ -163,21 +163,23 @@ def _placed(request: FitRequest, report: Progress) -> tuple[Training, Chosen, Bu
     data, built = with_starts(data, first.built, again, lambda made: made.network, request.initial_soc_std)
     placed = first if data.starts == stated else None
     if request.initial_soc_std > 0.0 and isinstance(built, BoundedNetwork):
-        likely = _likely_placed(data, placed or Chosen(first.plan, built, built.held_out()), request)
+        likely = _likely_placed(data, placed or Chosen(first.plan, built, built.held_out()), request, report)
         data, placed = likely or (data, placed)
     if placed is not None and not automatic:
-        return data, placed, built if placed is first else placed.built
+        return data, placed, placed.built
     # What was chosen with runs in the wrong places may be richer than what explains them in the right ones.
     chosen = choose(data, request.structure, without, part_of(report, 0.35, 0.5), placed, finer)
     return data, chosen, chosen.built
 
 
-def _likely_placed(data: Training, known: Chosen, request: FitRequest) -> tuple[Training, Chosen] | None:
+def _likely_placed(
+    data: Training, known: Chosen, request: FitRequest, report: Progress
+) -> tuple[Training, Chosen] | None:
     """Training data and network with likelier states of charge, where these simulate unseen runs better by far."""
     trial = likely_starts(data, known.built.network, request.initial_soc_std)
     if trial is None:
         return None
-    again = choose(trial, "bounded", request.without, silent, finer=request.finer)
+    again = choose(trial, "bounded", request.without, part_of(report, 0.3, 0.05), finer=request.finer)
     return (trial, again) if again.held_out.rmse_V <= _LIKELY_WORTH * known.held_out.rmse_V else None
 
 

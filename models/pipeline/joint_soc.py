@@ -29,7 +29,7 @@ _MOVED = 1e-3
 _RIDGE = 1e-9
 # Runs contradict each other only where they meet: with less than this share of its samples at states of charge that
 # another run has too, a run is as right as it says.
-LEAST_SHARED = 0.1
+_LEAST_SHARED = 0.1
 
 
 def joint_soc(
@@ -58,23 +58,28 @@ def joint_soc(
     weight = every / (expected.level_V**2 * max(expected.correlation.inflation, every))
     spread = np.linalg.inv(weight * information + np.eye(len(now)) / soc_std**2)
     step = spread @ (weight * gradient + (said - now) / soc_std**2)
-    meets = shared_soc(data) >= LEAST_SHARED
+    meets = meeting(data)
     n = max(int(meets.sum()), 1)
     apart = np.diag(meets.astype(np.float64)) - np.outer(meets, meets) / n
     variance = np.diag(apart @ spread @ apart) + soc_std**2 / n
-    found = np.clip(said + apart @ (now + step - said), np.minimum(said, 0.0), np.maximum(said, 1.0))
+    found = within(said + apart @ (now + step - said), said)
     return found, np.where(meets, np.minimum(np.sqrt(variance), soc_std), soc_std)
 
 
-def shared_soc(data: Training) -> FloatArray:
-    """(R,) share of each run's samples at states of charge that another run has too."""
+def meeting(data: Training) -> np.ndarray:
+    """(R,) whether enough of a run's samples lie at states of charge that another run has too."""
     counted = data.counted_soc()
-    out = np.zeros(len(counted))
+    shared = np.zeros(len(counted))
     for k, soc in enumerate(counted):
         others = [each for i, each in enumerate(counted) if i != k]
         met = [(soc >= each.min()) & (soc <= each.max()) for each in others]
-        out[k] = float(np.logical_or.reduce(met).mean()) if met else 0.0
-    return out
+        shared[k] = float(np.logical_or.reduce(met).mean()) if met else 0.0
+    return shared >= _LEAST_SHARED
+
+
+def within(soc: FloatArray, said: FloatArray) -> FloatArray:
+    """(R,) states of charge, none beyond empty or full by more than was said."""
+    return np.clip(soc, np.minimum(said, 0.0), np.maximum(said, 1.0))
 
 
 def _projected(

@@ -17,13 +17,14 @@ import numpy as np
 from models.comparison.start import Start, free_run_from_V, put_in_front
 from models.comparison.start_fit import plainly_not_at_rest, start_from_run
 from models.comparison.start_noise import ErrorModel, seen_error_model, whitener
+from models.data.errors import ModelError
 from models.data.history import PlacedRun
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis import likely_soc
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import SignalBank
-from models.pipeline.joint_soc import LEAST_SHARED, joint_soc, shared_soc
+from models.pipeline.joint_soc import joint_soc, meeting, within
 from models.pipeline.training import Training
 
 _ROUNDS = 4
@@ -33,7 +34,6 @@ _WORTH, _LITTLE = 22.5, 0.002
 # A start is looked for where the error over so long is so many times that of the rest of the run. Runs of a real cell
 # that began at rest were at most 2.1 times worse, cut ones of a simulated cell 4 to 8 times.
 _FIRST_S, _WORSE = 600.0, 2.5
-
 # States of charge are moved along straight pieces of the curve by no more than this at once.
 _STRAIGHT_SOC = 0.01
 
@@ -100,19 +100,25 @@ def likely_starts(data: Training, network: LocalModelNetwork, soc_std: float) ->
 
     Returns
     -------
-    None where the states of charge cannot be told apart: of a single run, or of runs that do not meet.
+    Training or None
+        None where the runs cannot tell: a single one, or such as do not meet.
     """
-    meets = shared_soc(data) >= LEAST_SHARED
+    meets = meeting(data)
     if meets.sum() <= 1:
         return None
     bank = SignalBank(data.fit_grid, data.fit_soc, data.cell)
-    shift, std = likely_soc(bank, min(soc_std, _STRAIGHT_SOC))
+    try:
+        shift, std = likely_soc(bank, min(soc_std, _STRAIGHT_SOC))
+    except (ModelError, np.linalg.LinAlgError):
+        # What cannot carry a diagnosis cannot tell either where its runs begin: they stay as stated.
+        return None
     # One that all share moves the curve along and shows nowhere.
-    shift = np.where(meets, shift - shift[meets].mean(), 0.0)
+    now = np.array(data.soc)
+    soc = within(np.where(meets, now + shift - shift[meets].mean(), now), now)
     whole = np.where(meets, np.minimum(np.hypot(std, soc_std / np.sqrt(meets.sum())), soc_std), soc_std)
     starts = [
-        replace(start, initial_soc=float(start.initial_soc + moved), soc_std=float(own))
-        for start, moved, own in zip(data.starts, shift, whole, strict=True)
+        replace(start, initial_soc=float(each), soc_std=float(own))
+        for start, each, own in zip(data.starts, soc, whole, strict=True)
     ]
     return _placed(network, data, starts)
 

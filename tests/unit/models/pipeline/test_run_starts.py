@@ -11,7 +11,8 @@ from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.pipeline.fit import FitResult, fit_network
-from models.pipeline.joint_soc import joint_soc
+from models.pipeline.joint_soc import joint_soc, within
+from models.pipeline.run_starts import likely_starts
 from models.pipeline.training import training
 from tests.unit.models.hand_network import CAPACITY_AH, SCALING, grid_run, network
 
@@ -93,6 +94,28 @@ def test_wrong_states_of_charge_are_found_as_far_as_the_runs_contradict_each_oth
     assert doubted.initial_soc == pytest.approx([true for _, true in logs], abs=0.01)
     # What all runs share shows nowhere.
     assert [run["initial_soc"]["std"] for run in doubted.train_runs] == pytest.approx([0.025] * 4, rel=0.1)
+
+
+def test_contradicting_starts_are_told_from_what_flowed_before() -> None:
+    off = np.array([0.012, -0.008, -0.004])
+    before = (after((-1.0, 1300), (0.0, 200)), after((0.5, 2500), (0.0, 3600)), after((1.5, 900)))
+    logs = [log(flowed, seed, float(wrong)) for seed, (flowed, wrong) in enumerate(zip(before, off, strict=True), 51)]
+    data = training([run for run, _ in logs], CAPACITY_AH, dt_s=1.0)
+    found = likely_starts(data, cell(), 0.01)
+    assert found is not None
+    assert np.linalg.norm(found.soc - np.array([true for _, true in logs])) < 0.6 * np.linalg.norm(off)
+    # What all three share stays as it was said.
+    assert np.mean(found.soc) == pytest.approx(np.mean(data.soc))
+
+
+def test_runs_that_cannot_tell_keep_what_was_said() -> None:
+    run, _ = log(np.zeros(1), 61)
+    assert likely_starts(training([run], CAPACITY_AH, dt_s=1.0), cell(), 0.005) is None
+
+
+def test_no_run_begins_more_than_full() -> None:
+    said = np.array([0.998, 0.002, 1.003])
+    assert within(said + np.array([0.01, -0.01, 0.01]), said) == pytest.approx([1.0, 0.0, 1.003])
 
 
 def test_a_single_run_cannot_contradict_its_state_of_charge() -> None:
