@@ -48,5 +48,6 @@ EFFECT = Effect(
     overpotential=True,
     lean=Lean(_columns, lambda _view: (0.0,)),
     extend=_extend,
+    bounded_part="asymmetry of charge and discharge",
     expected=Expected(_expected, share=0.25),
 )

@@ -16,6 +16,8 @@ from models.network.signals.filters import DIFFUSION_GAINS
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
+    CHARGE,
+    DISCHARGE,
     DRIVEN,
     ENTRY_BITS,
     INVERSE_TEMPERATURE,
@@ -64,7 +66,11 @@ class FlatNetwork(NamedTuple):
 
 @njit(cache=True, inline="always")
 def bent(entry: int, x: float) -> float:
-    """Return what enters the low-pass of a driven signal; the three ways that are not AS_IS."""
+    """Return what enters the low-pass of a driven signal; the ways that are not AS_IS."""
+    if entry == CHARGE:
+        return max(x, 0.0)
+    if entry == DISCHARGE:
+        return min(x, 0.0)
     if entry == MAGNITUDE:
         return abs(x)
     return x * abs(x) if entry == SIGNED_SQUARE else x * x

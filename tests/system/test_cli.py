@@ -371,7 +371,11 @@ def bounded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
 def test_a_bounded_model_says_what_it_is_made_of(bounded: tuple[Path, dict[str, Any]]) -> None:
     model, said = bounded
     assert said["structure"] == "bounded" and said["compared"] == []
-    assert {name for term in said["terms"] for name in term["effects"]} <= {"charge_transfer", "relaxation"}
+    assert {name for term in said["terms"] for name in term["effects"]} <= {
+        "charge_discharge_asymmetry",
+        "charge_transfer",
+        "relaxation",
+    }
     assert any(term["signal"] == "current" or "scaled_current" in term["signal"] for term in said["terms"])
     assert said["train"]["rmse_mV"] < said["expected_rmse_mV"] < 1.3 * said["train"]["rmse_mV"]
     choices = json.loads(model.read_text())["record"]["choices"]

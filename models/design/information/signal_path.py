@@ -15,7 +15,9 @@ from models.network.signals.filters import DIFFUSION_GAINS
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
+    CHARGE,
     DIRECTION,
+    DISCHARGE,
     DRIVEN,
     ENTRY_BITS,
     LOOP,
@@ -114,6 +116,10 @@ def _driven(
 @njit(cache=True)
 def _bent_slope(entry: int, x: float) -> float:
     """Slope of `bent`; 0 where it has a corner."""
+    if entry == CHARGE:
+        return 1.0 if x > 0.0 else 0.0
+    if entry == DISCHARGE:
+        return 1.0 if x < 0.0 else 0.0
     if entry == MAGNITUDE:
         return float(np.sign(x))
     return 2.0 * abs(x) if entry == SIGNED_SQUARE else 2.0 * x

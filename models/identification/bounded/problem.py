@@ -230,7 +230,7 @@ def penalty_forms(layout: Layout, rms: FloatArray) -> FloatArray:
         differences = rms[b] ** 2 * steps.T @ steps / len(steps)
         if term.bounded:
             forms[1, part, part] = differences
-            forms[2, part, part] = rms[b] ** 2 * np.eye(count) / count
+            forms[2, part, part] = term.held * rms[b] ** 2 * np.eye(count) / count
         else:
             forms[3, part, part] = differences + 1e-2 * rms[b] ** 2 * np.eye(count) / count
     return forms

@@ -25,12 +25,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 CASCADE, LOOP, DIRECTION, TEMPERATURE, INVERSE_TEMPERATURE, SOC = range(6)
-# How DRIVEN bends what it is given: x, x|x|, |x|, x^2. The result is bent in the first two ways only: from them the
-# design's gradient reads back what was bent.
-AS_IS, SIGNED_SQUARE, MAGNITUDE, SQUARE = range(4)
+# How DRIVEN bends what it is given: x, x|x|, |x|, x^2, and x where it charges or discharges, else 0. The result is bent
+# in the first two ways only: from them the design's gradient reads back what was bent.
+AS_IS, SIGNED_SQUARE, MAGNITUDE, SQUARE, CHARGE, DISCHARGE = range(6)
 # The loops read form and bends as one whole number (each array that they are handed costs a live step time): DRIVEN and
-# above is driven, the lowest two bits are the entry's bend, the next one is a squared result.
-ENTRY_BITS, SQUARED_BIT, DRIVEN = 3, 4, 8
+# above is driven, the lowest three bits are the entry's bend, the next one is a squared result.
+ENTRY_BITS, SQUARED_BIT, DRIVEN = 7, 8, 16
 
 
 class LoopForm(NamedTuple):

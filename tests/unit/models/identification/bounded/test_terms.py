@@ -3,9 +3,9 @@
 import pytest
 
 from models.data.errors import ModelError
-from models.identification.bounded.terms import LOOP, SCALED, SLOPE, SLOW, TRANSFER, Basis, make_basis
+from models.identification.bounded.terms import BOTH_WAYS, LOOP, SCALED, SLOPE, SLOW, TRANSFER, Basis, make_basis
 
-PARTS = (LOOP, SCALED, SLOPE, SLOW, TRANSFER)
+PARTS = (BOTH_WAYS, LOOP, SCALED, SLOPE, SLOW, TRANSFER)
 
 
 def parts(basis: Basis) -> set[str]:
@@ -38,8 +38,22 @@ def test_an_effect_goes_with_all_of_its_terms() -> None:
 
 
 def test_what_is_not_there_cannot_be_left_out() -> None:
-    with pytest.raises(ModelError, match="slope with temperature cannot be left out.*it has charge_transfer"):
+    with pytest.raises(
+        ModelError,
+        match="slope with temperature cannot be left out.*it has asymmetry of charge and discharge, charge_transfer",
+    ):
         make_basis(1.0, 2.5, "one").without((SLOPE,))
+
+
+def test_directions_differ_only_where_it_pays_until_it_is_asked_for() -> None:
+    plain, asked = (make_basis(1.0, 2.5, "moves", finer=finer).terms for finer in ((), (BOTH_WAYS,)))
+    assert {term.held for term in plain if BOTH_WAYS not in term.parts} == {1.0}
+    assert min(term.held for term in plain if BOTH_WAYS in term.parts) > 1.0
+    assert {term.held for term in asked} == {1.0}
+    # As many that only charge knows as only discharge does, none of them without transfer.
+    ways = [term.signal.split("/")[0] for term in plain if BOTH_WAYS in term.parts]
+    assert ways.count("directed_transfer:1") == ways.count("directed_transfer:-1") == len(ways) / 2
+    assert BOTH_WAYS not in parts(make_basis(1.0, 2.5, "moves").without((TRANSFER,)))
 
 
 def test_a_part_can_have_more_resolution() -> None:

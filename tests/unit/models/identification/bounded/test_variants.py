@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from models.data.errors import ModelError
+from models.identification.bounded.terms import BOTH_WAYS
 from models.identification.bounded.variants import (
     Trials,
     Variant,
@@ -75,3 +76,16 @@ def test_what_runs_say_of_the_temperature() -> None:
 def test_a_form_names_itself() -> None:
     assert Variant().to_json() == {"axis": "soc", "squared": False, "fine_slope": False}
     assert Variant((0.02, 200.0, 5500.0), squared=True).axis == "surface_soc:0.02/200/5500"
+
+
+def test_what_charge_and_discharge_lose_differently_is_fitted_and_can_be_left_out() -> None:
+    alike = bank(n=4000)
+    more = [replace(run, voltage_V=run.voltage_V + 0.01 * np.maximum(run.current_A, 0.0)) for run in alike.runs]
+    unequal = SignalBank(more, alike.initial_soc, alike.cell)
+    errors_V = []
+    for own in (alike, unequal):
+        for without in ((), (BOTH_WAYS,)):
+            tried = Trials(own, without)
+            errors_V.append(tried.mean(tried.error(Variant())))
+    assert errors_V[0] == pytest.approx(errors_V[1], rel=0.05)
+    assert errors_V[2] < 2.0 * errors_V[0] < 0.5 * errors_V[3]
