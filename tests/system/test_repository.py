@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tomllib
 from argparse import ArgumentParser
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
 
@@ -160,7 +160,9 @@ def test_installed_version_and_change_log_agree(project: dict[str, Any]) -> None
 
 def test_the_lock_pins_everything_with_hashes_and_names_no_host() -> None:
     for entry in _entries():
-        assert re.fullmatch(r"[\w.-]+==[\w.+!]+( ; [^-]+?)?( --hash=sha256:[0-9a-f]{64})+", entry), entry[:80]
+        assert re.fullmatch(r"[\w.-]+(\[[\w,-]+\])?==[\w.+!]+( ; [^-]+?)?( --hash=sha256:[0-9a-f]{64})+", entry), entry[
+            :80
+        ]
     assert "://" not in (ROOT / "requirements.lock").read_text(encoding="utf-8")
 
 
@@ -172,6 +174,26 @@ def test_the_lock_meets_what_the_project_asks_for(project: dict[str, Any], lock:
         for pin in pins:
             (pinned,) = pin.specifier
             assert requirement.specifier.contains(Version(pinned.version)), f"{requirement} against {pin}"
+
+
+def test_what_a_package_asks_for_with_extras_is_pinned_with_them(lock: dict[str, list[Requirement]]) -> None:
+    # pip looks for "name[extra]" apart from "name": without a pin it meets the newest one, which has no hash here, as
+    # soon as there is a newer one than the lock's.
+    asked = [Requirement(text) for name in lock for text in _requires(name)]
+    with_extras = [
+        each for each in asked if each.extras and (each.marker is None or each.marker.evaluate({"extra": ""}))
+    ]
+    assert with_extras
+    for each in with_extras:
+        assert all(each.extras <= pin.extras for pin in lock[_normalised(each.name)]), f"{each} is not pinned as asked"
+
+
+def _requires(name: str) -> list[str]:
+    try:
+        return requires(name) or []
+    except PackageNotFoundError:
+        # Of another platform or another Python.
+        return []
 
 
 @pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
