@@ -154,8 +154,12 @@ def _charge_transfer(
 ) -> list[Term]:
     """At once and slowed, for each exchange current: alike in both directions, and what one of them loses alone."""
     slowed_s = (0.0, _SLOWED_S) if _FASTEST_SAMPLES * dt_s <= _SLOWED_S else (0.0,)
-    ends = [f"{rate * capacity_Ah:.6g}/{activation_K:g}/{tau_s:g}" for rate in rates for tau_s in slowed_s]
-    alike = [Term(f"charge_transfer:{end}", (TRANSFER,)) for end in ends]
-    # Neither gain is negative, so that the cell gives no voltage away in either direction.
-    directed = [(way, end) for way in (1, -1) for end in ends]
-    return alike + [Term(f"directed_transfer:{way}/{end}", (TRANSFER, BOTH_WAYS), held=held) for way, end in directed]
+    terms = []
+    # Those of one exchange current follow each other: the loops ask for its asinh once.
+    for rate in rates:
+        ends = [f"{rate * capacity_Ah:.6g}/{activation_K:g}/{tau_s:g}" for tau_s in slowed_s]
+        terms += [Term(f"charge_transfer:{end}", (TRANSFER,)) for end in ends]
+        # Neither gain is negative, so that the cell gives no voltage away in either direction.
+        directed = [f"directed_transfer:{way}/{end}" for way in (1, -1) for end in ends]
+        terms += [Term(signal, (TRANSFER, BOTH_WAYS), held=held) for signal in directed]
+    return terms
