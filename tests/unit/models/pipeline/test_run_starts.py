@@ -99,14 +99,18 @@ def test_wrong_states_of_charge_are_found_as_far_as_the_runs_contradict_each_oth
 def test_contradicting_starts_are_told_from_what_flowed_before() -> None:
     off = np.array([0.012, -0.008, -0.004])
     before = (after((-1.0, 1300), (0.0, 200)), after((0.5, 2500), (0.0, 3600)), after((1.5, 900)))
-    # Three runs of which each shares at least half of its states of charge with another: less says little of them.
-    logs = [log(flowed, seed, float(wrong)) for seed, (flowed, wrong) in enumerate(zip(before, off, strict=True), 71)]
-    data = training([run for run, _ in logs], CAPACITY_AH, dt_s=1.0)
-    found = likely_starts(data, cell(), 0.01)
-    assert found is not None
-    assert np.linalg.norm(found.soc - np.array([true for _, true in logs])) < 0.6 * np.linalg.norm(off)
-    # What all three share stays as it was said.
-    assert np.mean(found.soc) == pytest.approx(np.mean(data.soc))
+    left = []
+    # Over several draws: where runs hardly overlap, a single one says little of them.
+    for first in (51, 71, 91, 111):
+        drawn = enumerate(zip(before, off, strict=True), first)
+        logs = [log(flowed, seed, float(wrong)) for seed, (flowed, wrong) in drawn]
+        data = training([run for run, _ in logs], CAPACITY_AH, dt_s=1.0)
+        found = likely_starts(data, cell(), 0.01)
+        assert found is not None
+        left.append(np.array(found.soc) - np.array([true for _, true in logs]))
+        # What all three share stays as it was said.
+        assert np.mean(found.soc) == pytest.approx(np.mean(data.soc))
+    assert np.sqrt(np.mean(np.square(left))) < 0.6 * np.sqrt(np.mean(off**2))
 
 
 def test_runs_that_cannot_tell_keep_what_was_said() -> None:
