@@ -23,10 +23,14 @@ from models.network.signals.kind import Held, Parameter, Points, Run, Signal, Si
 from models.network.signals.loop_form import CHARGE, DISCHARGE, LoopForm
 
 
+def _charges(signal: Signal) -> bool:
+    return signal.get("direction") > 0.0
+
+
 def _one_way(signal: Signal, points: Points) -> FloatArray:
     """(n,) what the current does while it flows in the signal's direction."""
-    sign = np.sign(signal.get("direction"))
-    return sign * np.maximum(sign * drive(signal, points), 0.0)
+    x = drive(signal, points)
+    return np.maximum(x, 0.0) if _charges(signal) else np.minimum(x, 0.0)
 
 
 def _values(signal: Signal, run: Run) -> FloatArray:
@@ -43,7 +47,7 @@ def _after_step(signal: Signal, step: Step) -> FloatArray:
 
 
 def _loop(signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
-    return driven_form(signal, dt_s, capacity_Ah, entry=CHARGE if signal.get("direction") > 0.0 else DISCHARGE)
+    return driven_form(signal, dt_s, capacity_Ah, entry=CHARGE if _charges(signal) else DISCHARGE)
 
 
 KIND = SignalKind(
