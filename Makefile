@@ -37,6 +37,7 @@ demo: $(READY)
 	@$(BIN)/bench-service demo $(if $(EXIT),--exit)
 
 test: $(READY)
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.compiled
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 proof: $(READY)

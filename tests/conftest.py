@@ -8,8 +8,6 @@ import signal
 
 import pytest
 
-_COMPILES = "test_real_data.py"
-
 
 def pytest_configure(config: pytest.Config) -> None:
     """Keep numerical libraries to one thread: small problems are slower, not faster, on several; let workers work."""
@@ -21,18 +19,6 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     # Fits of a service under test give way to nobody: on a busy machine they would get hardly any time.
     os.environ.setdefault("BENCH_WORKER_NICE", "0")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with a file that has most of what is compiled, beside files that need none of it.
-
-    A fresh clone has nothing compiled yet: whole campaigns that begin side by side would each translate all of it.
-    """
-
-    def turn(item: pytest.Item) -> int:
-        return 0 if item.path.name == _COMPILES else 1 if "protocol" in item.path.parts else 2
-
-    items.sort(key=turn)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -42,15 +42,13 @@ class Run(NamedTuple):
 
 
 class Demos(NamedTuple):
-    """Three demos: a sealed game for a program, one on a terminal, one with another seed that was ended."""
+    """Two demos of different seeds: a sealed game for a program, and one on a terminal."""
 
     answer: dict[str, Any]
     game: Path
     text: str
     page: str
     terminal: Path
-    other: Path
-    other_status: int
 
 
 def start(data: Path, *options: str, stdout: int = subprocess.PIPE) -> subprocess.Popen[bytes]:
@@ -94,8 +92,8 @@ def read_terminal(terminal: int, until_text: str) -> str:
     return seen
 
 
-def play_other(data: Path) -> int:
-    """Play the first run with another seed, then end the demo as a service manager does."""
+def play_until_ended(data: Path) -> int:
+    """Play the first run, then end the demo as a service manager does."""
     process = start(data, "--seed", "2", "--exit")
     with ended(process):
         until(lambda: any(run.state == "completed" for run in runs(data)), process)
@@ -119,8 +117,7 @@ def ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
 @pytest.fixture(scope="module")
 def demos(tmp_path_factory: pytest.TempPathFactory) -> Demos:
     folder = tmp_path_factory.mktemp("demo")
-    game, terminal, other = folder / "game", folder / "terminal", folder / "other"
-    other_status = play_other(other)
+    game, terminal = folder / "game", folder / "terminal"
     master, slave = os.openpty()
     try:
         for_person = start(terminal, "--seed", "1", stdout=slave)
@@ -138,7 +135,7 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> Demos:
         os.close(master)
         os.close(slave)
     assert output.count(b"\n") == 1
-    return Demos(json.loads(output), game, text, page, terminal, other, other_status)
+    return Demos(json.loads(output), game, text, page, terminal)
 
 
 def test_a_program_gets_the_contract_s_answer(demos: Demos) -> None:
@@ -221,18 +218,19 @@ def test_the_same_seed_gives_the_same_samples_to_the_bit(demos: Demos, tmp_path:
 
 
 def test_another_seed_gives_other_samples(demos: Demos) -> None:
-    first, other = runs(demos.terminal)[0], runs(demos.other)[0]
+    first, other = runs(demos.terminal)[0], runs(demos.game)[0]
     assert None not in (first.sha256, other.sha256)
     assert other.sha256 != first.sha256
 
 
-def test_an_ended_demo_leaves_nothing_running_and_keeps_what_it_measured(demos: Demos) -> None:
-    assert demos.other_status == 1
-    assert metadata(demos.other, "select state from campaign") == [("stopped",)]
-    first, *rest = runs(demos.other)
+@pytest.mark.proof
+def test_an_ended_demo_leaves_nothing_running_and_keeps_what_it_measured(tmp_path: Path) -> None:
+    assert play_until_ended(tmp_path) == 1
+    assert metadata(tmp_path, "select state from campaign") == [("stopped",)]
+    first, *rest = runs(tmp_path)
     assert first.state == "completed"
     assert all(run.state in ("stopped", "interrupted") for run in rest)
-    with SampleReader(demos.other) as reader:
+    with SampleReader(tmp_path) as reader:
         assert reader.n_rows(first.id) == first.n_samples
 
 

@@ -105,7 +105,9 @@ def test_a_change_in_an_odd_log(name: str) -> None:
     ends_well(lambda: diagnose(fitted().network, [judged()], [SOC], train=[log], train_soc=[SOC]))
 
 
-@pytest.mark.parametrize("name", LOGS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.proof) if name in _LONG else name for name in LOGS]
+)
 def test_a_structure_against_an_odd_log(name: str) -> None:
     log, bare = LOGS[name](), fitted(without=("hysteresis",)).network
     ends_well(lambda: diagnose(bare, [log], [SOC], mode="structure"))

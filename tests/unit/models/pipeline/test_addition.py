@@ -164,6 +164,7 @@ def test_what_a_bounded_network_cannot_have_is_added_in_another_kind() -> None:
     assert any(axis.signal == "hysteresis" for axis in made.network.structure.axes)
 
 
+@pytest.mark.proof
 def test_an_error_that_rises_on_the_judged_run_is_said() -> None:
     aged = measured(replace(CELL, capacity_Ah=0.9 * CELL.capacity_Ah), 14, 3000)
     other = measured(replace(CELL, capacity_Ah=1.1 * CELL.capacity_Ah), 12, 3000)

@@ -156,7 +156,8 @@ def test_sensitivities_are_the_derivatives_of_the_free_run(order: int) -> None:
     np.testing.assert_allclose(jacobian @ (2.0 * move).ravel(), high - low, rtol=1e-4, atol=1e-9)
 
 
-@pytest.mark.parametrize("order", [pytest.param(0, marks=pytest.mark.proof), 1])
+@pytest.mark.proof
+@pytest.mark.parametrize("order", [0, 1])
 def test_an_effect_is_sized_although_the_structure_lacks_much_besides(order: int) -> None:
     whole = CELLS["nmc"].parameters
     cell = replace(whole, slow=Branch(0.0, 900.0), hysteresis_amplitude_V=0.03, hysteresis_rate=40.0)
