@@ -10,10 +10,10 @@ VENV   := .venv
 READY  := $(VENV)/.installed
 BIN    := $(VENV)/bin
 PYTEST_ARGS ?=
-# Test processes side by side, one more than the two processors of CI: a quarter of the time they wait for devices,
-# services and pages. Each file stays in one of them. In the order of their names, because those of the browser and of
+# Test processes side by side, two more than the two processors of CI: half of the time they wait for devices, services
+# and pages. Each file stays in one of them. In the order of their names, because those of the browser and of
 # whole campaigns are long: by itself xdist begins with the files that hold the most tests.
-WORKERS ?= 3
+WORKERS ?= 4
 # Hundreds of processes start in the tests: each would translate the project's files anew, 1.3 s a service.
 unexport PYTHONDONTWRITEBYTECODE
 PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check

@@ -105,6 +105,7 @@ def test_what_the_model_lacks_is_said(panasonic: Fitted) -> None:
         assert finding["error_after_mV"] <= finding["error_before_mV"]
 
 
+@pytest.mark.proof
 def test_what_a_small_model_of_a_real_cell_lacks_is_named_and_added(tmp_path: Path) -> None:
     small = fit(tmp_path / "small.json", 2.968, "minimal", *TRAIN, "--initial-soc", 1.0).model
     starts = ("--initial-soc", 1.0, "--train-initial-soc", "1.0,1.0")

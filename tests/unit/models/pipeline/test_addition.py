@@ -40,6 +40,7 @@ def test_an_effect_that_was_left_out_is_put_in_with_bounds() -> None:
     assert made.parameters["amplitude_V"].value == pytest.approx(0.02, rel=0.5)
 
 
+@pytest.mark.proof
 def test_its_errors_are_those_of_a_comparison_wherever_the_judged_run_begins() -> None:
     whole = run(9)
     first = int(np.argmax(np.abs(whole.current_A[500:2000]))) + 500
@@ -75,7 +76,13 @@ def renewed(name: str, **changes: float) -> Addition:
     ("name", "parameter", "changes", "size"),
     [
         pytest.param("hysteresis", "amplitude_V", {"hysteresis_amplitude_V": 0.032}, 0.012, marks=pytest.mark.proof),
-        ("series_resistance", "resistance_Ohm", {"series_resistance_Ohm": 0.008}, 0.008),
+        pytest.param(
+            "series_resistance",
+            "resistance_Ohm",
+            {"series_resistance_Ohm": 0.008},
+            0.008,
+            marks=pytest.mark.proof,
+        ),
         pytest.param(
             "temperature_dependence", "activation_K", {"activation_K": 2500.0}, 2500.0, marks=pytest.mark.proof
         ),
