@@ -55,7 +55,7 @@ def read_run(path: Path | str, current_sign: CurrentSign | None = None) -> TimeS
 
 
 def read_run_file(path: Path | str, current_sign: CurrentSign | None = None) -> RunFile:
-    """Read a measured run from CSV, gzipped CSV or Parquet.
+    """Read a measured run from CSV, gzipped CSV, Parquet, MAT or MDF.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def read_run_file(path: Path | str, current_sign: CurrentSign | None = None) -> 
 def run_name(path: Path) -> str:
     """Name of a run after its file, without the ends that tell the format."""
     name = path.name
-    for suffix in (".gz", ".csv", ".parquet", ".mat", ".bdf"):
+    for suffix in (".gz", ".csv", ".parquet", ".mat", ".mf4", ".bdf"):
         name = name.removesuffix(suffix)
     return name
 
@@ -123,7 +123,7 @@ def _read_table(path: Path) -> RawTable:
             if len(table.columns["time_s"]) == 0:
                 raise RunFileError(f"{path}: has a header but no rows")
             return table
-    raise RunFileError(f"{path}: is neither CSV, gzipped CSV, Parquet nor MAT")
+    raise RunFileError(f"{path}: is neither CSV, gzipped CSV, Parquet, MAT nor MDF")
 
 
 def _row(k: int) -> int:

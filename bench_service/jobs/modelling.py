@@ -195,7 +195,7 @@ def curves_of(series: TimeSeries, beside: RunComparison, most_rows: int) -> Curv
     columns = {
         "measured_V": beside.run.voltage_V,
         "model_V": beside.simulated_V,
-        "residual_mV": -1e3 * beside.residual_V,  # the models' residual is simulated minus measured
+        "residual_mV": 1e3 * beside.residual_V,
     }
     time_s = series.time_s[0] + beside.run.time_s
     if len(time_s) > most_rows:

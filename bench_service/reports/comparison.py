@@ -98,8 +98,7 @@ def error_row(name: str, metrics: Mapping[str, Any]) -> tuple[str, ...]:
     return (
         name,
         *(words.millivolts(metrics[key]) for key, _ in _FIGURES),
-        # The figure's own sign is that of the models, simulated minus measured.
-        words.millivolts(-metrics["bias_mV"]),
+        words.millivolts(metrics["bias_mV"]),
         words.percent(metrics["nrmse"], 2),
         words.count(metrics["n_samples"]),
     )

@@ -49,8 +49,7 @@ def curve_section(compared: RunComparison, band: PredictionBand | None, called: 
     """One run: measured and modelled voltage, and the error with its band."""
     run = compared.run
     hours = run.time_s / 3600.0
-    # The models' own residual is simulated minus measured; what a person sees has one sign everywhere.
-    error = Line("measured − model", hours, -1e3 * compared.residual_V, None, RUST)
+    error = Line("measured − model", hours, 1e3 * compared.residual_V, None, RUST)
     lines = [error, level("", hours, 0.0)]
     about = ""
     if band is not None:

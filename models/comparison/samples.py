@@ -55,7 +55,7 @@ def error_samples(network: CellModel, compared: list[RunComparison]) -> tuple[Er
     if not compared:
         raise ModelError("nothing to look at: no run was given")
     capacity_Ah = network.cell.capacity_Ah
-    error = -np.concatenate([each.residual_V for each in compared])
+    error = np.concatenate([each.residual_V for each in compared])
     inside = np.concatenate([each.inside for each in compared])
     known = ~np.isnan(error)
     # Outside the trained domain a model guesses; where nothing lies inside, a guess is all there is to look at.

@@ -39,7 +39,7 @@ def error_shares(samples: ErrorSamples) -> list[ErrorShare]:
     Returns
     -------
     list of dict
-        Each with ``variable``, ``from``, ``to``, ``unit``, ``rmse_mV``, ``bias_mV`` (simulated minus measured, as in
+        Each with ``variable``, ``from``, ``to``, ``unit``, ``rmse_mV``, ``bias_mV`` (measured minus simulated, as in
         the overall figures), ``share_of_squared_error`` and ``share_of_time``. Variables: ``soc``, ``current_A``,
         ``direction`` of the last current, ``since_step_s``, ``throughput_Ah`` and ``time_h`` since the start of the
         first run and, where it was measured, ``temperature_degC``.
@@ -58,7 +58,7 @@ def error_shares(samples: ErrorSamples) -> list[ErrorShare]:
                     "to": float(min(high, values[chosen].max())),
                     "unit": unit,
                     "rmse_mV": 1e3 * float(np.sqrt(squared[chosen].mean())),
-                    "bias_mV": -1e3 * float(samples.error_V[chosen].mean()),
+                    "bias_mV": 1e3 * float(samples.error_V[chosen].mean()),
                     "share_of_squared_error": float(squared[chosen].sum() / total),
                     "share_of_time": float(chosen.mean()),
                 }

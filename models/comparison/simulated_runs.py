@@ -36,8 +36,8 @@ class RunComparison:
 
     @property
     def residual_V(self) -> FloatArray:
-        """Simulated minus measured voltage in V, NaN where none was measured."""
-        return self.simulated_V - self.run.voltage_V
+        """Measured minus simulated voltage in V, NaN where none was measured."""
+        return self.run.voltage_V - self.simulated_V
 
 
 def simulate_runs(network: CellModel, runs: list[TimeSeries], initial_soc: list[float]) -> list[RunComparison]:

@@ -36,10 +36,10 @@ def metrics(measured_V: FloatArray, simulated_V: FloatArray) -> Metrics:
 
     Returns
     -------
-    dict with `rmse_mV`, `mae_mV`, `p95_mV`, `max_mV`, `bias_mV` (simulated minus measured), `nrmse` (RMSE over the
+    dict with `rmse_mV`, `mae_mV`, `p95_mV`, `max_mV`, `bias_mV` (measured minus simulated), `nrmse` (RMSE over the
     range of the measured voltage) and `n_samples`; zeros where nothing could be compared.
     """
-    error = simulated_V - measured_V
+    error = measured_V - simulated_V
     known = ~np.isnan(error)
     if not known.any():
         return {

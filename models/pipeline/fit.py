@@ -205,7 +205,7 @@ def _read_out(built: Built, data: Training, report: Progress) -> LocalModelNetwo
 def _judged(network: LocalModelNetwork, data: Training, request: FitRequest) -> _Judged:
     """Free run of the training runs, and of those that only judge."""
     compared = [beside(network, run, start) for run, start in zip(data.grid, data.starts, strict=True)]
-    residuals = [{"run": c.run.name, **residual_statistics(-c.residual_V, data.dt_s)} for c in compared]
+    residuals = [{"run": c.run.name, **residual_statistics(c.residual_V, data.dt_s)} for c in compared]
     train, train_runs = _figures(compared)
     validation, validation_runs = None, []
     if request.validate:

@@ -159,7 +159,7 @@ def test_installed_version_and_change_log_agree(project: dict[str, Any]) -> None
 
 
 def test_the_lock_pins_everything_with_hashes_and_names_no_host() -> None:
-    pinned = re.compile(r"[\w.-]+(\[[\w,-]+\])?==[\w.+!]+( ; [^-]+?)?( --hash=sha256:[0-9a-f]{64})+")
+    pinned = re.compile(r"[\w.-]+(\[[\w, -]+\])?==[\w.+!]+( ; [^-]+?)?( --hash=sha256:[0-9a-f]{64})+")
     for entry in _entries():
         assert pinned.fullmatch(entry), entry[:80]
     assert "://" not in (ROOT / "requirements.lock").read_text(encoding="utf-8")

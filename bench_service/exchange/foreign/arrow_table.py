@@ -1,4 +1,4 @@
-"""Tables that come as Arrow batches: Parquet, Neware files (by the package fastnda), MAT files."""
+"""Tables that come as Arrow batches: Parquet, Neware files (by the package fastnda), MAT and MDF files."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.byte_source import Progress, check_growth
 from bench_service.exchange.mat import read_vectors
+from bench_service.exchange.mdf import read_channels
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -121,6 +122,13 @@ def open_mat(path: Path) -> ArrowTable:
     import pyarrow as pa
 
     return of_table(path, "mat", pa.table(read_vectors(path)))
+
+
+def open_mdf(path: Path) -> ArrowTable:
+    """Read the channels of an MDF file; raises RunFileError where it is damaged or nothing here reads it."""
+    import pyarrow as pa
+
+    return of_table(path, "mdf", pa.table(read_channels(path)))
 
 
 def of_table(path: Path, kind: str, table: pa.Table) -> ArrowTable:

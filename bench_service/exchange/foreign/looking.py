@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bench_service.exchange.errors import RunFileError
-from bench_service.exchange.foreign.arrow_table import ArrowTable, open_mat, open_neware, open_parquet
+from bench_service.exchange.foreign.arrow_table import ArrowTable, open_mat, open_mdf, open_neware, open_parquet
 from bench_service.exchange.foreign.cyclers import cycler_map, recognise
 from bench_service.exchange.foreign.guess import QuestionError, cells_of, guess, resolve
 from bench_service.exchange.foreign.mapping import Column, Mapping
@@ -94,7 +93,7 @@ def open_table(path: Path) -> TextTable | ArrowTable:
     if kind == "mat":
         return open_mat(path)
     if kind == "mdf":
-        raise RunFileError(f"{path}: is an MDF file, which is not read yet: write its samples as CSV")
+        return open_mdf(path)
     return open_text(path)
 
 

@@ -55,7 +55,7 @@ def make_record(network: LocalModelNetwork, runs: list[TimeSeries], soc: list[fl
         The model gives no voltage on them.
     """
     compared = simulate_runs(network, runs, soc)
-    error = [-each.residual_V for each in compared]
+    error = [each.residual_V for each in compared]
     if not np.isfinite(np.concatenate(error)).any():
         raise ModelError("the model gives no voltage on these runs: temperature is missing, or it is for another cell")
     return Record([each.run for each in compared], list(soc), error)

@@ -40,7 +40,7 @@ def test_own_csv_keeps_every_column() -> None:
 
 
 def test_unknown_format_names_the_known_ones() -> None:
-    known = "bdf, bdf-0.1.0, bdf-parquet, .* csv, mat, parquet"
+    known = "bdf, bdf-0.1.0, bdf-parquet, .* csv, mat, mdf4, parquet"
     with pytest.raises(UnknownFormatError, match=f"not known; choose from {known}"):
         encode_run(COLUMNS, "xlsx")
 

@@ -48,9 +48,9 @@ def test_the_error_is_measured_minus_model_everywhere() -> None:
         "nrmse": 0.1,
         "n_samples": 9,
     }
-    # Simulated minus measured is +1.5 mV: the model lies above, measured minus model is below zero.
-    assert error_row("r", metrics)[5] == "−1.50 mV"
+    # Measured minus model, as everywhere: the model lies below.
+    assert error_row("r", metrics)[5] == "1.50 mV"
     # Drawn the same way up: where the model lies below the measurement the curve is above zero.
     y = [float(pair.split(",")[1]) for pair in re.findall(r'<polyline[^>]*points="([^"]*)"', error.svg)[0].split()]
-    expected = -compared.residual_V[np.isfinite(compared.residual_V)]
+    expected = compared.residual_V[np.isfinite(compared.residual_V)]
     assert np.corrcoef(-np.array(y), expected)[0, 1] > 0.999

@@ -19,7 +19,7 @@ def test_metrics_of_known_errors() -> None:
     assert figures["n_samples"] == 3
     assert figures["rmse_mV"] == pytest.approx(np.sqrt(5 / 3))
     assert figures["max_mV"] == pytest.approx(2.0)
-    assert figures["bias_mV"] == pytest.approx(-1 / 3)
+    assert figures["bias_mV"] == pytest.approx(1 / 3)
     assert figures["nrmse"] == pytest.approx(np.sqrt(5 / 3) / 200)
 
 

@@ -34,8 +34,8 @@ def test_the_most_telling_range_comes_first(at_the_bottom: ErrorSamples) -> None
     assert first["variable"] == "soc"
     assert first["from"] == 0.0 and first["to"] == pytest.approx(0.099)
     assert first["rmse_mV"] == pytest.approx(3.0)
-    # Measured lies above the model, so that the model's figure is too low.
-    assert first["bias_mV"] == pytest.approx(-3.0)
+    # Measured lies above the model.
+    assert first["bias_mV"] == pytest.approx(3.0)
     assert first["share_of_time"] == pytest.approx(0.1)
     assert first["share_of_squared_error"] == pytest.approx(100 * 9.0 / (100 * 9.0 + 900 * 1.0))
 
