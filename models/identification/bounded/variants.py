@@ -45,11 +45,13 @@ class Variant:
     surface : depth in h, time constant in s, activation in K; None: the mean state of charge
     squared : whether overvoltages that grow faster than the current are offered
     fine_slope : whether the curve's slope with temperature has knots as dense as a moved curve asks for
+    fine_gains : whether gains have twice as many knots
     """
 
     surface: tuple[float, float, float] | None = None
     squared: bool = False
     fine_slope: bool = False
+    fine_gains: bool = False
 
     @property
     def axis(self) -> str:
@@ -58,7 +60,12 @@ class Variant:
 
     def to_json(self) -> dict[str, Any]:
         """Return a document of plain types."""
-        return {"axis": self.axis, "squared": self.squared, "fine_slope": self.fine_slope}
+        return {
+            "axis": self.axis,
+            "squared": self.squared,
+            "fine_slope": self.fine_slope,
+            "fine_gains": self.fine_gains,
+        }
 
 
 def variant_of(document: dict[str, Any]) -> Variant:
@@ -67,7 +74,8 @@ def variant_of(document: dict[str, Any]) -> Variant:
     surface = tuple(float(value) for value in depth.split("/")) if depth else None
     if surface is not None and len(surface) != 3:
         raise ModelError(f"axis {document['axis']!r} of a bounded network is neither soc nor surface_soc:a/b/c")
-    return Variant(surface, bool(document["squared"]), bool(document["fine_slope"]))
+    fine_gains = bool(document.get("fine_gains", False))  # former documents have no such choice
+    return Variant(surface, bool(document["squared"]), bool(document["fine_slope"]), fine_gains)
 
 
 @dataclass
@@ -103,7 +111,7 @@ class Trials:
     def held_out(self, variant: Variant, keep_every: int) -> HeldOut:
         """Sums of a form on every n-th sample."""
         soc = np.concatenate(soc_over(self.bank, variant.axis))
-        gains = FINE_GAINS if GAINS_OVER_SOC in self.finer else GAINS
+        gains = FINE_GAINS if variant.fine_gains or GAINS_OVER_SOC in self.finer else GAINS
         slopes = FINE_SLOPES if variant.fine_slope or SLOPE in self.finer else SLOPES
         knots = make_knots(float(soc.min()), float(soc.max()), CURVE, gains, slopes)
         layout = make_layout(self.bank, self.basis(variant), knots)
@@ -145,7 +153,10 @@ def best_variant(trials: Trials) -> Variant:
     logs = trials.known[plain][1]
     best = min((plain, *_richer(trials)), key=lambda variant: trials.mean(trials.error(variant, logs)))
     if not clearly_better(trials.error(best), trials.error(plain), trials.counts):
-        return plain
+        best = plain
+    finer = replace(best, fine_gains=True)
+    if clearly_better(trials.error(finer, trials.known[best][1]), trials.error(best), trials.counts):
+        best = finer
     for spared in ("fine_slope", "squared"):
         simpler = replace(best, **{spared: False})
         if not clearly_better(trials.error(best), trials.error(simpler, trials.known[best][1]), trials.counts):

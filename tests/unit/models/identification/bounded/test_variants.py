@@ -13,6 +13,7 @@ from models.identification.bounded.variants import (
     best_variant,
     clearly_better,
     temperature_in,
+    variant_of,
 )
 from models.network.regression import CellContext, SignalBank
 from tests.unit.models.identification.bounded.bank import bank, trials
@@ -50,6 +51,18 @@ def test_a_plain_cell_gets_the_plain_form() -> None:
     assert Variant() in tried.known and len(tried.known) > 1
 
 
+def test_gains_that_change_within_a_tenth_of_the_charge_get_more_knots() -> None:
+    plain = bank(n=12_000)
+    bump = [
+        replace(run, voltage_V=run.voltage_V + 0.04 * np.exp(-(((soc - 0.5) / 0.05) ** 2)) * run.current_A)
+        for run, soc in zip(plain.runs, plain.values("soc"), strict=True)
+    ]
+    tried = Trials(SignalBank(bump, plain.initial_soc, plain.cell))
+    best = best_variant(tried)
+    assert best.fine_gains
+    assert tried.mean(tried.error(best)) < 0.9 * tried.mean(tried.error(replace(best, fine_gains=False)))
+
+
 def test_effects_are_left_out_of_every_form() -> None:
     tried = trials(("hysteresis", "relaxation"))
     for variant in (Variant(), Variant(squared=True)):
@@ -74,7 +87,11 @@ def test_what_runs_say_of_the_temperature() -> None:
 
 
 def test_a_form_names_itself() -> None:
-    assert Variant().to_json() == {"axis": "soc", "squared": False, "fine_slope": False}
+    plain = {"axis": "soc", "squared": False, "fine_slope": False}
+    assert Variant().to_json() == plain | {"fine_gains": False}
+    assert variant_of(plain) == Variant()  # as former versions wrote it
+    rich = Variant((0.02, 200.0, 5500.0), squared=True, fine_gains=True)
+    assert variant_of(rich.to_json()) == rich
     assert Variant((0.02, 200.0, 5500.0), squared=True).axis == "surface_soc:0.02/200/5500"
 
 
