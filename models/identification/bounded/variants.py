@@ -147,16 +147,22 @@ class Trials:
 
 
 def best_variant(trials: Trials) -> Variant:
-    """Return the form to take: the plain one, unless a richer one is clearly better, without what it can spare."""
+    """Return the form to take: the plain one unless a richer one is clearly better, and finer gains where those are."""
     plain = Variant()
     trials.error(plain)
     logs = trials.known[plain][1]
     best = min((plain, *_richer(trials)), key=lambda variant: trials.mean(trials.error(variant, logs)))
-    if not clearly_better(trials.error(best), trials.error(plain), trials.counts):
-        best = plain
+    best = _spared(trials, best, plain)
     finer = replace(best, fine_gains=True)
-    if clearly_better(trials.error(finer, trials.known[best][1]), trials.error(best), trials.counts):
-        best = finer
+    return (
+        finer if clearly_better(trials.error(finer, trials.known[best][1]), trials.error(best), trials.counts) else best
+    )
+
+
+def _spared(trials: Trials, best: Variant, plain: Variant) -> Variant:
+    """Return the form without what it can spare; the plain one, where that does as well."""
+    if not clearly_better(trials.error(best), trials.error(plain), trials.counts):
+        return plain
     for spared in ("fine_slope", "squared"):
         simpler = replace(best, **{spared: False})
         if not clearly_better(trials.error(best), trials.error(simpler, trials.known[best][1]), trials.counts):
