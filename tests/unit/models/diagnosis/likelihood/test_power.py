@@ -1,0 +1,90 @@
+"""The smallest size that would have been told: as often as promised, and larger where less can be seen."""
+
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from models.diagnosis.likelihood.background import Background
+from models.diagnosis.likelihood.power import first_direction, smallest_shown
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+from models.diagnosis.likelihood.tried import Tried
+
+N, PRIOR = 60, 0.02
+FIXED_V2 = 1e-6 * np.eye(N)
+ELSEWHERE_V2 = 4e-6 * np.exp(-np.abs(np.subtract.outer(np.arange(N), np.arange(N))) / 8.0)
+# A resistance of 5 mOhm, usual for it, under a current that goes both ways.
+CURRENT_A = 2.0 * np.sign(np.sin(np.arange(N) / 3.0))
+USUAL_OHM = 5e-3
+
+
+@dataclass(frozen=True)
+class _Told:
+    weights: tuple[float, ...] = (USUAL_OHM,)
+    name: str = "resistance_Ohm"
+    unit: str = "Ohm"
+
+
+@dataclass(frozen=True)
+class _Shape:
+    told: tuple[_Told, ...] = (_Told(),)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    columns: np.ndarray
+    shape: _Shape = _Shape()
+
+
+def tried(share: float = 1.0) -> Tried:
+    """An effect that shows in a share of what a resistance does."""
+    return cast(Tried, cast(Any, _Tried(share * USUAL_OHM * CURRENT_A[:, None])))
+
+
+def noise_V(rng: np.random.Generator) -> np.ndarray:
+    """An error as it was learned."""
+    return np.linalg.cholesky(FIXED_V2 + ELSEWHERE_V2) @ rng.standard_normal(N)
+
+
+NOISE_V = noise_V(np.random.default_rng(3))
+
+
+def back(error_V: np.ndarray = NOISE_V, larger: float = 1.0) -> Background:
+    return Background(np.sqrt(larger) * error_V, larger * FIXED_V2, larger * ELSEWHERE_V2)
+
+
+def shown(of: Tried, larger: float = 1.0, prior: float = PRIOR) -> float:
+    return smallest_shown(back(larger=larger), of, prior, np.zeros(N))
+
+
+def test_a_size_is_said_in_the_unit_of_the_first_figure() -> None:
+    direction, name, unit = first_direction(tried())
+    assert (name, unit) == ("resistance_Ohm", "Ohm")
+    np.testing.assert_allclose(tried().columns @ direction, CURRENT_A)  # V of one Ohm
+
+
+def test_what_shows_less_or_stands_in_a_larger_error_must_be_larger() -> None:
+    size = shown(tried())
+    assert 1e-4 < size < 1e-2
+    # Half of what shows is a usual size twice as large in its unit.
+    assert shown(tried(0.5)) == pytest.approx(2.0 * size, rel=0.15)
+    assert shown(tried(), larger=4.0) == pytest.approx(2.0 * size, rel=0.15)
+    assert shown(tried(), prior=1e-4) > 1.05 * size
+    assert np.isinf(shown(tried(1e-9)))
+
+
+def test_an_effect_of_that_size_is_told_as_often_as_promised() -> None:
+    rng = np.random.default_rng(5)
+    column = tried().columns
+    size = float(np.median([smallest_shown(back(noise_V(rng)), tried(), PRIOR, np.zeros(N)) for _ in range(20)]))
+    needed = np.log(THRESHOLDS.nothing * (1.0 / THRESHOLDS.claim - 1.0) / PRIOR) / THRESHOLDS.tempering
+
+    def share_told(of_the_size: float) -> float:
+        errors = (of_the_size * size * CURRENT_A + noise_V(rng) for _ in range(150))
+        return float(np.mean([back(error_V).weigh(column).log_likelihood > needed for error_V in errors]))
+
+    assert share_told(1.0) > THRESHOLDS.power - 0.1
+    assert share_told(1.4) > THRESHOLDS.power
+    assert share_told(0.5) < 0.5
+    assert share_told(0.0) < 0.02
