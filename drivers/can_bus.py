@@ -12,9 +12,8 @@ import threading
 from collections.abc import Callable
 from typing import Any, TypedDict
 
-import can
-
 from drivers.address import CanAddress
+from drivers.python_can import can
 
 FRAMES_AT_ONCE = 256  # then the loop's other callbacks get their turn
 

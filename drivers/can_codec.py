@@ -6,13 +6,9 @@ import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-import cantools
-from cantools.database import Database
-from cantools.database.can import Message
-from cantools.database.errors import Error as CantoolsError
-
 from drivers.can_map import View
 from drivers.errors import BadMapError, CyclerProtocolError, SetPointRefusedError
+from drivers.python_can import CantoolsError, Database, Message, cantools
 
 Raws = Mapping[str, float]
 

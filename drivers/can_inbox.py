@@ -8,11 +8,10 @@ from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
-import can
-
 from drivers.can_identifiers import CanIdentifiers
 from drivers.can_log import TrafficLog
 from drivers.errors import CyclerProtocolError
+from drivers.python_can import can
 
 BUS_OFF = 0x40  # CAN_ERR_BUSOFF of linux/can/error.h, in the identifier of an error frame
 SENT_REMEMBERED = 256

@@ -10,14 +10,13 @@ import contextlib
 import time
 from collections.abc import Collection, Mapping
 
-import can
-
 from drivers.address import CanAddress
 from drivers.can_bus import CanReceiver, bus_arguments
 from drivers.can_identifiers import CanIdentifiers
 from drivers.can_inbox import Accept, Awaited, CanInbox, ViewOf
 from drivers.can_log import TrafficLog
 from drivers.errors import CyclerConnectionError, CyclerProtocolError, CyclerTimeoutError
+from drivers.python_can import can
 
 SEND_TIMEOUT_S = 0.01
 

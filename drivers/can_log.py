@@ -12,8 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import can
-from can.util import channel2int
+from drivers.python_can import can
 
 _log = logging.getLogger(__name__)
 _WRITERS = {"blf": can.BLFWriter, "asc": can.ASCWriter, "log": can.CanutilsLogWriter}
@@ -93,7 +92,7 @@ def _write(writer: Any, waiting: queue.Queue[can.Message | None]) -> None:
 
 def _numbered(message: can.Message) -> can.Message:
     """A frame whose channel has no number that a file can hold, such as one named by random digits, gets none."""
-    if (channel2int(message.channel) or 0) < _MOST_CHANNELS:
+    if (can.util.channel2int(message.channel) or 0) < _MOST_CHANNELS:
         return message
     nameless = copy.copy(message)
     nameless.channel = None

@@ -7,8 +7,6 @@ import threading
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import replace
 
-import can
-
 from drivers.register_map import map_kind
 from simulators.bench_devices import build_can_device, build_device
 from simulators.bench_settings import PROTOCOLS, SimulatorSettings
@@ -23,6 +21,7 @@ from simulators.fault_hooks import CanFaults, ModbusFaults
 from simulators.faults import FaultEngine, parse_faults
 from simulators.modbus_actions import OnRequest
 from simulators.modbus_server import ModbusServer
+from simulators.python_can import can
 from simulators.rtu_server import RtuServer
 from simulators.serial_line import SerialSettings
 

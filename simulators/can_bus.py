@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import can
+from simulators.python_can import can
 
 __all__ = ["CanAction", "CanBusSettings", "CanPort", "free_udp_port"]
 

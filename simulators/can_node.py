@@ -5,10 +5,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-import can
-
 from simulators.can_bus import CanAction, CanBusSettings, CanPort, free_udp_port
 from simulators.can_device import Answer, CanDevice
+from simulators.python_can import can
 
 __all__ = ["CanNode", "OnFrame"]
 

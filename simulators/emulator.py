@@ -18,14 +18,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
-import can
-
 from drivers.register_map import MAPS
 from simulators.can_bus import CanBusSettings, CanPort, free_udp_port
 from simulators.can_dbc import read_dbc
 from simulators.cell import CellOutput, TruthCell
 from simulators.modbus_refusals import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RefusedError
 from simulators.modbus_server import ModbusServer
+from simulators.python_can import can
 from simulators.serial_line import WakeUp
 
 __all__ = ["Battery", "EmulatorSettings", "PaceReport", "serve_battery"]
