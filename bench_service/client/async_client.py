@@ -165,6 +165,7 @@ class AsyncBenchClient:
         self.add_cell = later(client.add_cell)
 
         def cells(q: str | None = None, *, retired: bool = False, limit: int = 1000) -> list[Record]:
+            """All cells, or those with a word in them."""
             return list(client.cells(q, retired=retired, limit=limit))
 
         self.cells = later(cells)
