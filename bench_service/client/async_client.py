@@ -6,7 +6,6 @@ wait whose task is cancelled ends at its next look; what was asked of the servic
 
 from __future__ import annotations
 
-import asyncio
 import contextvars
 import threading
 from collections.abc import Callable, Coroutine
@@ -59,11 +58,15 @@ class AsyncBenchClient:
 
     async def close(self) -> None:
         """Close the connections, once what is under way has been answered."""
+        import asyncio  # 30 ms of every command that asks a service
+
         await asyncio.to_thread(self._threads.shutdown)
         self._client.close()
 
     def _later(self, call: Callable[P, R]) -> Callable[P, Coroutine[Any, Any, R]]:
         async def called(*args: P.args, **options: P.kwargs) -> R:
+            import asyncio  # as in `close`
+
             given_up = threading.Event()
             context = contextvars.copy_context()
             context.run(PAUSE.set, partial(_pause, given_up))
