@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from simulated_cells import play
 from threadpoolctl import threadpool_limits
 
 from bench_service.errors import ServiceError
 from bench_service.exchange.read import read_run, read_run_file
 from bench_service.exchange.write import write_results
-from benchmarks.simulated_cells import play
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
 from models.design import Profile, StepProfileRequest, step_profile

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from row_file import add_row, read_rows
 
 from bench_service.bench.plausibility import Finding, Sample, Watch, band_of, observe
+from benchmarks.row_file import add_row, read_rows
 from models.design.test_signals import find_families
 from models.design.test_signals.family import FamilyRequest
 from simulators.catalogue import cell_type

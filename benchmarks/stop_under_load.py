@@ -28,10 +28,10 @@ from typing import Any
 
 import httpx
 import numpy as np
-from row_file import add_row, read_rows
 
 from bench_service.client import BenchClient, ClientError
 from bench_service.stop_tickets import StopTicket, read_tickets
+from benchmarks.row_file import add_row, read_rows
 
 LOADS = ("none", "json_flood", "uploads", "half_open", "descriptors", "fits", "api_stopped")
 TRANSPORTS = ("modbus-tcp", "can")
