@@ -28,30 +28,33 @@ class Jumps:
         Sizes of the last steps of the current, youngest last.
     change_V, allowed_V : float
         Of the voltage, one sample ago, and what charge and relaxation allowed it.
+    most_Ohm : float
+        Resistance that is plausible by what was known before that change: what comes with a jump must not explain it.
     """
 
     steps_A: tuple[float, float, float] = (0.0, 0.0, 0.0)
     change_V: float = 0.0
     allowed_V: float = math.inf
+    most_Ohm: float = math.inf
 
 
-def follow(jumps: Jumps, band: CellBand, before: Sample, now: Sample) -> Jumps:
-    """Return the changes after one sample more."""
+def follow(jumps: Jumps, band: CellBand, known: Response, before: Sample, now: Sample) -> Jumps:
+    """Return the changes after one sample more; `known` is the response without that sample."""
+    resistance, std = known.resistance_Ohm
     charge_As = max(abs(now.current_A), abs(before.current_A)) * (now.time_s - before.time_s)
     return replace(
         jumps,
         steps_A=(*jumps.steps_A[1:], abs(now.current_A - before.current_A)),
         change_V=now.voltage_V - before.voltage_V,
         allowed_V=ALLOWED_V * band.cells_in_series + band.slope_V_per_As * charge_As,
+        most_Ohm=min(_KNOWN_FACTOR * (max(resistance, 0.0) + 2.0 * std), band.possible_Ohm[1]),
     )
 
 
-def judge(before: Jumps, now: Jumps, band: CellBand, response: Response) -> Finding | None:
+def judge(before: Jumps, now: Jumps) -> Finding | None:
     """Return what is not plausible about the change one sample ago."""
     largest_A = max(*before.steps_A, now.steps_A[-1])
-    resistance, std = response.resistance_Ohm
-    known = _KNOWN_FACTOR * (max(resistance, 0.0) + 2.0 * std)
-    by_step_V = largest_A * min(known, band.possible_Ohm[1]) if largest_A > 0.0 else 0.0
+    by_step_V = largest_A * before.most_Ohm if largest_A > 0.0 else 0.0
     allowed_V = before.allowed_V + by_step_V
     share = abs(before.change_V) / allowed_V
     if share <= WARN_SHARE:

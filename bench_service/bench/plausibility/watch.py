@@ -53,12 +53,11 @@ def observe(watch: Watch, band: CellBand, now: Sample, least_A: float) -> tuple[
     if before is None:
         return replace(watch, last=now), None
     answer = response.follow(watch.response, band, before, now, least_A)
-    jumped = jumps.follow(watch.jumps, band, before, now)
+    jumped = jumps.follow(watch.jumps, band, watch.response, before, now)
     warm = warmth.follow(watch.warmth, band, answer, before, now)
     moved = throughput.follow(watch.throughput, before, now)
     findings = [
-        # With what was known before the jump: what comes with it must not explain it.
-        jumps.judge(watch.jumps, jumped, band, watch.response),
+        jumps.judge(watch.jumps, jumped),
         response.judge(answer, band),
         warmth.judge(warm, now),
         throughput.judge(moved, band),

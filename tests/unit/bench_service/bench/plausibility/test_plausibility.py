@@ -100,6 +100,22 @@ def test_a_short_inside(current_A: float) -> None:
     assert found is not None and found[1].code == "voltage_jump" and found[0] < BEGIN_S + 0.3
 
 
+@pytest.mark.parametrize("after", range(5))
+def test_a_short_that_comes_with_a_step_of_the_current(after: int) -> None:
+    """What is known of the resistance is from before the jump, whichever sample after a step it comes with."""
+    step_s = np.array([2.0, 4.0, -3.0, 1.0])
+    current_A = np.concatenate([np.zeros(20), np.repeat(np.tile(step_s, 8), 5)])
+    short_at_s = BEGIN_S - 0.2 + after * DT_S
+    times_s = np.arange(len(current_A)) * DT_S
+
+    def short(_: Sample, s: Sample) -> Sample:
+        return replace(s, voltage_V=s.voltage_V - 0.74) if s.time_s >= short_at_s - 1e-6 else s
+
+    assert times_s[-1] > short_at_s + 0.3
+    found = play("nmc", current_A, short)
+    assert found is not None and found[1].code == "voltage_jump" and found[0] < short_at_s + 0.3
+
+
 def test_a_temperature_that_rises_by_itself() -> None:
     found = play("nmc", np.zeros(400), lambda _, s: replace(s, temperature_degC=25 + 0.5 * s.time_s))
     assert found is not None and found[1].code == "temperature_rate" and found[0] < 10.0
