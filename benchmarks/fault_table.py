@@ -2,9 +2,10 @@
 
     python -m benchmarks.fault_table --moments 10 --seed 1 [--rows fault_table.rows] [--kinds nan.voltage,silence]
 
-Each case is one run of the bench's own loop, by the wall clock, with the real driver against a simulated cycler. What is
-wrong with a case: the output on afterwards or off later than the bound of its kind, more current than allowed, no reason
-or one that is not of its kind, a wrong sample stored as good. With `--rows` a case that was played is not played again.
+Each case is one run of the bench's own loop, by the wall clock, with the real driver against a simulated cycler. What
+is wrong with a case: the output on afterwards or off later than the bound of its kind, more current than allowed, no
+reason or one that is not of its kind, a wrong sample stored as good. With `--rows` a case that was played is not played
+again.
 """
 
 from __future__ import annotations
