@@ -3,9 +3,9 @@
     python -m benchmarks.process_kills --kills 30 --seed 1 [--rows kills.rows] [--kinds control,recorder]
 
 Kinds: the service, the control process, the recorder, a worker that fits, the simulator of the bench. A kill comes up
-to three seconds after a run was asked for, so at its start too. What is wrong with one: the output on two seconds later,
-a sample that a client had read before and is not there afterwards, rows that do not go on one by one, a run that is not
-told as ended and why, a bench that does not come back once a person has acknowledged, a store that is not whole.
+to three seconds after a run was asked for, so at its start too. What is wrong with one: the output on two seconds
+later, a sample that a client had read before and is not there afterwards, rows that do not go on one by one, a run that
+is not told as ended and why, a bench that does not come back once a person has acknowledged, a store that is not whole.
 """
 
 from __future__ import annotations
@@ -217,7 +217,7 @@ def main() -> int:
     for kind in options.kinds:
         mine = [row for row in rows if row["kind"] == kind]
         off_s = [row["off_s"] for row in mine if row["off_s"] is not None]
-        states = sorted({row.get("state") for row in mine} - {None})
+        states = sorted({str(row["state"]) for row in mine if row.get("state")})
         line = {"kind": kind, "kills": len(mine), "wrong": sum(bool(row["wrong"]) for row in mine)}
         print(json.dumps(line | {"states": states, "latest_off_s": max(off_s, default=None)}))  # noqa: T201
     return int(any(row["wrong"] for row in rows))
