@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from bench_service.client import BenchClient
 
@@ -111,7 +111,7 @@ class ServiceProcess:
         self.process.wait()
         self.client.close()
 
-    def __enter__(self) -> ServiceProcess:
+    def __enter__(self) -> Self:
         """Itself."""
         return self
 

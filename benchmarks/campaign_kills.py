@@ -7,18 +7,16 @@ on the same data. Prints one line a kill, then for each campaign how it ended an
 """
 
 import argparse
-import json
 import os
 import random
 import signal
-import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
-from bench_service.client import BenchClient, ClientError
+from bench_service.client import ClientError
+from benchmarks.bench_rig import ServiceProcess, children, command_of
 
 CAMPAIGN = {"bench": "sim", "duration_s": 2000.0, "dt_s": 0.5, "soc": [0.45, 0.55], "structure": "minimal"}
 DECLARED = CAMPAIGN | {"rounds": 4, "on_interruption": "resume", "retries": 3}
@@ -27,29 +25,13 @@ PAUSE_S = (3.0, 12.0)
 PATIENCE_S = 1800.0
 
 
-class Service:
-    """`bench-service serve`, started again where it was killed."""
+class Service(ServiceProcess):
+    """A service that is started again where it was killed."""
 
-    def __init__(self, directory: Path) -> None:
-        self.config = directory / "bench.toml"
-        self.config.write_text(f"data_dir = '{directory / 'data'}'\n[bench.sim]\nsimulate = {{ seed = 3 }}\n")
-        self.start()
-
-    def start(self) -> None:
-        """Start the service and wait for its address."""
-        command = [sys.executable, "-m", "bench_service.cli", "serve", "--json", "--port", "0"]
-        self.process = subprocess.Popen(
-            [*command, "--config", str(self.config)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        )
-        assert self.process.stdout is not None
-        self.client = BenchClient(json.loads(self.process.stdout.readline())["address"])
-
-    def kill(self, kind: str) -> bool:
+    def kill_one(self, kind: str) -> bool:
         """Kill the service or a child of it; return whether there was one."""
         if kind == "service":
-            self.process.kill()
-            self.process.wait()
-            self.client.close()
+            self.kill()
             self.start()
             return True
         for pid in children(self.process.pid):
@@ -57,20 +39,6 @@ class Service:
                 os.kill(pid, signal.SIGKILL)
                 return True
         return False
-
-
-def children(pid: int) -> list[int]:
-    """Processes that a process has started, from any of its threads."""
-    lists = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(child) for each in lists for child in each.read_text().split()]
-
-
-def command_of(pid: int) -> str:
-    """Command line of a process, empty where it has just gone."""
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
-    except OSError:
-        return ""
 
 
 def play(service: Service, kills: int, rng: random.Random) -> dict[str, Any]:
@@ -87,7 +55,7 @@ def play(service: Service, kills: int, rng: random.Random) -> dict[str, Any]:
             break
         if kills and time.monotonic() > next_s:
             kind = rng.choice(["service", *KINDS])
-            if service.kill(kind):
+            if service.kill_one(kind):
                 kills -= 1
                 print(f"  killed {kind} in stage {campaign['stage']}", flush=True)
             next_s = time.monotonic() + rng.uniform(*PAUSE_S)
@@ -104,17 +72,13 @@ def main() -> None:
     options = parser.parse_args()
     rng = random.Random(options.seed)
     with tempfile.TemporaryDirectory(prefix="campaign-kills-") as directory:
-        service = Service(Path(directory))
-        try:
+        with Service(Path(directory), "[bench.sim]\nsimulate = { seed = 3 }\n") as service:
             for number in range(options.campaigns):
                 campaign = play(service, options.kills, rng)
                 runs = service.client.runs(campaign_id=campaign["id"], limit=1000)
                 damaged = [run["id"] for run in runs if run["damage"]]
                 states = sorted(run["state"] for run in runs)
                 print(f"campaign {number}: {campaign['state']} ({campaign['message']}); runs {states}; {damaged=}")
-        finally:
-            service.process.send_signal(signal.SIGTERM)
-            service.process.wait(60)
 
 
 if __name__ == "__main__":

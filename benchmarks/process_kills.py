@@ -156,7 +156,8 @@ class Kills:
         if ended["state"] not in ENDS[self.kind] or not (ended["reason"] and ended["ended_utc"]):
             wrong.append(f"run {ended['state']}, reason {ended['reason']!r}, ended {ended['ended_utc']}")
         kept = self._until(lambda: client.samples(run, columns=["seq"]), "samples")
-        if kept["n"] < read or kept["columns"]["seq"] != list(range(kept["n"])) or kept["n"] != ended["n_samples"]:
+        in_a_row = kept["columns"].get("seq", []) == list(range(kept["n"]))
+        if kept["n"] < read or not in_a_row or kept["n"] != ended["n_samples"]:
             wrong.append(f"{kept['n']} samples of {ended['n_samples']}, {read} had been read")
         self._until(lambda: self._acknowledged(), "idle again")
         return ended

@@ -29,25 +29,22 @@ from typing import Any
 import httpx
 import numpy as np
 
-from bench_service.client import BenchClient, ClientError
+from bench_service.client import ClientError
 from bench_service.stop_tickets import StopTicket, read_tickets
+from benchmarks.bench_rig import BENCH, PATIENCE_S, PRESSED_S, ServiceProcess, ToldSimulator, table_of
 from benchmarks.row_file import add_row, read_rows
 
 LOADS = ("none", "json_flood", "uploads", "half_open", "descriptors", "fits", "api_stopped")
 TRANSPORTS = ("modbus-tcp", "can")
 DT_S = 0.1
-PATIENCE_S = 60.0
 HALF_OPEN = 1100
 FEW_DESCRIPTORS = 64
 _WARM_UP_S = 2.0
-_PRESSED_S = 0.5
 
 
 def main() -> int:
     """Measure, print a line for each load and one JSON object; the exit code says whether the bar is held."""
     options = _arguments()
-    if options.simulator is not None:
-        return _simulate(options.simulator)
     if options.load is not None:
         return _load(options.load, options.url)
     rows = read_rows(options.rows)
@@ -87,23 +84,27 @@ def _line(rows: list[dict[str, Any]], transport: str, load: str, way: str) -> di
 def _measure(transport: str, load: str, way: str, presses: int) -> Iterator[dict[str, Any]]:
     if presses <= 0:
         return
-    with tempfile.TemporaryDirectory(prefix="stop-") as folder, _Simulator(transport) as simulator:
-        with _service(Path(folder), simulator.url, transport) as (process, client, ticket):
-            with _under(load, client.url):
+    with tempfile.TemporaryDirectory(prefix="stop-") as folder, ToldSimulator(transport) as simulator:
+        with ServiceProcess(Path(folder), table_of(simulator.url, transport)) as service:
+            while service.client.bench(BENCH)["state"] != "idle":
+                time.sleep(0.05)
+            ticket = next(iter(read_tickets(service.data)))
+            with _under(load, service.address):
                 for _ in range(presses):
-                    off_s, ended = _press(process, client, ticket, simulator, load, way)
+                    off_s, ended = _press(service, ticket, simulator, load, way)
                     yield {"transport": transport, "load": load, "way": way, "off_s": off_s, "ended": ended}
 
 
 def _press(
-    process: subprocess.Popen[str], client: BenchClient, ticket: StopTicket, simulator: _Simulator, load: str, way: str
+    service: ServiceProcess, ticket: StopTicket, simulator: ToldSimulator, load: str, way: str
 ) -> tuple[float | None, str | None]:
     """Start a run, press, and give how long the output stayed on, and how the run ended."""
+    client = service.client
     profile = _insist(lambda: client.upload_profile("steady", [0.0, 600.0], [1.0, 0.0]))
-    run = _insist(lambda: client.start_run("cell", profile["id"], DT_S, 0.5))
+    run = _insist(lambda: client.start_run(BENCH, profile["id"], DT_S, 0.5))
     simulator.await_output(True)
     time.sleep(0.3 + float(np.random.default_rng().uniform(0.0, DT_S)))
-    with _at_the_press(process.pid, load):
+    with _at_the_press(service.process.pid, load):
         pressed_s = time.monotonic()
         try:
             if way == "wired":
@@ -111,13 +112,13 @@ def _press(
             elif way == "direct":
                 ticket.ask("stop", "benchmark")
             else:
-                client.stop_bench("cell")
+                client.stop_bench(BENCH)
         except (OSError, ClientError):
             pass
         off_at_s = simulator.await_output(False)
     ended = _insist(lambda: client.wait_run(run["id"], timeout_s=PATIENCE_S))
     if way == "wired":
-        time.sleep(2 * _PRESSED_S)  # no run begins while the button is pressed
+        time.sleep(2 * PRESSED_S)  # no run begins while the button is pressed
     return None if off_at_s is None else off_at_s - pressed_s, ended["state"]
 
 
@@ -152,105 +153,6 @@ def _insist(call: Any) -> Any:
 # --- the parts ---------------------------------------------------------------------------------------------
 
 
-class _Simulator:
-    """A simulated cycler in a process of its own that tells when its output is switched."""
-
-    def __init__(self, transport: str) -> None:
-        self._switched: list[tuple[bool, float]] = []
-        self._process = _child("--simulator", transport, stdout=subprocess.PIPE, stdin=subprocess.PIPE)
-        assert self._process.stdout is not None
-        self.url = json.loads(self._process.stdout.readline())["address"]
-        threading.Thread(target=self._listen, daemon=True).start()
-
-    def __enter__(self) -> _Simulator:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.wait()
-
-    def _listen(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            told = json.loads(line)
-            self._switched.append((told["output"], told["time_s"]))
-
-    def push_button(self) -> None:
-        """Press the button that is wired to the cycler; it comes back by itself."""
-        assert self._process.stdin is not None
-        self._process.stdin.write("press\n")
-        self._process.stdin.flush()
-
-    def await_output(self, on: bool) -> float | None:
-        """Return when the output was last switched so; None if it is not within the patience."""
-        end_s = time.monotonic() + PATIENCE_S
-        while not self._switched or self._switched[-1][0] is not on:
-            if time.monotonic() > end_s:
-                return None
-            time.sleep(0.001)
-        return self._switched[-1][1]
-
-
-def _simulate(transport: str) -> int:
-    import asyncio
-
-    from simulators.bench import SimulatorSettings, serve
-    from simulators.cycler import Cycler
-
-    switch = Cycler.set_output
-
-    def told(self: Cycler, on: bool) -> None:
-        before = self.output_on
-        switch(self, on)
-        if on != before:
-            print(json.dumps({"output": on, "time_s": time.monotonic()}), flush=True)  # noqa: T201
-
-    made = Cycler.__init__
-
-    def init(self: Cycler, *arguments: Any, **named: Any) -> None:
-        made(self, *arguments, **named)
-        threading.Thread(target=_buttons, args=(self,), daemon=True).start()
-
-    Cycler.set_output, Cycler.__init__ = told, init
-    device_map = "generic_can" if transport == "can" else "generic"
-    settings = SimulatorSettings(protocol=transport, map_name=device_map, lock_step=False, seed=7)
-    asyncio.run(serve(settings, lambda address: print(json.dumps({"address": address}), flush=True)))  # noqa: T201
-    return 0
-
-
-def _buttons(cycler: Any) -> None:
-    for _ in sys.stdin:
-        cycler.stop_input = True
-        time.sleep(_PRESSED_S)
-        cycler.stop_input = False
-
-
-@contextlib.contextmanager
-def _service(folder: Path, url: str, transport: str) -> Iterator[tuple[subprocess.Popen[str], BenchClient, StopTicket]]:
-    device_map = "generic_can" if transport == "can" else "generic"
-    (folder / "bench.toml").write_text(
-        f"data_dir = '{folder / 'data'}'\n[bench.cell]\nurl = '{url}'\nmap = '{device_map}'\ncapacity_Ah = 2.5\n"
-        "limits = { voltage_V = [2.5, 4.2], current_A = [-10, 5], temperature_degC = [-20, 60], duration_s = 36000 }\n"
-    )
-    command = [sys.executable, "-m", "bench_service.cli", "serve", "--json", "--port", "0"]
-    with (folder / "log").open("w") as log:
-        process = subprocess.Popen(
-            [*command, "--config", str(folder / "bench.toml")], stdout=subprocess.PIPE, stderr=log, text=True
-        )
-    try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        assert line, (folder / "log").read_text()
-        with BenchClient(json.loads(line)["address"], timeout_s=PATIENCE_S) as client:
-            end_s = time.monotonic() + PATIENCE_S
-            while client.bench("cell")["state"] != "idle" and time.monotonic() < end_s:
-                time.sleep(0.05)
-            yield process, client, next(iter(read_tickets(folder / "data")))
-    finally:
-        process.terminate()
-        process.wait(PATIENCE_S)
-
-
 @contextlib.contextmanager
 def _under(load: str, url: str) -> Iterator[None]:
     children = {"fits": os.cpu_count() or 1, "none": 0, "api_stopped": 0}.get(load, 1)
@@ -265,9 +167,8 @@ def _under(load: str, url: str) -> Iterator[None]:
             child.wait()
 
 
-def _child(*arguments: str, stdout: int = subprocess.DEVNULL, stdin: int | None = None) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "benchmarks.stop_under_load", *arguments]
-    return subprocess.Popen(command, stdout=stdout, stdin=stdin, text=True)
+def _child(*arguments: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, "-m", "benchmarks.stop_under_load", *arguments], stdout=subprocess.DEVNULL)
 
 
 def _load(load: str, url: str) -> int:
@@ -334,7 +235,6 @@ def _arguments() -> Any:
     parser.add_argument("--loads", type=names, default=list(LOADS))
     parser.add_argument("--transports", type=names, default=list(TRANSPORTS))
     parser.add_argument("--way", choices=["direct", "service", "wired"], default="direct")
-    parser.add_argument("--simulator", help=argparse.SUPPRESS)
     parser.add_argument("--load", help=argparse.SUPPRESS)
     parser.add_argument("--url", help=argparse.SUPPRESS)
     return parser.parse_args()

@@ -54,14 +54,20 @@ class Response:
     @property
     def resistance_Ohm(self) -> tuple[float, float]:
         """Estimate and standard deviation; infinite where the steps do not tell."""
+        a, b, std = self.parts_Ohm
+        return a + b, std
+
+    @property
+    def parts_Ohm(self) -> tuple[float, float, float]:
+        """What shows at once, what shows with the next sample, and the standard deviation of their sum."""
         determinant = self.s11 * self.s22 - self.s12 * self.s12
         if not determinant > 1e-9 * self.s11 * self.s22:
-            return 0.0, math.inf
+            return 0.0, 0.0, math.inf
         a = (self.s22 * self.t1 - self.s12 * self.t2) / determinant
         b = (self.s11 * self.t2 - self.s12 * self.t1) / determinant
         variance = (self.s11 + self.s22 - 2.0 * self.s12) / determinant
         misfit = (self.rest - a * self.t1 - b * self.t2) / max(1.0, self.n - 2.0)
-        return a + b, math.sqrt(variance * max(1.0, misfit))
+        return a, b, math.sqrt(variance * max(1.0, misfit))
 
 
 def follow(response: Response, band: CellBand, before: Sample, now: Sample, least_A: float) -> Response:

@@ -57,7 +57,7 @@ def observe(watch: Watch, band: CellBand, now: Sample, least_A: float) -> tuple[
     warm = warmth.follow(watch.warmth, band, answer, before, now)
     moved = throughput.follow(watch.throughput, before, now)
     findings = [
-        jumps.judge(watch.jumps, jumped),
+        jumps.judge(watch.jumps, jumped, band),
         response.judge(answer, band),
         warmth.judge(warm, now),
         throughput.judge(moved, band),
