@@ -88,6 +88,7 @@ class Kills:
         """Begin a fit that a worker is busy with for seconds; its job."""
         client = self.service.client
         if self._trained is None:
+            self._until(lambda: client.bench("fast")["state"] == "idle", "the fast bench idle")
             steps = [float(50 * k) for k in range(121)]
             profile = client.upload_profile("pulses", steps, [self.rng.choice((-2.0, 0.0, 2.0)) for _ in steps])
             run = client.wait_run(client.start_run("fast", profile["id"], 1.0, 0.5)["id"], timeout_s=PATIENCE_S)

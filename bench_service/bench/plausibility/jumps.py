@@ -11,7 +11,8 @@ from bench_service.bench.plausibility.finding import Finding
 from bench_service.bench.plausibility.response import Response
 from bench_service.bench.plausibility.sample import Sample
 
-# For each cell: what relaxes after a step, and noise. Half of the way to the trip people are told.
+# For each cell: what relaxes within a second, and noise; with longer between two samples, as diffusion, by its root.
+# Half of the way to the trip people are told.
 ALLOWED_V = 0.08
 WARN_SHARE = 0.5
 # A resistance that is known may be so much larger in the next step (temperature, state of charge).
@@ -40,12 +41,14 @@ class Jumps:
 
 def follow(jumps: Jumps, band: CellBand, known: Response, before: Sample, now: Sample) -> Jumps:
     """Return the changes after one sample more; `known` is the response without that sample."""
-    charge_As = max(abs(now.current_A), abs(before.current_A)) * (now.time_s - before.time_s)
+    dt_s = now.time_s - before.time_s
+    charge_As = max(abs(now.current_A), abs(before.current_A)) * dt_s
+    relaxing_V = ALLOWED_V * band.cells_in_series * math.sqrt(max(1.0, dt_s))
     return replace(
         jumps,
         steps_A=(*jumps.steps_A[1:], now.current_A - before.current_A),
         change_V=now.voltage_V - before.voltage_V,
-        allowed_V=ALLOWED_V * band.cells_in_series + band.slope_V_per_As * charge_As,
+        allowed_V=relaxing_V + band.slope_V_per_As * charge_As,
         known=known,
     )
 
@@ -67,10 +70,8 @@ def judge(before: Jumps, now: Jumps, band: CellBand) -> Finding | None:
     return Finding("trip" if share > 1.0 else "warn", "voltage_jump", text, remedy)
 
 
-def _by_steps_V(
-    known: Response, band: CellBand, present_A: float, others_A: tuple[float, ...]
-) -> tuple[float, float]:
-    """Most that the voltage may fall and rise by steps of the current: the one that came with it, and its neighbours."""
+def _by_steps_V(known: Response, band: CellBand, present_A: float, others_A: tuple[float, ...]) -> tuple[float, float]:
+    """Most that the voltage may fall and rise by the step of the current that came with it, and by its neighbours."""
     at_once, later, std = known.parts_Ohm
     resistance, most_Ohm = at_once + later, band.possible_Ohm[1]
     if not resistance > 2.0 * std:  # not known, or of the wrong sign, which another rule tells: either way

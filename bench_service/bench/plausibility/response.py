@@ -3,7 +3,8 @@
 A step of the current shows in the voltage of the same sample or, where the device measures the two one after the
 other, of the next: ``dV_k = a dI_k + b dI_(k-1)``, by weighted least squares over the last few steps (older ones fade).
 The resistance is ``a + b``. Nothing is said before its uncertainty is small enough, so small or too quick currents are
-never judged.
+never judged. Of a record that begins under load nobody knows what still relaxes: its first change tells nothing, and
+what may go on of it is uncertain in the later ones.
 """
 
 import math
@@ -34,9 +35,12 @@ class Response:
         Weighted sums of the squares of the steps, of their products with the voltage, of samples and of its squares.
     step_A : float
         The step before.
+    relaxing_V, taken : float, int
+        First change of the voltage where the record began under load, else 0 (no number before the first sample), and
+        how many have come since.
     held_V, held_A, held : float, float, int
-        Voltage that has come again to the last bit, the current that it first came with, and how often it has come
-        with a current that must show.
+        Voltage that has come again to the last bit, the current that it first came with or has faded to since, and how
+        often it has come with a current that must show.
     """
 
     s11: float = 0.0
@@ -47,6 +51,8 @@ class Response:
     n: float = 0.0
     rest: float = 0.0
     step_A: float = 0.0
+    relaxing_V: float = math.nan
+    taken: int = 0
     held_V: float = math.nan
     held_A: float = math.nan
     held: int = 0
@@ -72,14 +78,17 @@ class Response:
 
 def follow(response: Response, band: CellBand, before: Sample, now: Sample, least_A: float) -> Response:
     """Return what is known after one sample more; steps below `least_A` are noise."""
-    held = _follow_held(response, band, now)
+    change_V = now.voltage_V - before.voltage_V
+    held, relaxing_V = _follow_start(_follow_held(response, band, now), change_V, abs(before.current_A) <= least_A)
     step_A = now.current_A - before.current_A
     step_A = step_A if abs(step_A) > least_A else 0.0
     if step_A == 0.0 and response.step_A == 0.0:
         return held
     charge_As = max(abs(now.current_A), abs(before.current_A)) * (now.time_s - before.time_s)
-    sigma_V = math.hypot(NOISE_V * band.cells_in_series, _USUAL_SHARE_OF_SLOPE * band.slope_V_per_As * charge_As)
-    weight, change_V, last_A = 1.0 / (sigma_V * sigma_V), now.voltage_V - before.voltage_V, response.step_A
+    sigma_V = math.hypot(
+        NOISE_V * band.cells_in_series, _USUAL_SHARE_OF_SLOPE * band.slope_V_per_As * charge_As, relaxing_V
+    )
+    weight, last_A = 1.0 / (sigma_V * sigma_V), response.step_A
     return replace(
         held,
         s11=_FADE * response.s11 + weight * step_A * step_A,
@@ -93,9 +102,24 @@ def follow(response: Response, band: CellBand, before: Sample, now: Sample, leas
     )
 
 
+def _follow_start(response: Response, change_V: float, at_rest: bool) -> tuple[Response, float]:
+    """How far a record that began under load has come, and what may still relax of that."""
+    taken = response.taken + 1
+    if not math.isnan(response.relaxing_V):
+        # Diffusion: its voltage goes on with the root of the time, each change is the first one's over twice the root.
+        return replace(response, taken=taken), response.relaxing_V / (2.0 * math.sqrt(response.taken))
+    if at_rest:
+        return replace(response, relaxing_V=0.0, taken=taken), 0.0
+    return replace(response, relaxing_V=abs(change_V), taken=taken), math.inf
+
+
 def _follow_held(response: Response, band: CellBand, now: Sample) -> Response:
     if now.voltage_V != response.held_V:
         return replace(response, held_V=now.voltage_V, held_A=now.current_A, held=0)
+    if 0.0 <= now.current_A / response.held_A <= 1.0 if response.held_A else now.current_A == 0.0:
+        return replace(
+            response, held_A=now.current_A
+        )  # a voltage that is held by a current that fades: constant voltage
     shows = abs(now.current_A - response.held_A) * band.usual_Ohm[0] > _STUCK_V * band.cells_in_series
     return replace(response, held=response.held + shows)
 
@@ -105,7 +129,7 @@ def judge(response: Response, band: CellBand) -> Finding | None:
     if response.held >= _STUCK_SAMPLES:
         text = (
             f"voltage {response.held_V:.5g} V has come {response.held} times to the last bit although the current is "
-            f"another than the {response.held_A:.4g} A that it first came with"
+            f"another than the {response.held_A:.4g} A that it came with before"
         )
         return Finding("trip", "voltage_stuck", text, "check the voltage sensor and its leads")
     resistance, std = response.resistance_Ohm

@@ -116,6 +116,35 @@ def test_a_short_that_comes_with_a_step_of_the_current(after: int) -> None:
     assert found is not None and found[1].code == "voltage_jump" and found[0] < short_at_s + 0.3
 
 
+def test_a_voltage_that_is_held_to_the_last_bit_is_not_stuck() -> None:
+    """Constant voltage on a cycler of 1 mV: the current fades, the voltage stays."""
+    band, watch = band_of(60.0, (2.5, 4.2)), Watch()
+    for k in range(600):
+        now = Sample(float(k), 4.2, 15.0 * float(np.exp(-k / 150.0)), 25.0 + 0.1 * (k % 3))
+        watch, finding = observe(watch, band, now, LEAST_A)
+        assert finding is None, (k, finding)
+    for k in range(6):
+        watch, finding = observe(watch, band, Sample(600.0 + k, 4.2, 40.0 + k, 25.0 + 0.1 * (k % 3)), LEAST_A)
+    assert finding is not None and finding.code == "voltage_stuck"
+
+
+def test_a_record_that_begins_under_load_is_not_reversed() -> None:
+    """A drive cycle's log at -10 degC, by the second: what still relaxes is no answer to small steps."""
+    current_A = [-1.67, -1.5218, -1.5058, -1.7406, -1.7645, -1.7669, -1.7684, -1.7699, -1.5285, -1.758, -2.0212]
+    voltage_V = [3.9162, 3.8034, 3.7908, 3.7571, 3.7443, 3.7396, 3.7363, 3.7335, 3.7591, 3.7363, 3.6999]
+    band, watch = band_of(2.9, (2.5, 4.2)), Watch()
+    for k, (each_A, each_V) in enumerate(zip(current_A, voltage_V, strict=True)):
+        watch, finding = observe(watch, band, Sample(float(k), each_V, each_A, -10.0 + 0.1 * (k % 3)), LEAST_A)
+        assert finding is None, (k, finding)
+
+
+def test_days_between_two_samples_are_no_jump() -> None:
+    band, watch = band_of(2.0, (2.0, 3.6)), Watch()
+    for time_s, voltage_V in ((0.0, 2.0663), (1.0, 2.0707), (154_153.0, 2.6798), (154_213.0, 2.6799)):
+        watch, finding = observe(watch, band, Sample(time_s, voltage_V, 0.0, 25.0), LEAST_A)
+        assert finding is None
+
+
 def test_a_temperature_that_rises_by_itself() -> None:
     found = play("nmc", np.zeros(400), lambda _, s: replace(s, temperature_degC=25 + 0.5 * s.time_s))
     assert found is not None and found[1].code == "temperature_rate" and found[0] < 10.0
