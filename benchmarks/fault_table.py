@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.row_file import Row, add_row, read_rows
-from tests.protocol.fault_runs import CLOSE, DT_S, LIMITS, TIMEOUT_S, WALL_DT_S, WATCHDOG_S, play
+from tests.protocol.fault_runs import CLOSE, DT_S, LIMITS, PULSES_A, TIMEOUT_S, WALL_DT_S, WATCHDOG_S, play
 
 TRANSPORTS = ("modbus-tcp", "modbus-rtu", "can-udp")
 TICKS = 60  # 3 s of pulses, a new set-point every quarter second
@@ -37,6 +37,12 @@ MOMENTS_S = (0.3, 2.3)
 LINK_BOUND_S = 2 * WALL_DT_S + TIMEOUT_S + 0.1 + WATCHDOG_S + 0.3
 NEXT_SAMPLE_S = 0.5  # a tick, a time-out, and what a busy machine takes
 NEXT_STEP_S = 1.0  # two set-points and the same
+PATIENT_S = 10.0
+# What is told of a link that fails: the request, a device that has gone off by itself meanwhile, values that got old.
+LINK_CODES = ("cycler", "connect", "stale_readings", "device_alarm", "output_off")
+VOLTAGE_CODES = ("voltage_limit", "voltage_jump", "voltage_stuck", "resistance_low", "reversed_current")
+CURRENT_CODES = ("current_limit", "current_mismatch", "voltage_jump", "reversed_current")
+TEMPERATURE_CODES = ("temperature_limit", "temperature_jump", "temperature_rate", "temperature_stuck")
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,10 @@ class Kind:
         Length of the run.
     close_K : float
         How far a stored temperature may be from the truth, where only that distance tells that it is wrong.
+    pulses_A : tuple of float
+        Currents that the pulses are drawn from.
+    codes : tuple of str
+        What may end the run: each of them names this kind, or what it does to the bench.
     """
 
     script: str
@@ -68,6 +78,8 @@ class Kind:
     lock_step: bool = False
     ticks: int = TICKS
     close_K: float = CLOSE["temperature"]
+    pulses_A: tuple[float, ...] = PULSES_A
+    codes: tuple[str, ...] = LINK_CODES
 
     @property
     def name(self) -> str:
@@ -85,21 +97,34 @@ def kinds() -> Iterator[Kind]:
     yield Kind(f"late{late}", LINK_BOUND_S, harmless=True)
     yield Kind(f"late{late}", LINK_BOUND_S, lasting="x100000")
     yield Kind(f"slow{late}", LINK_BOUND_S)
-    for what, size in (("voltage", 2), ("current", 30), ("temperature", 30)):
-        yield Kind(f"nan.{what}", NEXT_SAMPLE_S)
-        yield Kind(f"sentinel.{what}", NEXT_SAMPLE_S)
-        yield Kind(f"jump.{what}={size}", NEXT_SAMPLE_S)
-        yield Kind(f"jump.{what}=-{size}", NEXT_SAMPLE_S)
-        yield Kind(f"reversed.{what}", NEXT_STEP_S)
-    yield Kind("stuck.voltage", NEXT_STEP_S)
-    yield Kind("stuck.current", NEXT_STEP_S)
-    yield Kind("stuck.temperature", 600.0, lock_step=True, ticks=8000, close_K=5.0)  # seen by the heat it must show
-    yield Kind("frozen", LINK_BOUND_S)
+    for what, size, codes in (
+        ("voltage", 2, VOLTAGE_CODES),
+        ("current", 30, CURRENT_CODES),
+        ("temperature", 30, TEMPERATURE_CODES),
+    ):
+        yield Kind(f"nan.{what}", NEXT_SAMPLE_S, codes=codes)
+        yield Kind(f"sentinel.{what}", NEXT_SAMPLE_S, codes=codes)
+        yield Kind(f"jump.{what}={size}", NEXT_SAMPLE_S, codes=codes)
+        yield Kind(f"jump.{what}=-{size}", NEXT_SAMPLE_S, codes=codes)
+        yield Kind(f"reversed.{what}", NEXT_STEP_S, codes=codes)
+    yield Kind("stuck.voltage", 2 * NEXT_STEP_S, codes=VOLTAGE_CODES)
+    yield Kind("stuck.current", NEXT_STEP_S, codes=CURRENT_CODES)
+    # Seen by the heat that it must show: a kelvin by what the resistance tells, within minutes of full load.
+    yield Kind(
+        "stuck.temperature",
+        600.0,
+        lock_step=True,
+        ticks=8000,
+        close_K=5.0,
+        pulses_A=(-6.0, 6.0),
+        codes=TEMPERATURE_CODES,
+    )
+    yield Kind("frozen", LINK_BOUND_S, codes=("stale_readings", "current_mismatch"))
     yield Kind("restart", NEXT_SAMPLE_S)
     yield Kind("watchdog", NEXT_SAMPLE_S)
     yield Kind("refused", NEXT_STEP_S)
-    yield Kind("over_temperature=5", 3.0, ticks=160)
-    yield Kind("short=0.1", NEXT_STEP_S)
+    yield Kind("over_temperature=5", 3.0, ticks=160, codes=TEMPERATURE_CODES)
+    yield Kind("short=0.1", NEXT_STEP_S, codes=("voltage_jump", "voltage_limit"))
 
 
 def case(kind: Kind, transport: str, number: int, seed: int) -> Row:
@@ -112,15 +137,27 @@ def case(kind: Kind, transport: str, number: int, seed: int) -> Row:
     limits = replace(LIMITS, duration_s=kind.ticks * DT_S + 10.0)
     close = CLOSE | {"temperature": kind.close_K}
     outcome = asyncio.run(
-        play(script, transport, lock_step=kind.lock_step, seed=run_seed, ticks=kind.ticks, limits=limits, close=close)
+        play(
+            script,
+            transport,
+            lock_step=kind.lock_step,
+            seed=run_seed,
+            timeout_s=PATIENT_S if kind.lock_step else TIMEOUT_S,
+            ticks=kind.ticks,
+            limits=limits,
+            close=close,
+            pulses_A=kind.pulses_A,
+        )
     )
     wrong = list(outcome.complaints)
     if not outcome.begun:
         wrong.append("it has not begun")
     elif outcome.end.state == "completed" and not kind.harmless:
         wrong.append("the run went on to its end")
-    elif outcome.end.state == "fault" and (outcome.off_after_s is None or outcome.off_after_s > kind.bound_s):
+    elif outcome.end.state == "fault" and (outcome.off_after_s or 0.0) > kind.bound_s:  # None: it was not on yet
         wrong.append(f"output off after {outcome.off_after_s} s, bound {kind.bound_s:.2f} s")
+    if outcome.end.state == "fault" and outcome.end.code not in kind.codes:
+        wrong.append(f"told as {outcome.end.code}: {outcome.end.reason}")
     return {
         "kind": kind.name,
         "transport": transport,

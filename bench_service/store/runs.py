@@ -140,6 +140,8 @@ class RunTable:
         """Write down what a person says of a run, in `label`, `operator` or `notes`; return it before and after."""
         table = schema.run
         before = self.get(run_id)
+        if not told:
+            return before, before
         with self._file.write() as link:
             link.execute(update(table).where(table.c.id == run_id).values(told))
         return before, self.get(run_id)

@@ -42,6 +42,7 @@ LIMITS = Limits((2.5, 4.2), (-6.0, 6.0), (0.0, 45.0), (0.0, 1.0), None, 100.0)
 # time; until then the relaxation of the cell takes the truth away from it by some millivolt.
 CLOSE = {"voltage": 1.5e-2, "current": 2e-2, "temperature": 0.3}
 TIMEOUT_S = 0.12
+PULSES_A = (-5.0, -3.0, 2.0, 4.0, 5.0, 0.0)
 COLUMNS = [column.name for column in STREAMS[SAMPLES]]
 DT_S, TICKS, HOLD = 0.1, 40, 5  # 4 s of pulses, a new set-point every half second
 WALL_DT_S = 0.05
@@ -117,6 +118,7 @@ async def play(
     ticks: int = TICKS,
     limits: Limits = LIMITS,
     close: dict[str, float] = CLOSE,
+    pulses_A: tuple[float, ...] = PULSES_A,
 ) -> Outcome:
     """Play pulses against a device that fails by `script`, and judge what happened."""
     engine, clock = NotedEngine(script, None if lock_step else time.monotonic), Clock()
@@ -129,7 +131,7 @@ async def play(
     housekeeping = asyncio.create_task(_polled(device))
     try:
         await driver.connect()
-        end = await _loop(driver, recording, events, lock_step, seed, timeout_s, ticks, limits).play()
+        end = await _loop(driver, recording, events, lock_step, seed, timeout_s, ticks, limits, pulses_A).play()
     except CyclerError as error:  # a bench that cannot connect does not start
         end = RunEnd("fault", "connect", str(error), True, 0)
     finally:
@@ -194,6 +196,7 @@ def _loop(
     timeout_s: float,
     ticks: int,
     limits: Limits,
+    pulses_A: tuple[float, ...],
 ) -> RunLoop:
     draw = random.Random(seed)
     dt_s = DT_S if lock_step else WALL_DT_S
@@ -204,7 +207,7 @@ def _loop(
         limits,
         2.5,
         np.arange(steps + 1) * HOLD * dt_s,
-        np.array([draw.choice([-5.0, -3.0, 2.0, 4.0, 5.0, 0.0]) for _ in range(steps)] + [0.0]),
+        np.array([draw.choice(pulses_A) for _ in range(steps)] + [0.0]),
         settle_s=dt_s,
         initial_soc=0.5,
     )
