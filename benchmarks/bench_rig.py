@@ -17,6 +17,7 @@ from bench_service.client import BenchClient
 PATIENCE_S = 60.0
 PRESSED_S = 0.5
 BENCH = "cell"
+PRIORITY = 9
 
 
 class ToldSimulator:
@@ -138,6 +139,7 @@ def command_of(pid: int) -> str:
 
 def main() -> int:
     """Be the simulator: print its address, then each switch of its output."""
+    from bench_service.bench.realtime import real_time_priority
     from simulators.bench import SimulatorSettings, serve
     from simulators.cycler import Cycler
 
@@ -157,7 +159,7 @@ def main() -> int:
     transport = sys.argv[1]
     device_map = "generic_can" if transport == "can" else "generic"
     settings = SimulatorSettings(protocol=transport, map_name=device_map, lock_step=False, seed=7)
-    with contextlib.suppress(KeyboardInterrupt):
+    with contextlib.suppress(KeyboardInterrupt), real_time_priority(PRIORITY):  # as `bench-service simulate` does
         asyncio.run(serve(settings, lambda address: _say({"address": address})))
     return 0
 
