@@ -2,10 +2,10 @@
 
     python -m benchmarks.fault_table --moments 10 --seed 1 [--rows fault_table.rows] [--kinds nan.voltage,silence]
 
-Each case is one run of the bench's own loop, by the wall clock, with the real driver against a simulated cycler. What
-is wrong with a case: the output on afterwards or off later than the bound of its kind, more current than allowed, no
-reason or one that is not of its kind, a wrong sample stored as good. With `--rows` a case that was played is not played
-again.
+Each case is one run of the bench's own loop with the real driver against a simulated cycler; faults of messages by the
+wall clock, those of values and of device and cell in simulated time, which is what their bounds are in. What is wrong
+with a case: the output on afterwards or off later than the bound of its kind, more current than allowed, no reason or
+one that is not of its kind, a wrong sample stored as good. With `--rows` a case that was played is not played again.
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ from tests.protocol.fault_runs import CLOSE, DT_S, LIMITS, PULSES_A, TIMEOUT_S, 
 
 TRANSPORTS = ("modbus-tcp", "modbus-rtu", "can-udp")
 TICKS = 60  # 3 s of pulses, a new set-point every quarter second
-MOMENTS_S = (0.3, 2.3)
+MOMENTS_S = (0.3, 2.3)  # of the simulated device, whose time begins with the connection
 # Until a bench has rest after the last good message: what a sample may be old, then the device's own watchdog.
 LINK_BOUND_S = 2 * WALL_DT_S + TIMEOUT_S + 0.1 + WATCHDOG_S + 0.3
-NEXT_SAMPLE_S = 0.5  # a tick, a time-out, and what a busy machine takes
-NEXT_STEP_S = 1.0  # two set-points and the same
+NEXT_SAMPLE_S = 0.3  # a jump is judged one sample late
+NEXT_STEP_S = 1.0  # two set-points
+HEAT_S = 20.0
 PATIENT_S = 10.0
 # What is told of a link that fails: the request, a device that has gone off by itself meanwhile, values that got old.
-LINK_CODES = ("cycler", "connect", "stale_readings", "device_alarm", "output_off")
+LINK_CODES = ("cycler", "connect", "stale_readings", "reading_too_old", "device_alarm", "output_off")
 VOLTAGE_CODES = ("voltage_limit", "voltage_jump", "voltage_stuck", "resistance_low", "reversed_current")
 CURRENT_CODES = ("current_limit", "current_mismatch", "voltage_jump", "reversed_current")
 TEMPERATURE_CODES = ("temperature_limit", "temperature_jump", "temperature_rate", "temperature_stuck")
@@ -60,7 +61,7 @@ class Kind:
     harmless : bool
         Whether the run may go on.
     lock_step : bool
-        Played in simulated time, which the bound is in then; the moment is counted in tenths there.
+        Played in simulated time, which the bound is in then.
     ticks : int
         Length of the run.
     close_K : float
@@ -102,29 +103,31 @@ def kinds() -> Iterator[Kind]:
         ("current", 30, CURRENT_CODES),
         ("temperature", 30, TEMPERATURE_CODES),
     ):
-        yield Kind(f"nan.{what}", NEXT_SAMPLE_S, codes=codes)
-        yield Kind(f"sentinel.{what}", NEXT_SAMPLE_S, codes=codes)
-        yield Kind(f"jump.{what}={size}", NEXT_SAMPLE_S, codes=codes)
-        yield Kind(f"jump.{what}=-{size}", NEXT_SAMPLE_S, codes=codes)
-        yield Kind(f"reversed.{what}", NEXT_STEP_S, codes=codes)
-    yield Kind("stuck.voltage", 2 * NEXT_STEP_S, codes=VOLTAGE_CODES)
-    yield Kind("stuck.current", NEXT_STEP_S, codes=CURRENT_CODES)
-    # Seen by the heat that it must show: a kelvin by what the resistance tells, within minutes of full load.
-    yield Kind(
-        "stuck.temperature",
-        600.0,
-        lock_step=True,
-        ticks=8000,
-        close_K=5.0,
-        pulses_A=(-6.0, 6.0),
-        codes=TEMPERATURE_CODES,
-    )
-    yield Kind("frozen", LINK_BOUND_S, codes=("stale_readings", "current_mismatch"))
-    yield Kind("restart", NEXT_SAMPLE_S)
-    yield Kind("watchdog", NEXT_SAMPLE_S)
-    yield Kind("refused", NEXT_STEP_S)
-    yield Kind("over_temperature=5", 3.0, ticks=160, codes=TEMPERATURE_CODES)
-    yield Kind("short=0.1", NEXT_STEP_S, codes=("voltage_jump", "voltage_limit"))
+        yield _inside(f"nan.{what}", NEXT_SAMPLE_S, codes)
+        yield _inside(f"sentinel.{what}", NEXT_SAMPLE_S, codes)
+        yield _inside(f"jump.{what}={size}", NEXT_SAMPLE_S, codes)
+        yield _inside(f"jump.{what}=-{size}", NEXT_SAMPLE_S, codes)
+        yield _inside(f"reversed.{what}", NEXT_STEP_S, codes)
+    # A fading current may hold a voltage to the last bit: only steps away from rest tell.
+    yield replace(_inside("stuck.voltage", 5 * NEXT_STEP_S, VOLTAGE_CODES), ticks=120)
+    yield _inside("stuck.current", NEXT_STEP_S, CURRENT_CODES)
+    # Seen by the heat that it must show: a kelvin at the least resistance and the largest heat capacity, which at full
+    # load takes minutes, in which a small cell warms by several.
+    slow = _inside("stuck.temperature", 600.0, TEMPERATURE_CODES)
+    yield replace(slow, ticks=8000, close_K=10.0, pulses_A=(-6.0, 6.0))
+    yield _inside("frozen", NEXT_STEP_S, ("stale_readings", "current_mismatch"))
+    yield _inside("restart", NEXT_SAMPLE_S, LINK_CODES)
+    yield _inside("watchdog", NEXT_SAMPLE_S, LINK_CODES)
+    yield _inside("refused", NEXT_STEP_S, LINK_CODES)
+    yield _inside("over_temperature=5", 3.0, TEMPERATURE_CODES)
+    # By its jump at once or, where it comes with a step of the current and may be a resistance, by its heat.
+    short = _inside("short=0.1", HEAT_S, ("voltage_jump", "voltage_limit", "reversed_current", "temperature_rate"))
+    yield replace(short, ticks=300)
+
+
+def _inside(script: str, bound_s: float, codes: tuple[str, ...]) -> Kind:
+    """A fault of a value, of the device or of the cell."""
+    return Kind(script, bound_s, lock_step=True, codes=codes)
 
 
 def case(kind: Kind, transport: str, number: int, seed: int) -> Row:

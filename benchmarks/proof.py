@@ -26,7 +26,14 @@ MODELS, ROWS, DATA, TESTS = "{into}/models", "{into}/{name}.rows", "{data}", str
 PROOFS: dict[str, tuple[str, ...]] = {
     "tests": ("-m", "pytest", "-m", "proof", "-n", "2", "--dist", "loadfile", "-q", TESTS),
     "recorder_kill": ("recorder_kill", "--kills", "100"),
-    "fault_sequences": ("fault_sequences", "--cases", "500", "--seed", "1"),
+    "power_cuts": ("power_cuts", "--cuts", "300"),
+    "process_kills": ("process_kills", "--kills", "30", "--rows", ROWS),
+    "campaign_kills": ("campaign_kills", "--campaigns", "2", "--kills", "10"),
+    "stop_under_load": ("stop_under_load", "--presses", "100", "--rows", ROWS),
+    "fault_table": ("fault_table", "--moments", "10", "--rows", ROWS),
+    "fault_sequences": ("fault_sequences", "--cases", "2000", "--seed", "1"),
+    "false_trips": ("false_trips", "--hours", "1000", "--rows", ROWS),
+    "many_channels": ("many_channels", "--channels", "64", "--minutes", "10"),
     "diagnosis_structure": ("diagnosis_structure", "--cases", "60", "--nulls", "60", "--rows", ROWS, "--json"),
     "diagnosis_foreign": (
         "diagnosis_foreign",
