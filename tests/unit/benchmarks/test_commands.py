@@ -15,7 +15,9 @@ def started() -> dict[str, bool]:
     found = {}
     for file in sorted(FOLDER.glob("*.py")):
         told = COMMAND.findall(ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "")
-        found |= {file.stem: how.startswith("-m") for how, name in told if name == file.stem}
+        for how, name in told:
+            if name == file.stem:
+                found[name] = how.startswith("-m")
     return found
 
 
