@@ -62,6 +62,11 @@ def listed(key: str, name: str | None = None) -> Said:
     return {ANSWER: {"list": key} if name is None else {"list": key, "record": name}}
 
 
+def paged(key: str, name: str) -> Said:
+    """Answer with a page of records under a key, newest first, and ``next_cursor``."""
+    return {ANSWER: {"list": key, "record": name, "paged": True}}
+
+
 def keyed(*keys: str) -> Said:
     """Answer with an object in which these keys are always there."""
     return {ANSWER: {"keys": list(keys)}}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Annotated, Literal
 
 from fastapi import APIRouter
 from pydantic import Field
 
-from bench_service.api.answers import asked, keyed, listed, record, shown
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.answers import asked, keyed, paged, record, shown
+from bench_service.api.dependencies import Answer, PageOf, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.endings import campaign_json
 from bench_service.campaign.request import MOST_ROUNDS
@@ -71,10 +72,11 @@ async def estimate_campaign(body: CampaignBody, services: ServicesOf) -> Answer:
     return await services.campaigns.estimate(body.model_dump())
 
 
-@router.get("", openapi_extra=listed("campaigns", "Campaign"))
-async def list_campaigns(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
+@router.get("", openapi_extra=paged("campaigns", "Campaign"))
+async def list_campaigns(services: ServicesOf, page: PageOf) -> Answer:
     """List campaigns, newest first."""
-    return {"campaigns": [campaign_json(record) for record in await services.campaigns.list(limit, offset)]}
+    found = await services.campaigns.list(**page.asked)
+    return await asyncio.to_thread(page.answer, services, ("campaigns", "campaign"), found, campaign_json)
 
 
 @router.get("/{campaign_id}", openapi_extra=record("Campaign"))

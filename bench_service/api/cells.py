@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from pydantic import AfterValidator, Field, JsonValue
 
-from bench_service.api.answers import asked, bench, listed, record
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.answers import asked, bench, paged, record
+from bench_service.api.dependencies import Answer, PageOf, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, StrictRoute
 from bench_service.errors import BadRequestError
 
@@ -66,20 +66,18 @@ async def add_cell(body: CellBody, services: ServicesOf) -> Answer:
     return await services.cells.add(body.model_dump(exclude={"like"}), body.like)
 
 
-@router.get("/cells", openapi_extra=listed("cells", "Cell"))
+@router.get("/cells", openapi_extra=paged("cells", "Cell"))
 def list_cells(
     services: ServicesOf,
+    page: PageOf,
     q: Annotated[str | None, Query(max_length=200)] = None,
     retired: bool = False,
-    limit: Limit = 100,
-    cursor: Annotated[int | None, Query(ge=0)] = None,
 ) -> Answer:
-    """List cells, newest first; with ``q`` those in whose id, label, owner, type or metadata each word is.
-
-    ``next_cursor`` is null on the last page, else the ``cursor`` of the next one.
-    """
-    found, more = services.store.cells.page(q, retired=retired, limit=limit, after=cursor)
-    return {"cells": services.cells.all_to_json(found), "next_cursor": more}
+    """List cells, newest first; with ``q`` those in whose id, label, owner, type or metadata each word is."""
+    answer = page.answer(
+        services, ("cells", "cell"), services.store.cells.page(q, retired=retired, **page.asked), lambda cell: cell
+    )
+    return answer | {"cells": services.cells.all_to_json(answer["cells"])}
 
 
 @router.get("/cells/{cell_id}", openapi_extra=record("Cell"))
@@ -111,12 +109,12 @@ async def reuse_cell(cell_id: PathId, services: ServicesOf) -> Answer:
     return await services.cells.retire(cell_id, used_again=True)
 
 
-@router.get("/cells/{cell_id}/events", openapi_extra=listed("events", "Event"))
-def list_cell_events(cell_id: PathId, services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
+@router.get("/cells/{cell_id}/events", openapi_extra=paged("events", "Event"))
+def list_cell_events(cell_id: PathId, services: ServicesOf, page: PageOf) -> Answer:
     """List what has happened to a cell: taken in, changed, put on benches, given runs."""
     cell = services.store.cells.get(cell_id)
-    found = services.store.events.page(limit=limit, offset=offset, cell_id=cell.id)
-    return {"events": [asdict(event) for event in found]}
+    found = services.store.events.page(cell_id=cell.id, **page.asked)
+    return page.answer(services, ("events", "event"), found, asdict)
 
 
 @router.put("/benches/{name}/cell", openapi_extra=bench() | asked({"cell_id": "C1"}))

@@ -8,8 +8,8 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import Field
 
-from bench_service.api.answers import asked, files, keyed, listed, record, shown
-from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
+from bench_service.api.answers import asked, files, keyed, paged, record, shown
+from bench_service.api.dependencies import Answer, CellFilter, PageOf, PathId, ServicesOf
 from bench_service.api.strict import JSON_TYPE, Body, Id, Soc, StrictRoute
 from bench_service.campaign.comparison_curves import CurvePart
 from bench_service.errors import BadRequestError
@@ -53,17 +53,16 @@ async def compare(body: ComparisonBody, services: ServicesOf) -> Answer:
     return _as_json(await services.modelling.compare(body.model_id, body.run_ids, body.initial_soc))
 
 
-@router.get("", openapi_extra=listed("comparisons", "Comparison"))
+@router.get("", openapi_extra=paged("comparisons", "Comparison"))
 def list_comparisons(
     services: ServicesOf,
+    page: PageOf,
     model_id: Annotated[str | None, Query(max_length=64)] = None,
     cell_id: CellFilter = None,
-    limit: Limit = 100,
-    offset: Offset = 0,
 ) -> Answer:
     """List comparisons, newest first; of one model or one cell where that is given."""
-    found = services.store.comparisons.page(model_id, limit, offset, cell_id)
-    return {"comparisons": [_as_json(record) for record in found]}
+    found = services.store.comparisons.page(model_id, cell_id=cell_id, **page.asked)
+    return page.answer(services, ("comparisons", "comparison"), found, _as_json)
 
 
 @router.get("/{comparison_id}", openapi_extra=record("Comparison"))

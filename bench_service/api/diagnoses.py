@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from bench_service.api.answers import asked, job, keyed, listed, record, shown
-from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
+from bench_service.api.answers import asked, job, keyed, paged, record, shown
+from bench_service.api.dependencies import Answer, CellFilter, PageOf, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Soc, StrictRoute
 from bench_service.campaign.diagnosing import DiagnosisOrder
 from bench_service.campaign.request import known_standing
@@ -47,17 +47,16 @@ async def start_diagnosis(body: DiagnosisBody, services: ServicesOf) -> Answer:
     return asdict(await services.diagnosing.start_diagnosis(DiagnosisOrder(**body.model_dump())))
 
 
-@router.get("/diagnoses", openapi_extra=listed("diagnoses", "Diagnosis"))
+@router.get("/diagnoses", openapi_extra=paged("diagnoses", "Diagnosis"))
 def list_diagnoses(
     services: ServicesOf,
+    page: PageOf,
     model_id: Annotated[str | None, Query(max_length=64)] = None,
     cell_id: CellFilter = None,
-    limit: Limit = 100,
-    offset: Offset = 0,
 ) -> Answer:
     """List diagnoses, newest first; of one model or one cell where that is given."""
-    found = services.store.diagnoses.page(model_id, limit, offset, cell_id)
-    return {"diagnoses": [_as_json(each) for each in found]}
+    found = services.store.diagnoses.page(model_id, cell_id=cell_id, **page.asked)
+    return page.answer(services, ("diagnoses", "diagnosis"), found, _as_json)
 
 
 @router.get("/diagnoses/{diagnosis_id}", openapi_extra=record("Diagnosis"))

@@ -6,20 +6,20 @@ from dataclasses import asdict
 
 from fastapi import APIRouter
 
-from bench_service.api.answers import listed
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.answers import paged
+from bench_service.api.dependencies import Answer, PageOf, PathId, ServicesOf
 
 router = APIRouter(tags=["events"])
 
 
-@router.get("/events", openapi_extra=listed("events", "Event"))
-def list_events(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
+@router.get("/events", openapi_extra=paged("events", "Event"))
+def list_events(services: ServicesOf, page: PageOf) -> Answer:
     """List the newest events."""
-    return {"events": [asdict(event) for event in services.store.events.page(limit=limit, offset=offset)]}
+    return page.answer(services, ("events", "event"), services.store.events.page(**page.asked), asdict)
 
 
-@router.get("/runs/{run_id}/events", openapi_extra=listed("events", "Event"))
-def list_run_events(run_id: PathId, services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
+@router.get("/runs/{run_id}/events", openapi_extra=paged("events", "Event"))
+def list_run_events(run_id: PathId, services: ServicesOf, page: PageOf) -> Answer:
     """List the newest events of one run."""
     services.store.runs.get(run_id)
-    return {"events": [asdict(event) for event in services.store.events.page(run_id, limit, offset)]}
+    return page.answer(services, ("events", "event"), services.store.events.page(run_id, **page.asked), asdict)

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
-from bench_service.api.answers import asked, job, keyed, listed, record, shown
-from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
+from bench_service.api.answers import asked, job, keyed, paged, record, shown
+from bench_service.api.dependencies import Answer, CellFilter, PageOf, PathId, ServicesOf
 from bench_service.api.strict import (
     JSON_TYPE,
     Body,
@@ -106,10 +106,11 @@ async def import_model(
     return asdict(await asyncio.to_thread(services.modelling.import_model, document, name, cell_id))
 
 
-@router.get("", openapi_extra=listed("models", "Model"))
-def list_models(services: ServicesOf, cell_id: CellFilter = None, limit: Limit = 100, offset: Offset = 0) -> Answer:
+@router.get("", openapi_extra=paged("models", "Model"))
+def list_models(services: ServicesOf, page: PageOf, cell_id: CellFilter = None) -> Answer:
     """List models, newest first, without their documents; those of one cell where it is given."""
-    return {"models": [asdict(model) for model in services.store.models.page(limit, offset, cell_id)]}
+    found = services.store.models.page(cell_id=cell_id, **page.asked)
+    return page.answer(services, ("models", "model"), found, asdict)
 
 
 @router.get("/{model_id}", openapi_extra=record("Model"))

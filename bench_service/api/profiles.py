@@ -9,9 +9,9 @@ from typing import Annotated
 import numpy as np
 from fastapi import APIRouter, Query, Request
 
-from bench_service.api.answers import asked, listed, record
+from bench_service.api.answers import asked, paged, record
 from bench_service.api.csv_body import read_csv_profile
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.dependencies import Answer, PageOf, PathId, ServicesOf
 from bench_service.api.strict import (
     CSV_TYPE,
     JSON_TYPE,
@@ -70,10 +70,10 @@ async def add_profile(
     return asdict(await services.journal.write(services.store.profiles.add, name, time_s, current_A))
 
 
-@router.get("", openapi_extra=listed("profiles", "Profile"))
-def list_profiles(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
+@router.get("", openapi_extra=paged("profiles", "Profile"))
+def list_profiles(services: ServicesOf, page: PageOf) -> Answer:
     """List profiles, newest first."""
-    return {"profiles": [asdict(profile) for profile in services.store.profiles.page(limit, offset)]}
+    return page.answer(services, ("profiles", "profile"), services.store.profiles.page(**page.asked), asdict)
 
 
 @router.get("/{profile_id}", openapi_extra=record("Profile"))

@@ -8,8 +8,8 @@ from typing import Any
 
 from fastapi import APIRouter
 
-from bench_service.api.answers import asked, keyed, listed, record, shown
-from bench_service.api.dependencies import Answer, Limit, Offset, PathId, ServicesOf
+from bench_service.api.answers import asked, keyed, listed, paged, record, shown
+from bench_service.api.dependencies import Answer, PageOf, PathId, ServicesOf
 from bench_service.api.strict import Body, BulkRoute, Id, Positive, Soc
 from bench_service.campaign.protocols import add_protocol, look_ahead
 from bench_service.protocol.library import standard_tests
@@ -65,10 +65,10 @@ async def preview(body: LookAheadBody, services: ServicesOf) -> Answer:
     return await asyncio.to_thread(look_ahead, services, body.model_dump())
 
 
-@router.get("", openapi_extra=listed("protocols", "Protocol"))
-def list_protocols(services: ServicesOf, limit: Limit = 100, offset: Offset = 0) -> Answer:
+@router.get("", openapi_extra=paged("protocols", "Protocol"))
+def list_protocols(services: ServicesOf, page: PageOf) -> Answer:
     """List protocols, newest first."""
-    return {"protocols": [asdict(each) for each in services.store.protocols.page(limit, offset)]}
+    return page.answer(services, ("protocols", "protocol"), services.store.protocols.page(**page.asked), asdict)
 
 
 @router.get("/{protocol_id}", openapi_extra=record("Protocol"))

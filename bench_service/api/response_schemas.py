@@ -71,7 +71,8 @@ def answer_schema(said: Schema) -> Schema:
     """Return the schema of the JSON that an operation answers with, of what its route says."""
     if "list" in said:
         items = _reference(said["record"]) if "record" in said else {"type": "object"}
-        return _object({said["list"]: {"type": "array", "items": items}})
+        cursor = {"next_cursor": {"anyOf": [{"type": "integer"}, {"type": "null"}]}} if "paged" in said else {}
+        return _object({said["list"]: {"type": "array", "items": items}} | cursor)
     return _reference(said["record"]) if "record" in said else _object({key: {} for key in said["keys"]})
 
 

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from bench_service.api.answers import asked, listed, record
-from bench_service.api.dependencies import Answer, CellFilter, Limit, Offset, PathId, ServicesOf
+from bench_service.api.answers import asked, paged, record
+from bench_service.api.dependencies import Answer, CellFilter, PageOf, PathId, ServicesOf
 from bench_service.api.strict import Body, Id, Name, Positive, Seed, Soc, StrictRoute, Window
 from bench_service.campaign.cell_of_run import give_run
 from bench_service.campaign.describing import describe_run
@@ -99,20 +99,19 @@ async def start_run(body: RunBody, services: ServicesOf) -> Answer:
     return asdict(await start(services.benches, order))
 
 
-@router.get("", openapi_extra=listed("runs", "Run"))
+@router.get("", openapi_extra=paged("runs", "Run"))
 def list_runs(
     services: ServicesOf,
+    page: PageOf,
     bench: Annotated[str | None, Query(max_length=64)] = None,
     state: RunState | None = None,
     campaign_id: Annotated[str | None, Query(max_length=64)] = None,
     q: Annotated[str | None, Query(max_length=200)] = None,
     cell_id: CellFilter = None,
-    limit: Limit = 100,
-    offset: Offset = 0,
 ) -> Answer:
     """List runs, newest first; with ``q`` those in whose name, label, operator, notes, bench or date each word is."""
-    found = services.store.runs.page(bench, state, campaign_id, limit, offset, q, cell_id)
-    return {"runs": [asdict(run) for run in found]}
+    found = services.store.runs.page(bench, state, campaign_id, words=q, cell_id=cell_id, **page.asked)
+    return page.answer(services, ("runs", "run"), found, asdict)
 
 
 @router.get("/{run_id}", openapi_extra=record("Run"))

@@ -113,7 +113,7 @@ async def running_services(
             storage=storage,
             cells=Cells(store, journal, benches, runs, campaigns),
             commissioning=Commissioning(store, journal, benches, runs, campaigns, code_version),
-            importing=Importing(store, jobs, storage, recorder.attach, (config.data_dir, code_version)),
+            importing=Importing(store, jobs, storage, recorder.attach, (config.data_dir, code_version), config.readers),
             reporting=_reporting(workshop, trending, (config.data_dir, code_version)),
         )
 

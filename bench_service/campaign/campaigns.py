@@ -204,10 +204,10 @@ class CampaignRunner:
                 return telling.record
         return await asyncio.to_thread(self._workshop.store.campaigns.get, campaign_id)
 
-    async def list(self, limit: int = 100, offset: int = 0) -> list[CampaignRecord]:
+    async def list(self, limit: int = 100, offset: int = 0, after: int | None = None) -> list[CampaignRecord]:
         """Return campaigns, the newest first, as they stand now."""
         current = {t.record.id: t.record for t in self._running.values() if t.record is not None}
-        stored = await asyncio.to_thread(self._workshop.store.campaigns.page, limit, offset)
+        stored = await asyncio.to_thread(self._workshop.store.campaigns.page, limit, offset, after)
         return [current.get(record.id, record) for record in stored]
 
     async def close(self) -> None:

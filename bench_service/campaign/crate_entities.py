@@ -10,6 +10,8 @@ from bench_service.exchange.ro_crate import Entity
 from bench_service.store.cells import CellRecord
 from bench_service.store.records import ModelRecord
 
+_LICENSE = "None is given: ask the institution."
+
 
 def institution_entities(export: Export) -> list[Entity]:
     """Return whose it is, what it was played with, and on which cell."""
@@ -17,6 +19,7 @@ def institution_entities(export: Export) -> list[Entity]:
     program = {"@id": "#bench-service", "@type": "SoftwareApplication", "name": "bench-service"}
     found: list[Entity] = [
         {"@id": "#institution", "@type": "Organization", "name": export.institution},
+        {"@id": "#license", "@type": "CreativeWork", "name": "no licence", "description": _LICENSE},
         program | {"version": run.code_version},
         {"@id": "#bench", "@type": "Thing", "name": f"bench {run.bench}"},
     ]

@@ -17,6 +17,7 @@ from bench_service.campaign.cell_of_run import known_cell
 from bench_service.campaign.storage import Storage
 from bench_service.errors import BadRequestError, ConflictError, NotFoundError, ServiceError
 from bench_service.exchange.foreign.mapping import FOLDER, Mapping, load_mapping, mapping_names, save_mapping
+from bench_service.exchange.foreign.outside import Readers
 from bench_service.exchange.foreign.work import convert, look_at, stored_blocks
 from bench_service.jobs.runner import Job, JobRunner
 from bench_service.recorder.feeding import feed
@@ -43,6 +44,7 @@ class Importing:
     attach : callable
         Gives a sample link to the recorder.
     data_dir, code_version : where uploads and mappings are kept; noted with each run
+    readers : programs of the user's own that read what is not read here
     """
 
     def __init__(
@@ -52,10 +54,11 @@ class Importing:
         storage: Storage,
         attach: Callable[[str], socket.socket],
         made: tuple[Path, str],
+        readers: Readers,
     ) -> None:
         self._store, self._jobs, self._storage, self._attach = store, jobs, storage, attach
         self._folder, self._mappings = made[0] / _UPLOADS, made[0] / FOLDER
-        self._code_version = made[1]
+        self._code_version, self._readers = made[1], readers
 
     def add(self, name: str) -> Json:
         """Begin an upload; old ones that nobody stored are forgotten."""
@@ -100,7 +103,7 @@ class Importing:
     def look(self, upload_id: str, choices: Json) -> Job:
         """Queue a look at an upload; the job's result is that of `exchange.foreign.work.look_at`."""
         path, name, mapping = self._asked(upload_id, choices)
-        return self._jobs.submit("import", look_at, path, name, choices, mapping)
+        return self._jobs.submit("import", look_at, path, name, choices, mapping, self._readers)
 
     def store(self, upload_id: str, choices: Json, told: Json) -> Job:
         """Queue the reading and storing of an upload; the job's result has the run's id in ``run``.
@@ -122,7 +125,7 @@ class Importing:
         def keep(result: Json) -> Json:
             return self._keep(upload_id, path, result, told)
 
-        return self._jobs.submit("import", convert, path, name, choices, mapping, store=keep)
+        return self._jobs.submit("import", convert, path, name, choices, mapping, self._readers, store=keep)
 
     def mappings(self) -> list[Json]:
         """Return the mappings that are remembered."""

@@ -171,7 +171,12 @@ class AsyncBenchClient:
             """All cells, or those with a word in them."""
             return list(client.cells(q, retired=retired, limit=limit))
 
+        def every(kind: str, **filters: object) -> list[Record]:
+            """A whole list, read page by page."""
+            return list(client.every(kind, **filters))
+
         self.cells = later(cells)
+        self.every = later(every)
         self.cell = later(client.cell)
         self.change_cell = later(client.change_cell)
         self.retire_cell = later(client.retire_cell)

@@ -11,6 +11,7 @@ from bench_service.client.campaign_calls import CampaignCalls
 from bench_service.client.cell_calls import CellCalls
 from bench_service.client.connection import API, Connection, Record, part
 from bench_service.client.import_calls import ImportCalls
+from bench_service.client.list_calls import ListCalls
 from bench_service.client.model_calls import ModelCalls
 from bench_service.client.protocol_calls import ProtocolCalls
 from bench_service.client.result_calls import ResultCalls
@@ -100,9 +101,13 @@ class BenchClient:
         self.start_queue = campaigns.start_queue
         self.resume_campaign = campaigns.resume_campaign
         self.wait_campaign = campaigns.wait_campaign
+        lists = ListCalls(self._connection)
+        self.every = lists.every
+        self.cells = lists.cells
+        self.runs = lists.runs
+        self.events = lists.events
         cells = CellCalls(self._connection)
         self.add_cell = cells.add_cell
-        self.cells = cells.cells
         self.cell = cells.cell
         self.change_cell = cells.change_cell
         self.retire_cell = cells.retire_cell
@@ -216,10 +221,6 @@ class BenchClient:
         self._stop_ports.learn(bench)
         return run
 
-    def runs(self, **filters: object) -> list[Record]:
-        """Runs, newest first; filters are bench, state, campaign_id, cell_id, q (words), limit, offset."""
-        return self._connection.get(f"{API}/runs", **filters)["runs"]
-
     def run(self, run_id: str) -> Record:
         """One run."""
         return self._connection.get(f"{API}/runs/{part(run_id)}")
@@ -292,8 +293,3 @@ class BenchClient:
     def metadata(self, run_id: str) -> Record:
         """What belongs beside the run's file of the Battery Data Format, as `x.bdf.metadata.json`."""
         return self._connection.get(f"{API}/runs/{part(run_id)}/metadata")
-
-    def events(self, run_id: str | None = None, limit: int | None = None) -> list[Record]:
-        """Events of a run, or the latest of all."""
-        address = f"{API}/events" if run_id is None else f"{API}/runs/{part(run_id)}/events"
-        return self._connection.get(address, limit=limit)["events"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 from bench_service.client.connection import API, Connection, Record, part
@@ -22,15 +21,6 @@ class CellCalls:
     def add_cell(self, **told: Any) -> Record:
         """Take a cell in: id, label, owner, type (as a cell-type file has it) or like (another cell's id), ..."""
         return self._connection.post(f"{API}/cells", told)
-
-    def cells(self, q: str | None = None, *, retired: bool = False, limit: int = 1000) -> Iterator[Record]:
-        """Go through the cells, newest first; with `q` those in whose texts each word is."""
-        cursor: int | None = None
-        while True:
-            page = self._connection.get(f"{API}/cells", q=q, retired=retired, limit=limit, cursor=cursor)
-            yield from page["cells"]
-            if (cursor := page["next_cursor"]) is None:
-                return
 
     def cell(self, cell_id: str) -> Record:
         """One cell: what it is, where it is and was, how much belongs to it."""

@@ -34,6 +34,11 @@ worker_nice = 19
 # timeout_s = 10.0
 # retry_h = 24.0
 
+# Programs of your own that read what is not read here: each gets the path of the file, and prints a table as CSV or
+# Parquet (docs/files.md).
+# [readers]
+# ".mpr" = ["python3", "docs/example-readers/mpr_galvani.py"]
+
 # One table per bench. "sim" is simulated: the service starts its simulator itself.
 [bench.sim]
 # A real cycler instead of a simulated one:  url = "modbus-tcp://192.168.1.50:502"  and no "simulate" table; or

@@ -12,6 +12,7 @@ from bench_service.config.simulate import SimulateConfig
 from bench_service.config.table import NotNegative, Table
 from bench_service.config.webhook import WebhookConfig
 
+_FILE_END = r"^\.[a-z0-9]{1,12}$"
 _BENCH_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"
 
 
@@ -26,6 +27,11 @@ class ServiceConfig(Table):
     free_floor_MB: NotNegative = 200.0
     worker_nice: int = Field(default=19, ge=0, le=19, strict=True)
     webhook: WebhookConfig | None = None
+    # End of a file's name -> command of the user's own that prints such a file as a table (docs/files.md).
+    readers: dict[
+        Annotated[str, Field(pattern=_FILE_END)],
+        Annotated[list[Annotated[str, Field(min_length=1, max_length=4096)]], Field(min_length=1, max_length=64)],
+    ] = {}
     bench: dict[Annotated[str, Field(pattern=_BENCH_NAME)], BenchConfig] = {
         "sim": BenchConfig(simulate=SimulateConfig())
     }

@@ -83,7 +83,7 @@ def encode_crate(root: Mapping[str, Any], files: Sequence[CrateFile], entities: 
         "about": {"@id": "./"},
     }
     whole = {"@id": "./", "@type": "Dataset", "hasPart": [{"@id": path} for path in paths], **root}
-    graph = [descriptor, whole, *(each.entity for each in files), *entities]
+    graph = [_compact(each) for each in (descriptor, whole, *(each.entity for each in files), *entities)]
     metadata = json.dumps({"@context": _CONTEXT, "@graph": graph}, indent=1, allow_nan=False).encode()
     sink = io.BytesIO()
     with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED) as bundle:
@@ -92,3 +92,10 @@ def encode_crate(root: Mapping[str, Any], files: Sequence[CrateFile], entities: 
             entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
             bundle.writestr(entry, content)
     return sink.getvalue()
+
+
+def _compact(entity: Entity) -> Entity:
+    """Write one value as itself and none not at all, as the specification recommends."""
+    lists = {name: value for name, value in entity.items() if isinstance(value, list) and len(value) < 2}
+    kept = {name: value for name, value in entity.items() if name not in lists}
+    return kept | {name: value[0] for name, value in lists.items() if value}

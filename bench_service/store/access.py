@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Row, Select, Table, func, select
+from sqlalchemy import Column, Connection, Engine, Row, Select, Table, func, select
 from sqlalchemy.exc import DBAPIError, IntegrityError, StatementError
 
 from bench_service.errors import ConflictError, NotFoundError, StoreError
@@ -95,7 +95,7 @@ class MetadataFile:
             key = link.execute(table.insert().values(values)).inserted_primary_key
         return key[0] if key else None
 
-    def one(self, table: Table, query: Select[*tuple[Any, ...]], key: str) -> Row[Any]:
+    def one(self, table: Table, query: Select[*tuple[Any, ...]], key: str | int) -> Row[Any]:
         """Return the row of `query` whose id is `key`.
 
         Raises
@@ -106,14 +106,33 @@ class MetadataFile:
         with self.read() as link:
             row = link.execute(query.where(table.c.id == key)).one_or_none()
         if row is None:
-            raise NotFoundError.of(table.name, key)
+            raise NotFoundError.of(table.name, str(key))
         return row
 
-    def page(self, table: Table, query: Select[*tuple[Any, ...]], limit: int, offset: int) -> Sequence[Row[Any]]:
-        """Return rows of `query`, what was inserted last first."""
-        ordered = query.order_by(table.c.number.desc())
+    def page(
+        self, table: Table, query: Select[*tuple[Any, ...]], limit: int, offset: int, after: int | None = None
+    ) -> Sequence[Row[Any]]:
+        """Return rows of `query`, what was inserted last first; with `after` those inserted before that `place`."""
+        key = _place(table)
+        ordered = query.order_by(key.desc())
+        if after is not None:
+            ordered = ordered.where(key < after)
         with self.read() as link:
             return link.execute(ordered.limit(limit).offset(offset)).all()
+
+    def place(self, table: Table, key: Any) -> int:
+        """Return where a row stands in the order of insertion: it stays so, whatever comes or goes.
+
+        Raises
+        ------
+        NotFoundError
+            There is none.
+        """
+        return int(self.one(table, select(_place(table)), key)[0])
+
+
+def _place(table: Table) -> Column[int]:
+    return table.c.number if "number" in table.c else table.c.id
 
 
 @contextmanager

@@ -86,7 +86,7 @@ class CampaignTable:
         table = schema.campaign
         return rows.campaign(self._file.one(table, select(table), campaign_id))
 
-    def page(self, limit: int = 100, offset: int = 0) -> list[CampaignRecord]:
+    def page(self, limit: int = 100, offset: int = 0, after: int | None = None) -> list[CampaignRecord]:
         """Return campaigns."""
         table = schema.campaign
-        return [rows.campaign(row) for row in self._file.page(table, select(table), limit, offset)]
+        return [rows.campaign(row) for row in self._file.page(table, select(table), limit, offset, after)]

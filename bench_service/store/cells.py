@@ -87,31 +87,22 @@ class CellTable:
         return _cell(row)
 
     def page(
-        self, words: str | None = None, *, retired: bool = True, limit: int = 100, after: int | None = None
-    ) -> tuple[list[CellRecord], int | None]:
-        """Return cells in whose texts each of `words` occurs, newest first, and where the next page begins.
-
-        Parameters
-        ----------
-        words : str or None
-        retired : bool
-            Whether those that are not used any more are among them.
-        limit : int
-        after : int or None
-            What an earlier page gave; a cell that is added meanwhile moves no other to another page.
-        """
+        self,
+        words: str | None = None,
+        limit: int = 100,
+        offset: int = 0,
+        *,
+        retired: bool = True,
+        after: int | None = None,
+    ) -> list[CellRecord]:
+        """Return cells in whose texts each of `words` occurs; `retired`: those too that are not used any more."""
         table = schema.cell
-        query = select(table).order_by(table.c.number.desc()).limit(limit + 1)
+        query = select(table)
         for word in (words or "").lower().split():
             query = query.where(table.c.words.contains(word, autoescape=True))
         if not retired:
             query = query.where(table.c.retired_utc.is_(None))
-        if after is not None:
-            query = query.where(table.c.number < after)
-        with self._file.read() as link:
-            found = link.execute(query).all()
-        more = found[limit - 1].number if len(found) > limit else None
-        return [_cell(row) for row in found[:limit]], more
+        return [_cell(row) for row in self._file.page(table, query, limit, offset, after)]
 
     def change(self, cell_id: str, told: Json) -> tuple[CellRecord, CellRecord]:
         """Write other values of a cell's fields down; return it before and after."""

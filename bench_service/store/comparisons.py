@@ -50,10 +50,15 @@ class ComparisonTable:
         return rows.comparison(self._file.one(table, select(table), comparison_id))
 
     def page(
-        self, model_id: str | None = None, limit: int = 100, offset: int = 0, cell_id: str | None = None
+        self,
+        model_id: str | None = None,
+        limit: int = 100,
+        offset: int = 0,
+        cell_id: str | None = None,
+        after: int | None = None,
     ) -> list[ComparisonRecord]:
         """Return comparisons, of one model or one cell where that is given."""
         table = schema.comparison
         query = select(table) if model_id is None else select(table).where(table.c.model_id == model_id)
         query = query if cell_id is None else query.where(table.c.cell_id == cell_id)
-        return [rows.comparison(row) for row in self._file.page(table, query, limit, offset)]
+        return [rows.comparison(row) for row in self._file.page(table, query, limit, offset, after)]

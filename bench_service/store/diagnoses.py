@@ -91,13 +91,18 @@ class DiagnosisTable:
         return _diagnosis(self._file.one(schema.diagnosis, select(schema.diagnosis), diagnosis_id))
 
     def page(
-        self, model_id: str | None = None, limit: int = 100, offset: int = 0, cell_id: str | None = None
+        self,
+        model_id: str | None = None,
+        limit: int = 100,
+        offset: int = 0,
+        cell_id: str | None = None,
+        after: int | None = None,
     ) -> list[DiagnosisRecord]:
         """Return diagnoses, newest first, of one model or one cell where that is given."""
         table = schema.diagnosis
         query = select(table) if model_id is None else select(table).where(table.c.model_id == model_id)
         query = query if cell_id is None else query.where(table.c.cell_id == cell_id)
-        return [_diagnosis(row) for row in self._file.page(table, query, limit, offset)]
+        return [_diagnosis(row) for row in self._file.page(table, query, limit, offset, after)]
 
 
 def _diagnosis(row: Row[Any]) -> DiagnosisRecord:

@@ -48,12 +48,15 @@ class EventTable:
         return None if row is None else rows.event(row)
 
     def page(
-        self, run_id: str | None = None, limit: int = 100, offset: int = 0, cell_id: str | None = None
+        self,
+        run_id: str | None = None,
+        limit: int = 100,
+        offset: int = 0,
+        cell_id: str | None = None,
+        after: int | None = None,
     ) -> list[EventRecord]:
         """Return events, of one run or one cell where that is given."""
         table = schema.event
         query = select(table) if run_id is None else select(table).where(table.c.run_id == run_id)
         query = query if cell_id is None else query.where(table.c.cell_id == cell_id)
-        newest = query.order_by(table.c.id.desc()).limit(limit).offset(offset)
-        with self._file.read() as link:
-            return [rows.event(row) for row in link.execute(newest)]
+        return [rows.event(row) for row in self._file.page(table, query, limit, offset, after)]

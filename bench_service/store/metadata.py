@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bench_service.store import engine as engines
+from bench_service.store import schema
 from bench_service.store.access import LOCK_FILE, MetadataFile
 from bench_service.store.campaigns import CampaignTable
 from bench_service.store.cells import CellTable
@@ -88,6 +89,10 @@ class MetadataStore:
     def holder(data_dir: Path) -> LockHolder | None:
         """Return which process has the metadata open for writing, and its address; None where none has."""
         return engines.lock_holder(data_dir / LOCK_FILE)
+
+    def place(self, table: str, record_id: str | int) -> int:
+        """Return where a record stands in the order of its table, which nothing moves; raises `NotFoundError`."""
+        return self._file.place(schema.META.tables[table], record_id)
 
     def announce(self, url: str | None) -> None:
         """Tell other processes the address at which this service answers."""

@@ -58,10 +58,12 @@ class ModelTable:
             raise StoreError(f"model {model_id} is damaged in the store: its document has another hash")
         return found.document
 
-    def page(self, limit: int = 100, offset: int = 0, cell_id: str | None = None) -> list[ModelRecord]:
+    def page(
+        self, limit: int = 100, offset: int = 0, cell_id: str | None = None, after: int | None = None
+    ) -> list[ModelRecord]:
         """Return models without their documents, of one cell where that is given."""
         query = rows.MODEL if cell_id is None else rows.MODEL.where(schema.model.c.cell_id == cell_id)
-        return [rows.model(row) for row in self._file.page(schema.model, query, limit, offset)]
+        return [rows.model(row) for row in self._file.page(schema.model, query, limit, offset, after)]
 
     def family(self, model_id: str) -> list[ModelRecord]:
         """Return every model that descends from the same first version as `model_id`, oldest first; that one leads.

@@ -33,6 +33,6 @@ class ProfileTable:
         """Return times in s and currents in A of a profile, each of shape (n,)."""
         return rows.checked_points(self._file.one(schema.profile, select(schema.profile), profile_id))
 
-    def page(self, limit: int = 100, offset: int = 0) -> list[ProfileRecord]:
+    def page(self, limit: int = 100, offset: int = 0, after: int | None = None) -> list[ProfileRecord]:
         """Return profiles without their points."""
-        return [rows.profile(row) for row in self._file.page(schema.profile, rows.PROFILE, limit, offset)]
+        return [rows.profile(row) for row in self._file.page(schema.profile, rows.PROFILE, limit, offset, after)]

@@ -43,9 +43,9 @@ class ProtocolTable:
             raise StoreError(f"protocol {protocol_id} is damaged in the store: its document has another hash")
         return row.document
 
-    def page(self, limit: int = 100, offset: int = 0) -> list[ProtocolRecord]:
+    def page(self, limit: int = 100, offset: int = 0, after: int | None = None) -> list[ProtocolRecord]:
         """Return protocols without their documents."""
-        return [_record(row) for row in self._file.page(schema.protocol, _WITHOUT_DOCUMENT, limit, offset)]
+        return [_record(row) for row in self._file.page(schema.protocol, _WITHOUT_DOCUMENT, limit, offset, after)]
 
 
 def _hash(document: Json) -> str:

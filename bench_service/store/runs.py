@@ -186,6 +186,7 @@ class RunTable:
         offset: int = 0,
         words: str | None = None,
         cell_id: str | None = None,
+        after: int | None = None,
     ) -> list[RunRecord]:
         """Return runs, of one bench, state, campaign or cell where that is given, in whose texts each word occurs."""
         query = select(schema.run)
@@ -194,7 +195,7 @@ class RunTable:
         for column, wanted in (("bench", bench), ("state", state), ("campaign_id", campaign_id), ("cell_id", cell_id)):
             if wanted is not None:
                 query = query.where(schema.run.c[column] == wanted)
-        return [rows.run(row) for row in self._file.page(schema.run, query, limit, offset)]
+        return [rows.run(row) for row in self._file.page(schema.run, query, limit, offset, after)]
 
     def pause(self, run_id: str) -> RunRecord:
         """Note that somebody holds a running run; raises as `start`."""

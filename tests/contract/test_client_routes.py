@@ -36,6 +36,7 @@ SAID: dict[str, dict[str, Any]] = {
     "upload_profile": {"time_s": [0.0, 1.0], "current_A": [0.0, 0.0]},
     "start_run": {"dt_s": 1.0, "initial_soc": 0.5},
     "samples": {"stream": "samples"},
+    "every": {"kind": "runs"},
     "fit": {"train": ["r"], "capacity_Ah": 2.5},
     "import_model": {"document": {}},
     "design": {"request": {}},

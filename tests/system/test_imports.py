@@ -1,5 +1,6 @@
 """A cycler's file over REST: uploaded in pieces, asked about, stored as a run that everything else can use."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,11 +14,20 @@ from benchmarks.import_variants import commas, joined, record, swapped, table_of
 from tests.patience import LONG_S
 
 RECORD = record()
+# A person's own program: prints what comes behind the first line, or says why not.
+READER = """
+import sys
+head, table = open(sys.argv[1], "rb").read().split(bytes([10]), 1)
+sys.stdout.buffer.write(table) if table else sys.exit("no samples in it")
+"""
 
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BenchClient]:
-    with serving(tmp_path_factory.mktemp("imports"), "[bench.sim]\nsimulate = { seed = 3 }\n") as service:
+    folder = tmp_path_factory.mktemp("imports")
+    (folder / "reader.py").write_text(READER)
+    readers = f"[readers]\n'.own' = ['{sys.executable}', '{folder}/reader.py']\n"
+    with serving(folder, f"{readers}[bench.sim]\nsimulate = {{ seed = 3 }}\n") as service:
         yield service.client
 
 
@@ -53,6 +63,21 @@ def test_a_file_becomes_a_run(client: BenchClient, path: Path, tmp_path: Path) -
         np.testing.assert_allclose(getattr(back, name), RECORD[name], atol=1e-12)
     with pytest.raises(ClientError, match="unknown upload"):
         client.look_at_import(upload["id"])
+
+
+def test_a_file_that_a_persons_own_program_reads(client: BenchClient, tmp_path: Path) -> None:
+    good, bad = tmp_path / "good.own", tmp_path / "bad.own"
+    good.write_bytes(b"own format\n" + joined(table_of(RECORD), ",").encode())
+    bad.write_bytes(b"own format\n")
+    upload = client.upload_file(good)
+    assert client.look_at_import(upload["id"])["state"] == "ok"
+    stored = client.store_import(upload["id"], 3.0, 0.4, timeout_s=LONG_S)
+    assert stored["samples"] == 400 and client.run(stored["run"])["name"] == "good.own"
+    n_runs = len(client.runs())
+    upload = client.upload_file(bad)
+    with pytest.raises(ClientError, match=r"^bad\.own: its reader .* fails with exit status 1: no samples in it$"):
+        client.store_import(upload["id"], 3.0, 0.4)
+    assert len(client.runs()) == n_runs
 
 
 def test_a_broken_upload_goes_on_where_it_ended(client: BenchClient, path: Path, tmp_path: Path) -> None:

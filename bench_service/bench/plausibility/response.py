@@ -138,7 +138,7 @@ def judge(response: Response, band: CellBand) -> Finding | None:
     possible, usual = band.possible_Ohm, band.usual_Ohm
     plausible = f", plausible are {usual[0]:.2g} to {usual[1]:.2g} Ohm"
     if high < 0.0:
-        remedy = "check the sign of the current in the map, the wiring, and the cell: a short that comes with a step looks alike"
+        remedy = "check the sign of the current in the map, the wiring, and the cell: a short in a step looks like this"
         return Finding("trip", "reversed_current", f"{shown}: it falls when the cell is charged", remedy)
     if high < usual[0]:
         remedy = "check sense leads and cell: a short, or a voltage that is not the cell's"

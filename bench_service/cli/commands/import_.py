@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from bench_service.exchange.foreign.mapping import Column
 
 _SHOWN_ROWS = 5
+_OWN_KINDS = (".csv", ".txt", ".tsv", ".mpt", ".gz", ".parquet", ".mat", ".nda", ".ndax", ".mf4", ".mdf")
 
 
 def _arguments(parser: ArgumentParser) -> None:
@@ -69,6 +71,25 @@ def _column(text: str) -> tuple[str, Column]:
 
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: numpy takes 90 ms.
+    from bench_service.exchange.foreign.outside import readable
+
+    with readable(options.file, options.file.name, _readers(options)) as source:
+        return _import(options, output, source)
+
+
+def _readers(options: Namespace) -> dict[str, list[str]]:
+    """Programs of the user's own; the configuration has no say over a kind that is always read here."""
+    if options.file.suffix.lower() in _OWN_KINDS or not options.file.is_file():
+        return {}
+    # Lazy: pydantic takes 100 ms.
+    from bench_service.config import load_config
+
+    return load_config(options.config).readers
+
+
+def _import(options: Namespace, output: Output, source: Path) -> int:
+    """Import what `source` holds: the file itself, or what its reader prints."""
+    # Lazy: as above.
     from bench_service.exchange.atomic import check_writable
     from bench_service.exchange.foreign.importing import import_file
     from bench_service.exchange.foreign.looking import look
@@ -76,26 +97,26 @@ def _run(options: Namespace, output: Output) -> int:
 
     choices = _choices(options)
     if options.show:
-        seen = look(options.file, choices)
+        seen = replace(look(source, choices), path=options.file)
         _remember(options, seen)
         output.result(_told(seen), lambda console: _show(console, seen))
         return 0
     if options.out is None:
-        return _store(options, output)
+        return _store(options, output, source)
     check_suffix(options.out)
     check_writable(options.out)
     with output.progress(f"reading {options.file.name}") as report:
-        run = import_file(options.file, choices, lambda share: report(0.9 * share, "reading"))
+        run = import_file(source, choices, lambda share: report(0.9 * share, "reading"))
         with closing(run):
             report(0.9, "writing")
             write_imported(options.out, run)
-    _remember(options, look(options.file, choices))
+    _remember(options, look(source, choices))
     output.warn(*(f"{options.file}: {remark}" for remark in run.remarks))
     output.result(_answer(options, run), lambda console: _say(console, options, run))
     return 0
 
 
-def _store(options: Namespace, output: Output) -> int:
+def _store(options: Namespace, output: Output, source: Path) -> int:
     """Put the file into the store, through the service that holds it or one of its own."""
     # Lazy: pydantic, sqlalchemy and httpx take 400 ms.
     from bench_service.cli.service import connected_to_store
@@ -118,7 +139,7 @@ def _store(options: Namespace, output: Output) -> int:
         "cell": options.cell,
         "leave_out": choices.leave_out,
     }
-    _remember(options, _look_first(options, choices))
+    _remember(options, _look_first(source, choices))
     with connected_to_store(load_config(options.config)) as client, output.progress(options.file.name) as report:
         upload = client.upload_file(options.file)
         try:
@@ -144,11 +165,11 @@ def _store(options: Namespace, output: Output) -> int:
     return 0
 
 
-def _look_first(options: Namespace, choices: Choices) -> Look:
+def _look_first(source: Path, choices: Choices) -> Look:
     """Look at the file before a service is asked: what is missing is told at once."""
     from bench_service.exchange.foreign.looking import look
 
-    return look(options.file, choices)
+    return look(source, choices)
 
 
 def _choices(options: Namespace) -> Choices:
@@ -183,8 +204,6 @@ def _kept(options: Namespace) -> Path:
 def _remember(options: Namespace, seen: Look) -> None:
     if options.save_mapping is None:
         return
-    from dataclasses import replace
-
     from bench_service.exchange.foreign.mapping import save_mapping
 
     save_mapping(_kept(options), replace(seen.mapping, name=options.save_mapping))

@@ -15,12 +15,12 @@ _REFUSED: tuple[tuple[bytes, str], ...] = (
     (
         b"BIO-LOGIC MODULAR FILE",
         "a BioLogic .mpr file, whose readers have another licence: in EC-Lab or BT-Lab choose "
-        "Experiment > Export as Text (.mpt or .txt) and import that",
+        "Experiment > Export as Text (.mpt or .txt) and import that, or name a reader in [readers] of bench.toml",
     ),
     (
         b"\x00\x01\x00\x00Standard Jet DB",
         "an Arbin .res file (an Access database): export it as CSV with Arbin's Data Watcher or MITS Pro, or its "
-        "Channel_Normal_Table with mdb-export, and import that",
+        "Channel_Normal_Table with mdb-export, and import that, or name a reader in [readers] of bench.toml",
     ),
     (
         b"\x00\x01\x00\x00Standard ACE DB",

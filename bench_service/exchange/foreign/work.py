@@ -19,6 +19,7 @@ from bench_service.exchange.foreign.importing import Imported, import_file
 from bench_service.exchange.foreign.looking import Choices, look, open_table
 from bench_service.exchange.foreign.mapping import ROLES, Column, Mapping
 from bench_service.exchange.foreign.output import write_imported
+from bench_service.exchange.foreign.outside import Readers, readable
 from bench_service.exchange.foreign.spool import Columns
 from bench_service.exchange.foreign.text_table import TextTable
 from bench_service.exchange.foreign.units import unit_names
@@ -45,15 +46,16 @@ def choices_from_json(given: Json, mapping: Json | None) -> Choices:
     )
 
 
-def look_at(report: Report, path: Path, title: str, given: Json, mapping: Json | None) -> Json:
+def look_at(report: Report, path: Path, title: str, given: Json, mapping: Json | None, readers: Readers) -> Json:
     """Look at a file and read it: what its columns are taken for, its first rows, a plot, and what is unclear."""
     told: Json = {"file": title, "state": "ok", "question": None, "asks": None, "roles": _roles()}
     try:
         choices = choices_from_json(given, mapping)
-        told |= _table(open_table(path))
-        told["mapping"] = look(path, choices).mapping.to_json()
-        with closing(import_file(path, choices, lambda share: report(share, "reading"))) as run:
-            return told | _read(run)
+        with readable(path, title, readers) as source:
+            told |= _table(open_table(source))
+            told["mapping"] = look(source, choices).mapping.to_json()
+            with closing(import_file(source, choices, lambda share: report(share, "reading"))) as run:
+                return told | _read(run)
     except QuestionError as error:
         if error.mapping is not None:
             told["mapping"] = error.mapping.to_json()
@@ -62,11 +64,14 @@ def look_at(report: Report, path: Path, title: str, given: Json, mapping: Json |
         raise RunFileError(_named(error, path, title)) from error
 
 
-def convert(report: Report, path: Path, title: str, given: Json, mapping: Json | None) -> Json:
+def convert(report: Report, path: Path, title: str, given: Json, mapping: Json | None, readers: Readers) -> Json:
     """Read a file into `run.parquet` beside it; raises RunFileError, a question included."""
     try:
         choices = choices_from_json(given, mapping)
-        with closing(import_file(path, choices, lambda share: report(0.8 * share, "reading"))) as run:
+        with (
+            readable(path, title, readers) as source,
+            closing(import_file(source, choices, lambda share: report(0.8 * share, "reading"))) as run,
+        ):
             write_imported(path.parent / "run.parquet", run)
             report(0.9, "storing")
             return {"name": title, "mapping": run.mapping.to_json()} | _read(run)

@@ -25,8 +25,9 @@ def test_the_example_says_the_defaults() -> None:
 def test_the_example_explains_every_key() -> None:
     keys = {line.split("=")[0].strip("# ") for line in example_config().splitlines() if "=" in line}
     webhook = WebhookConfig(url="http://127.0.0.1:1/")
+    tables = {"bench", "limits", "simulate", "url", "chamber", "webhook", "readers"}
     for model in (ServiceConfig(), ServiceConfig().bench["sim"], ServiceConfig().bench["sim"].limits, webhook):
-        assert set(type(model).model_fields) - {"bench", "limits", "simulate", "url", "chamber", "webhook"} <= keys
+        assert set(type(model).model_fields) - tables <= keys
 
 
 @pytest.mark.parametrize("cell", sorted(CELLS))

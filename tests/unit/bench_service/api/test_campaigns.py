@@ -81,7 +81,7 @@ def test_pages_of_campaigns() -> None:
     client = client_of(campaigns.router, campaigns=part)
     assert [each["id"] for each in client.get("/campaigns?limit=3&offset=7").json()["campaigns"]] == ["c1"]
     client.get("/campaigns")
-    assert [arguments for _, arguments, _ in part.calls] == [(3, 7), (100, 0)]
+    assert [tuple(named.values()) for *_, named in part.calls] == [(4, 7, None), (101, 0, None)]
 
 
 @pytest.mark.parametrize("query", ["limit=0", "limit=1001", "offset=-1", "offset=1000000001", "limit=x"])

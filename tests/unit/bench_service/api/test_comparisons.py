@@ -51,7 +51,10 @@ def test_pages_of_all_models_or_of_one() -> None:
     client = client_of(comparisons.router, store=store)
     assert client.get("/comparisons").json()["comparisons"][0]["run_ids"] == ["r1"]
     client.get("/comparisons?model_id=m1&limit=5&offset=2")
-    assert [arguments for _, arguments, _ in store.calls] == [(None, 100, 0, None), ("m1", 5, 2, None)]
+    assert [(*said, *named.values()) for _, said, named in store.calls] == [
+        (None, None, 101, 0, None),
+        ("m1", None, 6, 2, None),
+    ]
 
 
 def test_one_that_is_not_there_is_404() -> None:

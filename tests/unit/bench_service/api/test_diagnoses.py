@@ -69,7 +69,7 @@ def test_stored_ones_are_given_with_the_ids_of_their_runs() -> None:
     assert (one["run_ids"], one["train_run_ids"], one["result"]) == (["r1"], [], {"verdict": "nothing_missing"})
     assert client.get("/diagnoses/d1").json() == one
     assert [(name, arguments) for name, arguments, _ in store.calls] == [
-        ("diagnoses.page", ("m1", 1, 0, None)),
+        ("diagnoses.page", ("m1",)),
         ("diagnoses.get", ("d1",)),
     ]
 

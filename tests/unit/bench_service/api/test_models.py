@@ -119,7 +119,7 @@ def test_stored_ones_are_listed_given_and_read_out() -> None:
     assert client.get("/models/m1/document").json() == {"kind": "network"}
     assert client.get("/models/m1/tables").json() == {"ocv": {}}
     assert [(name, arguments) for name, arguments, _ in store.calls] == [
-        ("models.page", (2, 0, None)),
+        ("models.page", ()),
         ("models.get", ("m1",)),
         ("models.document", ("m1",)),
     ]

@@ -69,9 +69,10 @@ def test_a_list_is_narrowed_by_bench_state_and_campaign() -> None:
     client = client_of(runs.router, store=store)
     assert client.get("/runs").json()["runs"][0]["id"] == "r1"
     client.get("/runs?bench=sim&state=fault&campaign_id=c1&limit=2&offset=1")
-    assert [arguments for _, arguments, _ in store.calls] == [
-        (None, None, None, 100, 0, None, None),
-        ("sim", "fault", "c1", 2, 1, None, None),
+    named = {"words": None, "cell_id": None, "after": None}
+    assert [call[1:] for call in store.calls] == [
+        ((None, None, None), named | {"limit": 101, "offset": 0}),
+        (("sim", "fault", "c1"), named | {"limit": 3, "offset": 1}),
     ]
     assert client.get("/runs?state=broken").status_code == 422
 
@@ -135,7 +136,7 @@ def test_what_changes_nothing_is_no_event_and_what_is_no_text_is_refused() -> No
 def test_runs_are_looked_for_by_words() -> None:
     store = Store(runs={"page": [run_record()]})
     assert client_of(runs.router, store=store).get("/runs?q=formation%20b&state=completed").status_code == 200
-    assert store.calls[0][1] == (None, "completed", None, 100, 0, "formation b", None)
+    assert store.calls[0][1] == (None, "completed", None) and store.calls[0][2]["words"] == "formation b"
 
 
 def test_a_run_that_is_learned_from_goes_another_way() -> None:

@@ -63,13 +63,13 @@ async def test_it_has_the_calls_of_the_other_one_with_their_signatures(service: 
             assert client.url == plain.url
             for name in calls(plain) - {"close"}:
                 assert inspect.iscoroutinefunction(getattr(client, name)), name
-                assert getattr(client, name).__doc__ == getattr(plain, name).__doc__ or name == "cells"
+                assert getattr(client, name).__doc__ == getattr(plain, name).__doc__ or name in ("cells", "every")
 
 
 async def test_answers_refusals_and_pages_are_those_of_the_other_one(service: Service) -> None:
     async with AsyncBenchClient(URL) as client:
         assert (await client.wait_run("a", poll_s=0.0))["state"] == "completed"
-        assert await client.cells() == [{"id": "c"}]
+        assert await client.cells() == await client.every("cells") == [{"id": "c"}]
         with pytest.raises(ClientError, match="run x is not known"):
             await client.run("x")
 
