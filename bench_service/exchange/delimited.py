@@ -117,7 +117,10 @@ def _header(path: Path, error: type[ExchangeError]) -> tuple[list[str], str]:
     if "\x00" in text:
         raise error(f"{path}: is not a CSV file: its first line holds binary data")
     delimiter = max((",", ";", "\t"), key=text.count)
-    names = [name.strip() for name in next(csv.reader([text], delimiter=delimiter))]
+    try:
+        names = [name.strip() for name in next(csv.reader([text], delimiter=delimiter))]
+    except csv.Error as cause:
+        raise error(f"{path}: is not a CSV file: its first line cannot be read ({cause})") from cause
     for k, name in enumerate(names):
         if name in names[:k]:
             raise error(f"{path}: column {name!r} appears twice")

@@ -29,6 +29,9 @@ from bench_service.jobs.progress import Report, Reporter, ReportListener
 _log = logging.getLogger(__name__)
 WORKER_DIED = "the worker process died"
 _KEPT_JOBS = 500
+# What a person waits for in front of a page, seconds of work: it has a worker of its own, so that it does not stand
+# behind a fit of minutes.
+QUICK_KINDS = frozenset({"comparison", "series", "where", "report", "tables", "import"})
 
 JobFunction = Callable[Concatenate[Reporter, ...], Mapping[str, Any]]
 # Takes what a job gave in the worker, gives what is told of it.
@@ -59,7 +62,8 @@ class JobRunner:
     Parameters
     ----------
     workers : int
-        Jobs at the same time; each worker has one BLAS thread and the lowest priority.
+        Long jobs at the same time; each worker has one BLAS thread and the lowest priority. One worker more takes the
+        jobs of `QUICK_KINDS`.
     on_change : callable or None
         Called with the record at each change, in the event loop.
     """
@@ -71,6 +75,7 @@ class JobRunner:
         self._tasks: dict[str, asyncio.Task[Job]] = {}
         self._pids: dict[str, int] = {}
         self._free: asyncio.Queue[ProcessPoolExecutor] = asyncio.Queue()
+        self._free_quick: asyncio.Queue[ProcessPoolExecutor] = asyncio.Queue()
         self._directory: Path | None = None
         self._transport: asyncio.DatagramTransport | None = None
 
@@ -84,14 +89,16 @@ class JobRunner:
         )
         for _ in range(self._workers):
             self._free.put_nowait(_new_worker(self._nice))
+        self._free_quick.put_nowait(_new_worker(self._nice))
 
     async def stop(self) -> None:
         """End all jobs and workers; jobs under way become ``failed``."""
         for job_id in list(self._tasks):
             self.cancel(job_id)
         await asyncio.gather(*self._tasks.values(), return_exceptions=True)
-        while not self._free.empty():
-            self._free.get_nowait().shutdown(wait=True, cancel_futures=True)
+        for free in (self._free, self._free_quick):
+            while not free.empty():
+                free.get_nowait().shutdown(wait=True, cancel_futures=True)
         if self._transport is not None:
             self._transport.close()
         if self._directory is not None:
@@ -157,7 +164,8 @@ class JobRunner:
         arguments: tuple[object, ...],
         store: Keep | None,
     ) -> Job:
-        worker = await self._free.get()
+        free = self._free_quick if self._jobs[job_id].kind in QUICK_KINDS else self._free
+        worker = await free.get()
         try:
             if not self._jobs[job_id].ended:
                 result = await self._work(worker, job_id, function, arguments)
@@ -173,7 +181,7 @@ class JobRunner:
                 _log.exception("job %s failed", job_id)
             self._fail(job_id, str(error) or type(error).__name__)
         finally:
-            self._free.put_nowait(worker)
+            free.put_nowait(worker)
             self._pids.pop(job_id, None)
             self._tasks.pop(job_id, None)
         return self._jobs[job_id]

@@ -94,6 +94,7 @@ def test_samples_of_a_range_and_thinned(rest: Rest, finished: dict[str, Any]) ->
 
 
 def test_what_a_person_says_of_a_run_is_stored_found_and_told(rest: Rest, finished: dict[str, Any]) -> None:
+    assert rest.client.describe_run(finished["id"]) == rest.client.run(finished["id"])  # nothing told, nothing changed
     told = rest.client.describe_run(finished["id"], label="Cell 7", notes="cold\nroom")
     assert (told["label"], told["operator"], told["notes"]) == ("Cell 7", None, "cold\nroom")
     assert [run["id"] for run in rest.client.runs(q="cell cold first")] == [finished["id"]]

@@ -131,7 +131,10 @@ def _lines(text: str, whole: bool) -> tuple[list[str], list[int]]:
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
-    return next(csv.reader([line], delimiter=separator), [])
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:  # a carriage return within the line, a field without an end
+        return line.split(separator)
 
 
 def is_datum(cell: str) -> bool:

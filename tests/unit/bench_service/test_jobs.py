@@ -69,6 +69,12 @@ async def test_a_dead_worker_fails_its_job_and_the_next_one_runs(runner: JobRunn
     assert (await runner.wait(alive.id)).state == "done"
 
 
+async def test_what_a_person_waits_for_does_not_stand_behind_a_long_job(runner: JobRunner) -> None:
+    running, queued = runner.submit("fit", last_long), runner.submit("fit", last_long)
+    assert (await runner.wait(runner.submit("comparison", add, 1.0, 2.0).id)).state == "done"
+    assert not running.ended and not runner.get(running.id).ended and runner.get(queued.id).state == "queued"
+
+
 async def test_cancelling_ends_a_running_and_a_queued_job(runner: JobRunner, changes: list[Job]) -> None:
     running, queued = runner.submit("fit", last_long), runner.submit("fit", last_long)
     await holds(

@@ -52,6 +52,13 @@ def test_wrong_columns(tmp_path: Path) -> None:
         read_profile(path)
 
 
+def test_a_first_line_with_a_line_end_of_another_age(tmp_path: Path) -> None:
+    path = tmp_path / "profile.csv"
+    path.write_bytes(b"G*N\rQ,x\n1,2\n")
+    with pytest.raises(ProfileFileError, match="first line cannot be read"):
+        read_profile(path)
+
+
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(ProfileFileError, match="no such file"):
         read_profile(tmp_path / "nowhere.csv")
