@@ -7,7 +7,7 @@ from bench_service.config.bench import BenchConfig, LimitsConfig
 from bench_service.config.cell_type import CellTypeConfig
 from bench_service.config.chamber import ChamberConfig, SimulatedChamberConfig
 from bench_service.config.example import example_config
-from bench_service.config.reading import ConfigError, load_config, parse_config
+from bench_service.config.reading import ConfigError, load_config, named_data_dir, parse_config
 from bench_service.config.service import ServiceConfig
 from bench_service.config.simulate import SimulateConfig
 from bench_service.config.webhook import WebhookConfig
@@ -24,5 +24,6 @@ __all__ = [
     "WebhookConfig",
     "example_config",
     "load_config",
+    "named_data_dir",
     "parse_config",
 ]

@@ -60,16 +60,24 @@ def load_config(path: Path | None = None, environ: Mapping[str, str] | None = No
     if path is None:
         path = Path(CONFIG_FILE) if Path(CONFIG_FILE).exists() else None
     config = ServiceConfig() if path is None else parse_config(_read(path), str(path))
-    if DATA_DIR_VARIABLE in environ:
-        if not environ[DATA_DIR_VARIABLE].strip():
-            raise ConfigError("environment", DATA_DIR_VARIABLE, "is empty; name a directory or unset it")
-        config = config.model_copy(update={"data_dir": Path(environ[DATA_DIR_VARIABLE])})
+    if (data_dir := named_data_dir(environ)) is not None:
+        config = config.model_copy(update={"data_dir": data_dir})
     if WORKER_NICE_VARIABLE in environ:
         text = environ[WORKER_NICE_VARIABLE]
         if not text.isdecimal() or int(text) > 19:
             raise ConfigError("environment", WORKER_NICE_VARIABLE, f"is {text!r}; name a whole number from 0 to 19")
         config = config.model_copy(update={"worker_nice": int(text)})
     return config
+
+
+def named_data_dir(environ: Mapping[str, str] | None = None) -> Path | None:
+    """Return the data directory that the environment names, if it does; raises `ConfigError` where that is empty."""
+    told = (os.environ if environ is None else environ).get(DATA_DIR_VARIABLE)
+    if told is None:
+        return None
+    if not told.strip():
+        raise ConfigError("environment", DATA_DIR_VARIABLE, "is empty; name a directory or unset it")
+    return Path(told)
 
 
 def parse_config(text: str, file: str = CONFIG_FILE) -> ServiceConfig:

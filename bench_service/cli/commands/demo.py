@@ -64,7 +64,8 @@ def _arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=natural, default=1, metavar="N", help="of cell, noise and profiles")
     parser.add_argument("--report", type=Path, metavar="FILE.html|.pdf", help="also write a report of the campaign")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="default: a new folder in bench-data/demo")
+    where = "default: BENCH_DATA_DIR, else a new folder in bench-data/demo"
+    parser.add_argument("--data", type=Path, metavar="DIR", help=where)
 
 
 def _run(options: Namespace, output: Output) -> int:
@@ -115,11 +116,11 @@ def _hidden_effect(options: Namespace) -> HiddenEffect | None:
 
 def _config(options: Namespace, hidden: HiddenEffect | None) -> ServiceConfig:
     # Lazy: pydantic takes 120 ms.
-    from bench_service.config import BenchConfig, LimitsConfig, ServiceConfig, SimulateConfig
+    from bench_service.config import BenchConfig, LimitsConfig, ServiceConfig, SimulateConfig, named_data_dir
 
     cell = cell_type(options.cell)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    data = options.data or Path("bench-data") / "demo" / f"{stamp}-{options.cell}-{options.seed}"
+    data = options.data or named_data_dir() or Path("bench-data") / "demo" / f"{stamp}-{options.cell}-{options.seed}"
     limits = LimitsConfig(
         voltage_V=cell.limits.voltage_V,
         current_A=cell.limits.current_A,
