@@ -27,12 +27,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from bench_service.bench.plausibility.warmth import STUCK_REPEATS
 from benchmarks.row_file import Row, add_row, read_rows
-from tests.protocol.fault_runs import CLOSE, DT_S, LIMITS, PULSES_A, TIMEOUT_S, WALL_DT_S, WATCHDOG_S, play
+from tests.protocol.fault_runs import DT_S, LIMITS, TIMEOUT_S, WALL_DT_S, WATCHDOG_S, play
 
 TRANSPORTS = ("modbus-tcp", "modbus-rtu", "can-udp")
 TICKS = 60  # 3 s of pulses, a new set-point every quarter second
-MOMENTS_S = (0.3, 2.3)  # of the simulated device, whose time begins with the connection
+MOMENTS_S = (0.3, 2.3)
 # Until a bench has rest after the last good message: what a sample may be old, then the device's own watchdog.
 LINK_BOUND_S = 2 * WALL_DT_S + TIMEOUT_S + 0.1 + WATCHDOG_S + 0.3
 NEXT_SAMPLE_S = 0.3  # a jump is judged one sample late
@@ -64,10 +65,8 @@ class Kind:
         Played in simulated time, which the bound is in then.
     ticks : int
         Length of the run.
-    close_K : float
-        How far a stored temperature may be from the truth, where only that distance tells that it is wrong.
-    pulses_A : tuple of float
-        Currents that the pulses are drawn from.
+    moments_s : tuple of float
+        It begins between these, in the time of the simulated device, which begins with the connection.
     codes : tuple of str
         What may end the run: each of them names this kind, or what it does to the bench.
     """
@@ -78,8 +77,7 @@ class Kind:
     harmless: bool = False
     lock_step: bool = False
     ticks: int = TICKS
-    close_K: float = CLOSE["temperature"]
-    pulses_A: tuple[float, ...] = PULSES_A
+    moments_s: tuple[float, float] = MOMENTS_S
     codes: tuple[str, ...] = LINK_CODES
 
     @property
@@ -110,11 +108,11 @@ def kinds() -> Iterator[Kind]:
         yield _inside(f"reversed.{what}", NEXT_STEP_S, codes)
     # A fading current may hold a voltage to the last bit: only steps away from rest tell.
     yield replace(_inside("stuck.voltage", 5 * NEXT_STEP_S, VOLTAGE_CODES), ticks=120)
-    yield _inside("stuck.current", NEXT_STEP_S, CURRENT_CODES)
-    # Seen by the heat that it must show: a kelvin at the least resistance and the largest heat capacity, which at full
-    # load takes minutes, in which a small cell warms by several.
-    slow = _inside("stuck.temperature", 600.0, TEMPERATURE_CODES)
-    yield replace(slow, ticks=8000, close_K=10.0, pulses_A=(-6.0, 6.0))
+    yield _inside("stuck.current", 3 * NEXT_STEP_S, CURRENT_CODES)  # when another set-point is drawn
+    # A noisy sensor that has been seen for twenty samples and repeats itself forty times; one that stands still from
+    # the start shows by the heat of a full load alone, in minutes or not at all.
+    stuck = _inside("stuck.temperature", STUCK_REPEATS * DT_S + NEXT_SAMPLE_S, TEMPERATURE_CODES)
+    yield replace(stuck, ticks=120, moments_s=(2.2, 6.2))
     yield _inside("frozen", NEXT_STEP_S, ("stale_readings", "current_mismatch"))
     yield _inside("restart", NEXT_SAMPLE_S, LINK_CODES)
     yield _inside("watchdog", NEXT_SAMPLE_S, LINK_CODES)
@@ -134,11 +132,10 @@ def case(kind: Kind, transport: str, number: int, seed: int) -> Row:
     """Play one case; its row."""
     logging.disable(logging.CRITICAL)
     draw = random.Random(f"{kind.name} {transport} {number} {seed}")
-    at_s = draw.uniform(*MOMENTS_S)
+    at_s = draw.uniform(*kind.moments_s)
     script = f"{kind.script}@t:{at_s:.3f}{kind.lasting}"
     run_seed = draw.randrange(2**31)
     limits = replace(LIMITS, duration_s=kind.ticks * DT_S + 10.0)
-    close = CLOSE | {"temperature": kind.close_K}
     outcome = asyncio.run(
         play(
             script,
@@ -148,8 +145,6 @@ def case(kind: Kind, transport: str, number: int, seed: int) -> Row:
             timeout_s=PATIENT_S if kind.lock_step else TIMEOUT_S,
             ticks=kind.ticks,
             limits=limits,
-            close=close,
-            pulses_A=kind.pulses_A,
         )
     )
     wrong = list(outcome.complaints)

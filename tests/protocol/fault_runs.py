@@ -42,7 +42,6 @@ LIMITS = Limits((2.5, 4.2), (-6.0, 6.0), (0.0, 45.0), (0.0, 1.0), None, 100.0)
 # time; until then the relaxation of the cell takes the truth away from it by some millivolt.
 CLOSE = {"voltage": 1.5e-2, "current": 2e-2, "temperature": 0.3}
 TIMEOUT_S = 0.12
-PULSES_A = (-5.0, -3.0, 2.0, 4.0, 5.0, 0.0)
 COLUMNS = [column.name for column in STREAMS[SAMPLES]]
 DT_S, TICKS, HOLD = 0.1, 40, 5  # 4 s of pulses, a new set-point every half second
 WALL_DT_S = 0.05
@@ -117,8 +116,6 @@ async def play(
     timeout_s: float = TIMEOUT_S,
     ticks: int = TICKS,
     limits: Limits = LIMITS,
-    close: dict[str, float] = CLOSE,
-    pulses_A: tuple[float, ...] = PULSES_A,
 ) -> Outcome:
     """Play pulses against a device that fails by `script`, and judge what happened."""
     engine, clock = NotedEngine(script, None if lock_step else time.monotonic), Clock()
@@ -131,7 +128,7 @@ async def play(
     housekeeping = asyncio.create_task(_polled(device))
     try:
         await driver.connect()
-        end = await _loop(driver, recording, events, lock_step, seed, timeout_s, ticks, limits, pulses_A).play()
+        end = await _loop(driver, recording, events, lock_step, seed, timeout_s, ticks, limits).play()
     except CyclerError as error:  # a bench that cannot connect does not start
         end = RunEnd("fault", "connect", str(error), True, 0)
     finally:
@@ -142,7 +139,7 @@ async def play(
         await server.close()
     outcome = Outcome(script, transport, lock_step, end, tuple(fault.kind for fault in engine.begun))
     outcome.off_after_s = engine.off_after_s
-    _judge(outcome, device.cycler, recording.rows, honest, most_A(), close)
+    _judge(outcome, device.cycler, recording.rows, honest, most_A())
     return outcome
 
 
@@ -196,7 +193,6 @@ def _loop(
     timeout_s: float,
     ticks: int,
     limits: Limits,
-    pulses_A: tuple[float, ...],
 ) -> RunLoop:
     draw = random.Random(seed)
     dt_s = DT_S if lock_step else WALL_DT_S
@@ -207,7 +203,7 @@ def _loop(
         limits,
         2.5,
         np.arange(steps + 1) * HOLD * dt_s,
-        np.array([draw.choice(pulses_A) for _ in range(steps)] + [0.0]),
+        np.array([draw.choice([-5.0, -3.0, 2.0, 4.0, 5.0, 0.0]) for _ in range(steps)] + [0.0]),
         settle_s=dt_s,
         initial_soc=0.5,
     )
@@ -224,7 +220,6 @@ def _judge(
     rows: list[Any],
     honest: dict[int, list[Any]],
     most_A: float,
-    close: dict[str, float],
 ) -> None:
     end, complaints = outcome.end, outcome.complaints
     if cycler.output_on or cycler.set_point_A != 0.0 or cycler.current_A != 0.0:
@@ -239,15 +234,15 @@ def _judge(
         row = dict(zip(COLUMNS, values, strict=True))
         time_s, current_A, voltage_V, temperature_degC = (row[name] for name in COLUMNS[:4])
         seen = (voltage_V, current_A, temperature_degC)
-        if row["flags"] == 0 and not _right(seen, honest[int(row["device_sequence"])], close):
+        if row["flags"] == 0 and not _right(seen, honest[int(row["device_sequence"])]):
             complaints.append(
                 f"stored as good at {time_s:.2f} s: {current_A} A, {voltage_V} V, {temperature_degC} degC"
             )
 
 
-def _right(stored: tuple[float, float, float], truths: list[Any], close: dict[str, float]) -> bool:
+def _right(stored: tuple[float, float, float], truths: list[Any]) -> bool:
     for truth in truths:
-        pairs = zip(stored, (truth.voltage_V, truth.current_A, truth.temperature_degC), close.values(), strict=True)
+        pairs = zip(stored, (truth.voltage_V, truth.current_A, truth.temperature_degC), CLOSE.values(), strict=True)
         if all(math.isfinite(value) and abs(value - true) <= near for value, true, near in pairs):
             return True
     return False
