@@ -58,7 +58,7 @@ def observe(watch: Watch, band: CellBand, now: Sample, least_A: float) -> tuple[
     moved = throughput.follow(watch.throughput, before, now)
     findings = [
         jumps.judge(watch.jumps, jumped, band),
-        response.judge(answer, band),
+        response.judge(answer, band, now, least_A),
         warmth.judge(warm, now),
         throughput.judge(moved, band),
     ]

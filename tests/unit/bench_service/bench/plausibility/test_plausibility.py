@@ -128,6 +128,21 @@ def test_a_voltage_that_is_held_to_the_last_bit_is_not_stuck() -> None:
     assert finding is not None and finding.code == "voltage_stuck"
 
 
+def test_a_voltage_that_stands_still_while_the_cell_is_charged() -> None:
+    """Constant current has no steps that would tell: a noisy reading that repeats itself for minutes does."""
+    found = play("nmc", np.full(3000, 1.0), later(lambda s: replace(s, voltage_V=3.8)))
+    assert found is not None and found[1].code == "voltage_stuck" and found[0] < BEGIN_S + 125.0
+
+
+def test_a_coarse_voltage_on_a_flat_curve_does_not_stand_still() -> None:
+    """1 mV of resolution, no noise: the voltage of a slow discharge is the same for minutes, and always was."""
+    band, watch = band_of(2.5, (2.0, 3.6)), Watch()
+    for k in range(20_000):
+        now = Sample(float(k), round(3.3 - 4e-6 * k, 3), -0.25, 25.0 + 0.1 * (k % 3))
+        watch, finding = observe(watch, band, now, LEAST_A)
+        assert finding is None, (k, finding)
+
+
 def test_a_record_that_begins_under_load_is_not_reversed() -> None:
     """A drive cycle's log at -10 degC, by the second: what still relaxes is no answer to small steps."""
     current_A = [-1.67, -1.5218, -1.5058, -1.7406, -1.7645, -1.7669, -1.7684, -1.7699, -1.5285, -1.758, -2.0212]
