@@ -243,6 +243,8 @@ class BoundedNetwork:
     def held_out(self) -> HeldOutError:
         """Errors on outer folds by fits that did not see them."""
         bank, layout = self.fit.bank, self.fit.layout
+        if not WHOLE_RUNS <= len(bank.runs) < N_FOLDS:
+            return self.held_out_blocks()
         fold = outer_folds(run_index(bank), groups_of(bank))
         keep_every = max(1, len(fold) // _OUTER_SAMPLES)
         held = HeldOut(make_sums(bank, layout, keep_every, fold).by_increments())
