@@ -10,7 +10,7 @@ from real_cells_table import Runs, Split, read_runs
 
 from models.baselines import fit_enhanced_self_correcting, fit_equivalent_circuit
 from models.comparison.placed_runs import free_run_metrics
-from models.comparison.reach import bands
+from models.comparison.reach import bands, expected_rmse_mV
 from models.comparison.simulated_runs import RunComparison, simulate_runs
 from models.data.errors import ModelError
 from models.data.metrics import metrics
@@ -94,7 +94,8 @@ def judged(model: CellModel, judge: Runs, judge_soc: tuple[float, float] | None)
     -------
     dict
         `held_out_rmse_mV` and `p999_mV` in the judged range of SoC, `runs`: the former of each run;
-        `held_out_all_rmse_mV` over all samples; `inside` and `outside` the trained box (SoC, current, temperature) with
+        `held_out_all_rmse_mV` over all samples; `expected_here_rmse_mV`: what the model says of these runs beforehand;
+        `inside` and `outside` the trained box (SoC, current, temperature) with
         their bands; `worst_inside`: where the largest error inside it is.
     """
     compared = simulate_runs(model, judge.series, judge.soc)
@@ -106,10 +107,12 @@ def judged(model: CellModel, judge: Runs, judge_soc: tuple[float, float] | None)
     if not any((each & c.run.measured).any() for each, c in zip(wanted, compared, strict=True)):
         raise ModelError(f"nothing is measured in the judged range of SoC, {judge_soc}")
     chosen, inside = np.concatenate(wanted), np.concatenate([each.inside for each in compared])
-    half_width_V = _half_widths(model, compared)
+    found = bands(model, [each.run for each in compared], [each.start for each in compared])
+    half_width_V = None if found is None else np.concatenate([band.upper_V - band.voltage_V for band in found])
     return {
         "held_out_rmse_mV": metrics(measured[chosen], simulated[chosen])["rmse_mV"],
         "held_out_all_rmse_mV": metrics(measured, simulated)["rmse_mV"],
+        "expected_here_rmse_mV": expected_rmse_mV(found, [each.run for each in compared]),
         "p999_mV": _p999_mV((simulated - measured)[chosen]),
         "runs": {
             c.run.name: metrics(c.run.voltage_V[own], c.simulated_V[own])["rmse_mV"]
@@ -149,12 +152,6 @@ def _wanted(compared: RunComparison, judge_soc: tuple[float, float] | None) -> n
     if judge_soc is None:
         return np.ones(len(compared.run), dtype=bool)
     return (compared.soc >= judge_soc[0]) & (compared.soc <= judge_soc[1])
-
-
-def _half_widths(model: CellModel, compared: list[RunComparison]) -> FloatArray | None:
-    """(N,) half width of the 95 % band about the free run; None where the model states none."""
-    found = bands(model, [each.run for each in compared], [each.start for each in compared])
-    return None if found is None else np.concatenate([band.upper_V - band.voltage_V for band in found])
 
 
 def _part(error_V: FloatArray, half_width_V: FloatArray | None, part: np.ndarray) -> Row:

@@ -80,12 +80,17 @@ def pooled(rows: list[Row]) -> Row:
     return found
 
 
-def expected_off(rows: list[Row]) -> float | None:
-    """Median of |expected / held out - 1|, over all judged samples; None where nothing was expected."""
+def expected_off(rows: list[Row], name: str = "expected_rmse_mV") -> float | None:
+    """Median of |expected / held out - 1|, over all judged samples; None where nothing was expected.
+
+    Parameters
+    ----------
+    name : of what was expected: by the fit of any run, or by `compare` of the judged ones
+    """
     off = [
-        abs(row["expected_rmse_mV"] / row["held_out_all_rmse_mV"] - 1.0)
+        abs(row[name] / row["held_out_all_rmse_mV"] - 1.0)
         for row in rows
-        if row.get("expected_rmse_mV") is not None and row.get("held_out_all_rmse_mV")
+        if row.get(name) is not None and row.get("held_out_all_rmse_mV")
     ]
     return float(np.median(off)) if off else None
 
@@ -130,6 +135,7 @@ def _of_structure(rows: list[Row]) -> Row:
         "bands": pooled(judged),
         "records": {"coverage": covered, "held": sum(share >= HELD for share in covered.values())},
         "expected_off": expected_off(judged),
+        "expected_here_off": expected_off(judged, "expected_here_rmse_mV"),
         "worst_negative": _worst(judged, "negative"),
         "worst_falling": _worst(judged, "falling"),
         "worst_inside_mV": max((row["inside"]["max_mV"] for row in judged if _has_inside(row)), default=None),
@@ -171,6 +177,7 @@ _COLUMNS: tuple[tuple[str, Callable[[Row], Any]], ...] = (
     ("all SoC", lambda row: row.get("held_out_all_rmse_mV")),
     ("training", lambda row: row.get("train_rmse_mV")),
     ("expected", lambda row: row.get("expected_rmse_mV")),
+    ("here", lambda row: row.get("expected_here_rmse_mV")),
     ("99.9 % inside", lambda row: row.get("inside", {}).get("p999_mV")),
     ("max inside", lambda row: row.get("inside", {}).get("max_mV")),
     ("rmse inside", lambda row: row.get("inside", {}).get("rmse_mV")),
@@ -197,7 +204,7 @@ def _table(rows: list[Row]) -> Table:
 
 def _pooled_table(structures: dict[str, Row]) -> Table:
     table = Table(title=f"Pooled; band: share in it, mean half width over RMSE; records: with {HELD:.0%} in the band")
-    names = ("structure", "rows", "failed", "band inside", "outside", "records", "|expected/held out - 1|")
+    names = ("structure", "rows", "failed", "band inside", "outside", "records", "|expected/held out - 1|, here")
     for name in (*names, "most R < 0", "most OCV falls", "max inside / mV", "s"):
         table.add_column(name, justify="left" if name == "structure" else "right")
     for name, found in structures.items():
@@ -207,12 +214,16 @@ def _pooled_table(structures: dict[str, Row]) -> Table:
             str(found["failed"]),
             *(_band(found["bands"].get(part, {})) or "-" for part in PARTS),
             f"{found['records']['held']} of {len(found['records']['coverage'])}",
-            "-" if found["expected_off"] is None else f"{found['expected_off']:.2f}",
+            ", ".join(_off(found[name]) for name in ("expected_off", "expected_here_off")),
             *(_count(found[f"worst_{kind}"]) for kind in ("negative", "falling")),
             _text(found["worst_inside_mV"]),
             f"{found['seconds']:.0f}",
         )
     return table
+
+
+def _off(share: float | None) -> str:
+    return "-" if share is None else f"{share:.2f}"
 
 
 def _band(part: Row) -> str | None:

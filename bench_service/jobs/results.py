@@ -109,6 +109,7 @@ class ComparisonResult(TypedDict):
     """The ``compare`` object of the public contract."""
 
     overall: Metrics
+    expected_rmse_mV: float | None
     overall_fitted_start: Metrics
     runs: list[dict[str, Any]]
     noise_floor_mV: float | None

@@ -120,7 +120,7 @@ def _remarks(
     if by:
         said.append(f"Samples lie outside what the model was trained on by {words.listed(by)}.")
     temperature, whiteness = result["temperature"], result["whiteness"]
-    said += [] if isinstance(network, ModuleNetwork) else _promised(network)
+    said += [] if isinstance(network, ModuleNetwork) else _promised(network, result.get("expected_rmse_mV"))
     if temperature is not None and temperature["rmse_K"] is not None:
         said.append(f"Temperature from current and ambient alone: RMS error {temperature['rmse_K']:.2f} K.")
     if whiteness is not None:
@@ -134,15 +134,18 @@ def _remarks(
     return [Points(said)]
 
 
-def _promised(network: LocalModelNetwork) -> list[str]:
-    """What the model did on its own runs, and what it was expected to do on others."""
+def _promised(network: LocalModelNetwork, here_mV: float | None) -> list[str]:
+    """What the model did on its own runs, and what it was expected to do on others, and on these."""
+    said = []
     expected = (network.record.choices or {}).get("expected_rmse_mV")
-    if expected is None or network.record.train is None:
-        return []
-    return [
-        f"On its training runs the model's RMS error is {words.millivolts(network.record.train['rmse_mV'])}; "
-        f"{words.millivolts(expected)} were expected on runs that it did not see."
-    ]
+    if expected is not None and network.record.train is not None:
+        said.append(
+            f"On its training runs the model's RMS error is {words.millivolts(network.record.train['rmse_mV'])}; "
+            f"{words.millivolts(expected)} were expected on runs that it did not see."
+        )
+    if here_mV is not None:
+        said.append(f"By where these runs go, {words.millivolts(here_mV)} were to be expected of them.")
+    return said
 
 
 def _starts(result: Mapping[str, Any], names: Mapping[str, str]) -> str:

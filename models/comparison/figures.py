@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from models.comparison.placed_runs import fit_starts, place_runs
-from models.comparison.reach import BandFigures, Gaps, band_figures, bands, gaps, inside_by
+from models.comparison.reach import BandFigures, Gaps, band_figures, bands, expected_rmse_mV, gaps, inside_by
 from models.comparison.samples import error_samples
 from models.comparison.shares import ErrorShare, error_shares
 from models.comparison.simulated_runs import RunComparison
@@ -43,6 +43,7 @@ class Comparison(TypedDict):
     """The `compare` object of the public contract; see `compare`."""
 
     overall: Metrics
+    expected_rmse_mV: float | None
     overall_fitted_start: Metrics
     inside_training: Metrics | None
     outside: Metrics | None
@@ -79,8 +80,9 @@ def compare(
 
     Returns
     -------
-    The `compare` object of the public contract; ``overall_fitted_start`` from starts that all of the voltage says;
-    ``inside_training`` and ``outside`` are the overall figures apart, None
+    The `compare` object of the public contract; ``expected_rmse_mV``: what the model itself says of the error on runs
+    that go where these go, by their currents and temperatures alone (of a single cell); ``overall_fitted_start`` from
+    starts that all of the voltage says; ``inside_training`` and ``outside`` are the overall figures apart, None
     where no sample lies there; ``where`` and ``regions`` count the samples inside (all, where none lies inside).
     """
     if not runs:
@@ -95,9 +97,10 @@ def compare(
     inside = np.concatenate([c.inside for c in compared])
     samples, _ = error_samples(network, compared)
     fitted = fit_starts(network, compared, soc_std)
-    starts = [c.start for c in compared]
+    found = bands(network, grid, [c.start for c in compared])
     return {
         "overall": metrics(measured, simulated),
+        "expected_rmse_mV": expected_rmse_mV(found, grid) if isinstance(network, LocalModelNetwork) else None,
         "overall_fitted_start": metrics(measured, np.concatenate([c.simulated_V for c in fitted])),
         "inside_training": _figures(measured, simulated, inside),
         "outside": _figures(measured, simulated, ~inside),
@@ -110,7 +113,7 @@ def compare(
         "outside_by": _outside_by(network, compared),
         "gaps": [gaps(run) for run in grid],
         "corrections": [asdict(each) for each in corrections_of(network.record)],
-        "band": band_figures(bands(network, grid, starts), grid, [c.inside for c in compared]),
+        "band": band_figures(found, grid, [c.inside for c in compared]),
         "temperature": compare_temperature(network, grid, initial_soc)
         if isinstance(network, LocalModelNetwork)
         else None,

@@ -96,6 +96,7 @@ def _module_bands(model: ModuleNetwork, runs: list[GridRun], starts: list[Start]
             model.module.voltage_V(band.voltage_V, run.current_A),
             in_series * band.parameter_std_V,
             in_series * band.std_V,
+            in_series * band.usual_V,
         )
         for band, run in zip(found, runs, strict=True)
     ]
@@ -107,7 +108,7 @@ def _band(network: LocalModelNetwork, run: GridRun, start: Start, uncertainty: U
     # Nobody fitted the state of charge of these runs: what is stated may be off.
     slip_V = slip_std_V(network, found.run, found.initial_soc, band.std_V)
     std_V = np.hypot(band.std_V, slip_V)
-    return PredictionBand(band.voltage_V[kept], band.parameter_std_V[kept], std_V[kept])
+    return PredictionBand(band.voltage_V[kept], band.parameter_std_V[kept], std_V[kept], band.usual_V[kept])
 
 
 def band_figures(
@@ -133,6 +134,18 @@ def band_figures(
         "coverage_95_inside": _share(hit, counted & held),
         "mean_half_width_mV": 1e3 * float(width[counted].mean()) if counted.any() else None,
     }
+
+
+def expected_rmse_mV(found: list[PredictionBand] | None, runs: list[GridRun]) -> float | None:
+    """Error to be expected of these runs: RMS of what the model may usually be wrong by where they go.
+
+    It knows their currents, temperatures and states of charge, not their voltages; None without bands or voltage.
+    """
+    if found is None:
+        return None
+    known = np.concatenate([run.measured for run in runs])
+    usual_V = np.concatenate([band.usual_V for band in found])[known]
+    return 1e3 * float(np.sqrt(np.mean(usual_V**2))) if len(usual_V) else None
 
 
 def _share(hit: np.ndarray, counted: np.ndarray) -> float | None:

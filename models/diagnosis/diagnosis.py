@@ -156,7 +156,11 @@ def own_variant(network: LocalModelNetwork, train: list[GridRun]) -> Variant | N
     """Form of a bounded network, which need not be chosen again; None where it is another network."""
     choices = network.record.choices or {}
     known = not any(np.isnan(run.temperature_degC).any() for run in train)
-    return variant_of(choices) if known and choices.get("family") == "bounded" else None
+    if not known or choices.get("family") != "bounded":
+        return None
+    found = variant_of(choices)
+    # The known cell makes its signals from the current alone, without the state of charge that these slow down with.
+    return found if found.surface is None else replace(found, surface=found.surface[:3])
 
 
 def _has(network: LocalModelNetwork, effect: Effect) -> bool:

@@ -13,7 +13,7 @@ from numba import njit
 
 from models.network.compiled_network import FlatNetwork, bent
 from models.network.signals import KELVIN, REFERENCE_K
-from models.network.signals.filters import DIFFUSION_GAINS
+from models.network.signals.filters import DIFFUSION_GAINS, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
@@ -156,7 +156,13 @@ def _soc(
     out: np.ndarray,
 ) -> None:
     """State of charge, ahead of the mean one by what diffuses."""
-    rates, factor, constant = net.pole[s], net.factor[s], net.activation_K[s] == 0.0
+    rates, factor, emptying = net.pole[s], net.factor[s], net.exchange_A[s]
+    constant = net.activation_K[s] == 0.0 and emptying == 0.0
+    if emptying != 0.0:
+        # What is slowed by temperature is shared with other signals.
+        slowed = slowed.copy()
+        for k in range(out.shape[0]):
+            slowed[k] *= slower_at(emptying, soc[k])
     for k in range(out.shape[0]):
         out[k] = soc[k]
     for mode in range(3 if factor != 0.0 else 0):

@@ -12,7 +12,7 @@ from models.network.hats import hat_interval
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import VOLTAGE, axis_lag
 from models.network.signals import KELVIN, REFERENCE_K, parse_signal
-from models.network.signals.filters import DIFFUSION_GAINS
+from models.network.signals.filters import DIFFUSION_GAINS, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
@@ -100,10 +100,12 @@ def step_signals(
                 exchange_for = 0.0
             value = current_A * slowed
             if form == SOC:
-                shift = 0.0
+                shift, slower = 0.0, slowed
+                if net.exchange_A[s] != 0.0:
+                    slower *= slower_at(net.exchange_A[s], soc)
                 for mode in range(3 if net.factor[s] != 0.0 else 0):
-                    keep = np.exp(-pole[mode] / slowed)
-                    state[mode] = keep * state[mode] + (1.0 - keep) * DIFFUSION_GAINS[mode] * value
+                    keep = np.exp(-pole[mode] / slower)
+                    state[mode] = keep * state[mode] + (1.0 - keep) * DIFFUSION_GAINS[mode] * (current_A * slower)
                     shift += state[mode]
                 value = soc + net.factor[s] * shift
             else:

@@ -7,6 +7,8 @@ import numpy as np
 from models.data.resampling import GridRun
 
 N_FOLDS = 5
+# From so many runs on, kinds of models are compared on whole ones.
+WHOLE_RUNS = 3
 _GROUPS = 20
 
 
@@ -52,7 +54,7 @@ def outer_folds(run_index: np.ndarray, group: np.ndarray) -> np.ndarray:
     group : (N,) number of the group that each sample is held out with
     """
     n_runs = int(run_index.max()) + 1
-    return run_index if 3 <= n_runs < N_FOLDS else group % N_FOLDS
+    return run_index if WHOLE_RUNS <= n_runs < N_FOLDS else group % N_FOLDS
 
 
 def balanced_groups(runs: list[GridRun]) -> np.ndarray:

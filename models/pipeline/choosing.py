@@ -19,6 +19,7 @@ from models.effects.bounded_parts import parts_of, resolved_parts
 from models.identification.bounded.variants import Trials, Variant, best_variant, clearly_better
 from models.identification.progress import Progress, part_of
 from models.identification.search.search import Search
+from models.network.folds import WHOLE_RUNS
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
 from models.network.regression import SignalBank
@@ -39,7 +40,7 @@ _AT_NOISE = 1.02
 _ROUNDING_V = 1e-9
 # Blocks of one or two runs share what a run has in common, and are few: there the difference has to be as large as only
 # one in ten would be by chance (Student's t of five folds).
-_WHOLE_RUNS, _ERRORS_OF_BLOCKS = 3, 1.53
+_ERRORS_OF_BLOCKS = 1.53
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ def _automatic(data: Training, report: Progress, bounded: Chosen | None) -> Chos
     tried = [_row(each) for each in (found, *others)]
     others = [each for each in others if is_physical(each.built.network)]
     best = min(others, key=lambda each: each.held_out.rmse_V, default=found)
-    errors = 1.0 if len(data.grid) >= _WHOLE_RUNS else _ERRORS_OF_BLOCKS
+    errors = 1.0 if len(data.grid) >= WHOLE_RUNS else _ERRORS_OF_BLOCKS
     if clearly_better(best.held_out.mse, found.held_out.mse, found.held_out.count, errors):
         found = best
     return replace(found, compared=tried)

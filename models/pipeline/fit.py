@@ -22,7 +22,7 @@ from models.network.lineage import document_sha256, with_version
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
 from models.pipeline.choosing import Chosen, choose
-from models.pipeline.plans import BoundedNetwork, Built
+from models.pipeline.plans import BoundedNetwork, Built, expected_V
 from models.pipeline.request import FitOptions, FitRequest, in_step, without_repeats
 from models.pipeline.run_starts import likely_starts, with_starts
 from models.pipeline.training import Training, training
@@ -126,7 +126,8 @@ def fit(request: FitRequest) -> FitResult:
     given = without_repeats(request)
     taken = in_step(given.request)
     data, chosen, built = _placed(taken.request, report)
-    network = _noting(_read_out(built, data, report), choices=_choices(built, chosen), effects=taken.effects)
+    choices = _choices(built, chosen, len(data.grid))
+    network = _noting(_read_out(built, data, report), choices=choices, effects=taken.effects)
     judged = _judged(network, data, request)
     network = _with_figures(network, data, built, judged)
     remarks = (*given.remarks, *taken.remarks)
@@ -141,7 +142,7 @@ def fit(request: FitRequest) -> FitResult:
         train_runs=judged.train_runs,
         validation_runs=judged.validation_runs,
         candidates=chosen.plan.table,
-        expected_rmse_mV=1e3 * chosen.held_out.rmse_V,
+        expected_rmse_mV=choices["expected_rmse_mV"],
         n_samples=data.n_samples,
         seconds=time.perf_counter() - started,
         initial_soc=[data.soc[k] for k in given.place],
@@ -183,9 +184,10 @@ def _likely_placed(
     return (trial, again) if again.held_out.rmse_V <= _LIKELY_WORTH * known.held_out.rmse_V else None
 
 
-def _choices(built: Built, chosen: Chosen) -> Json:
+def _choices(built: Built, chosen: Chosen, n_runs: int) -> Json:
     """What was chosen, with the error to be expected and the rivals."""
-    choices = (built.network.record.choices or {}) | {"expected_rmse_mV": 1e3 * chosen.held_out.rmse_V}
+    expected_mV = 1e3 * expected_V(built, chosen.held_out, n_runs)
+    choices = (built.network.record.choices or {}) | {"expected_rmse_mV": expected_mV}
     return choices | ({"compared": chosen.compared} if chosen.compared else {})
 
 

@@ -20,7 +20,7 @@ from models.identification.search.candidate import Choice
 from models.identification.search.fitted import Fitted, span_V
 from models.identification.search.search import Search
 from models.identification.stored_sums import StoredSums
-from models.network.folds import outer_folds
+from models.network.folds import N_FOLDS, WHOLE_RUNS, outer_folds
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json, ModelRecord
 from models.network.regression import SignalBank
@@ -55,6 +55,23 @@ class HeldOutError:
         return float(np.sqrt(self.mse @ self.count / self.count.sum()))
 
 
+def expected_V(built: Built, held_out: HeldOutError, n_runs: int) -> float:
+    """Error to be expected on runs like the trained ones.
+
+    Where there are fewer runs than folds, the two ways to hold out bound it. A whole run of three or four is often the
+    only charge or the only cold one: the fit to all of them is better. Blocks in time share state of charge, load and
+    temperature with those beside them: a further run is worse. So it is their geometric mean.
+
+    Parameters
+    ----------
+    built, held_out : a network with its error on outer folds
+    n_runs : it was made from
+    """
+    if not WHOLE_RUNS <= n_runs < N_FOLDS:
+        return held_out.rmse_V
+    return float(np.sqrt(held_out.rmse_V * built.held_out_blocks().rmse_V))
+
+
 def error_of(error_V: FloatArray, fold: np.ndarray) -> HeldOutError:
     """Mean squares by fold; NaN does not count."""
     known = ~np.isnan(error_V)
@@ -73,6 +90,10 @@ class Built(Protocol):
 
     def held_out(self) -> HeldOutError:
         """Errors on outer folds by fits that did not see them."""
+        ...
+
+    def held_out_blocks(self) -> HeldOutError:
+        """Errors on the folds that choices are made on: blocks in time where there are fewer runs than folds."""
         ...
 
     def uncertainty(self) -> Uncertainty:
@@ -135,8 +156,14 @@ class SearchedNetwork:
     def held_out(self) -> HeldOutError:
         """Errors on outer folds by shared-pole fits that did not see them."""
         data = self.fitted.data
-        fold = outer_folds(data.run_index, data.groups())
-        error = held_out_error(self.fitted, self.fitted.partition.validity(data.z), fold)
+        return self._held_out(outer_folds(data.run_index, data.groups()))
+
+    def held_out_blocks(self) -> HeldOutError:
+        """The same of the folds that choices are made on."""
+        return self._held_out(self.fitted.data.groups() % N_FOLDS)
+
+    def _held_out(self, fold: np.ndarray) -> HeldOutError:
+        error = held_out_error(self.fitted, self.fitted.partition.validity(self.fitted.data.z), fold)
         return error_of(span_V(self.fitted.scaling) * error, fold)
 
     def uncertainty(self) -> Uncertainty:
@@ -216,9 +243,16 @@ class BoundedNetwork:
     def held_out(self) -> HeldOutError:
         """Errors on outer folds by fits that did not see them."""
         bank, layout = self.fit.bank, self.fit.layout
+        if not WHOLE_RUNS <= len(bank.runs) < N_FOLDS:
+            return self.held_out_blocks()
         fold = outer_folds(run_index(bank), groups_of(bank))
         keep_every = max(1, len(fold) // _OUTER_SAMPLES)
         held = HeldOut(make_sums(bank, layout, keep_every, fold).by_increments())
+        return HeldOutError(held.mse(self.fit.log_strengths), held.sums.count)
+
+    def held_out_blocks(self) -> HeldOutError:
+        """The same of the folds that choices are made on."""
+        held = self.fit.held
         return HeldOutError(held.mse(self.fit.log_strengths), held.sums.count)
 
     def uncertainty(self) -> Uncertainty:

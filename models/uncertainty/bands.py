@@ -36,11 +36,14 @@ class PredictionBand:
     voltage_V : (n,) free run
     parameter_std_V : (n,) from the covariance of the parameters alone
     std_V : (n,) of a measured voltage about the free run; 95 % of them are to lie within 1.96 of it
+    usual_V : (n,) error to be expected: by the parameters and the held-out error near the place, without what widens
+        a band so that it holds
     """
 
     voltage_V: FloatArray
     parameter_std_V: FloatArray
     std_V: FloatArray
+    usual_V: FloatArray
 
     @property
     def lower_V(self) -> FloatArray:
@@ -89,9 +92,11 @@ def prediction_band(
     soc = soc_by_counting(run.charge_Ah, initial_soc, network.cell.capacity_Ah, network.cell.efficiency)
     beyond = _distances(network, run, soc)
     farthest = np.max([np.zeros(len(run)), *beyond.values()], axis=0)
-    level2 = validity @ uncertainty.level_V**2 * (1.0 + farthest / _DOUBLING_SHARE) ** 2
+    near2 = validity @ uncertainty.level_V**2
+    level2 = near2 * (1.0 + farthest / _DOUBLING_SHARE) ** 2
     level2 = level2 + (_SLOPE_SHARE * span * beyond.get("soc", np.zeros(len(run)))) ** 2
-    return PredictionBand(simulated, np.sqrt(variance), uncertainty.band_factor * np.sqrt(variance + level2))
+    std_V = uncertainty.band_factor * np.sqrt(variance + level2)
+    return PredictionBand(simulated, np.sqrt(variance), std_V, np.sqrt(variance + near2))
 
 
 def _distances(network: LocalModelNetwork, run: GridRun, soc: FloatArray) -> dict[str, FloatArray]:

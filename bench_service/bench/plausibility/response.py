@@ -143,8 +143,8 @@ def judge(response: Response, band: CellBand, now: Sample, least_A: float) -> Fi
     """Return what is not plausible about the resistance."""
     if _stands_still(response, now, least_A):
         text = (
-            f"voltage {response.held_V:.5g} V has come {response.still} times to the last bit, in {response.still_s:.0f} s"
-            f" at {now.current_A:.4g} A, and was noisy before"
+            f"voltage {response.held_V:.5g} V has come {response.still} times to the last bit, in "
+            f"{response.still_s:.0f} s at {now.current_A:.4g} A, and was noisy before"
         )
         return Finding("trip", "voltage_stuck", text, "check the voltage sensor and its leads")
     if response.held >= _STUCK_SAMPLES:

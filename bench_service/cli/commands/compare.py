@@ -95,6 +95,8 @@ def _show(console: Console, result: dict[str, Any]) -> None:
         show_module(console, result["module"])
     for line in usability_lines(result["usability"]):
         console.print(line)
+    if result["expected_rmse_mV"] is not None:
+        console.print(f"expected on runs that go where these go: {result['expected_rmse_mV']:.2f} mV RMS")
     console.print(start_line(result))
     for each in result["corrections"]:
         sizes = ", ".join(f"{name} {value:.4g}" for name, value in each["values"].items())

@@ -10,12 +10,12 @@ import { overlayChart } from "./result-charts.js";
 
 /** `unitOf(effect, parameter)`: in what a correction's size is given. */
 export function compareStep(comparison, runs, unitOf, keep) {
-  const { overall, overall_fitted_start: fitted, noise_floor_mV: floor, outside_training: outside, outside: guessed, inside_training: known, temperature, band, whiteness, corrections = [] } = comparison.result;
+  const { overall, expected_rmse_mV: expected, overall_fitted_start: fitted, noise_floor_mV: floor, outside_training: outside, outside: guessed, inside_training: known, temperature, band, whiteness, corrections = [] } = comparison.result;
   const times = Number.isFinite(floor) && floor > 0 ? `${(overall.rmse_mV / floor).toFixed(1)} times the noise floor of ${quantity(floor, 1, "mV")}` : "noise floor unknown";
   const names = new Map(runs.map((run) => [run.id, run.name ?? String(run.id).slice(0, 8)]));
   return [
     el("div", { class: "result-figures" },
-      figure("Voltage error", quantity(overall.rmse_mV, 2, "mV"), `RMS, from current and temperature alone; ${times}`),
+      figure("Voltage error", quantity(overall.rmse_mV, 2, "mV"), `RMS, from current and temperature alone; ${Number.isFinite(expected) ? `${quantity(expected, 1, "mV")} expected where these runs go; ` : ""}${times}`),
       figure("95 % of the samples below", quantity(overall.p95_mV, 1, "mV"), `largest ${quantity(overall.max_mV, 1, "mV")}`),
       fitted ? figure("With its start fitted too", quantity(fitted.rmse_mV, 2, "mV"), startWords(comparison.result.runs)) : null,
       whiteness ? figure("Cannot be foretold", quantity(whiteness.white_mV, 2, "mV"), whitenessWords(whiteness)) : null,

@@ -270,15 +270,8 @@ class Evaluator:
     def _simulate(self, current_A: FloatArray) -> None:
         self._current_A[self.experiment.lead :] = current_A
         net = self._net
-        signal_values(
-            net,
-            self._current_A,
-            self.experiment.initial_soc,
-            self._temperature_degC,
-            self._signals,
-            self._slopes,
-            self._soc,
-        )
+        signals = (self._signals, self._slopes, self._soc)
+        signal_values(net, self._current_A, self.experiment.initial_soc, self._temperature_degC, *signals)
         written = (self._first, self._validity, self._blended, self._y, self._psi)
         sensitivities(net, self._signals, self._free_run, *written)
 
@@ -296,5 +289,6 @@ class Evaluator:
             by_output,
             self._by_signal,
         )
-        current_gradient(self._net, self._current_A, self._signals, self._slopes, self._by_signal, self._gradient)
+        path = (self._current_A, self._soc, self._signals, self._slopes)
+        current_gradient(self._net, *path, self._by_signal, self._gradient)
         return self._gradient[self.experiment.lead :].copy()

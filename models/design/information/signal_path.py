@@ -11,7 +11,7 @@ from numba import njit
 
 from models.network.compiled_network import FlatNetwork, bent
 from models.network.signals import KELVIN, REFERENCE_K
-from models.network.signals.filters import DIFFUSION_GAINS
+from models.network.signals.filters import DIFFUSION_GAINS, EMPTY_SOC, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
@@ -63,7 +63,7 @@ def signal_values(
         if form >= DRIVEN:
             _driven(net, s, current_A, temperature_degC, values, slopes)
         elif form == SOC:
-            _diffusion(net, s, current_A, temperature_degC, values, slopes)
+            _diffusion(net, s, current_A, temperature_degC, soc, values, slopes)
         elif form == CASCADE:
             _cascade(net, s, current_A, values)
         elif form == LOOP:
@@ -138,6 +138,7 @@ def _diffusion(
     s: int,
     current_A: np.ndarray,
     temperature_degC: np.ndarray,
+    soc: np.ndarray,
     values: np.ndarray,
     slopes: np.ndarray,
 ) -> None:
@@ -150,6 +151,8 @@ def _diffusion(
         state = 0.0
         for k in range(current_A.shape[0]):
             slowed = _slowed(net, s, temperature_degC[k])
+            if net.exchange_A[s] != 0.0:
+                slowed *= slower_at(net.exchange_A[s], soc[k])
             keep = np.exp(-net.pole[s, mode] / slowed)
             state = keep * state + (1.0 - keep) * DIFFUSION_GAINS[mode] * slowed * current_A[k]
             values[k, s] += state
@@ -185,6 +188,7 @@ def _loop(net: FlatNetwork, s: int, current_A: np.ndarray, values: np.ndarray, s
 def current_gradient(
     net: FlatNetwork,
     current_A: np.ndarray,
+    soc: np.ndarray,
     signals: np.ndarray,
     slopes: np.ndarray,
     by_signal: np.ndarray,
@@ -194,7 +198,7 @@ def current_gradient(
 
     Parameters
     ----------
-    net, current_A, signals, slopes : as `signal_values` left them
+    net, current_A, soc, signals, slopes : as `signal_values` left them
     by_signal : (N, S) derivatives to the normalised signals
     out : (N,) derivative to each current, written
     """
@@ -208,6 +212,8 @@ def current_gradient(
                 by_soc[k] += by_signal[k, s] / net.span[s]
             if net.factor[s] != 0.0:
                 _diffusion_gradient(net, s, slopes, by_signal, out)
+                if net.exchange_A[s] != 0.0:
+                    _emptying_gradient(net, s, current_A, soc, slopes, by_signal, by_soc)
         elif form >= DRIVEN and not form & SQUARED_BIT:
             pole, total = net.pole[s, 0], 0.0
             for k in range(n_samples - 1, -1, -1):
@@ -256,3 +262,31 @@ def _diffusion_gradient(net: FlatNetwork, s: int, slopes: np.ndarray, by_signal:
             total += scale * by_signal[k, s]
             out[k] += (1.0 - keep) * DIFFUSION_GAINS[mode] * slopes[k, s] * total
             total *= keep
+
+
+@njit(cache=True)
+def _emptying_gradient(
+    net: FlatNetwork,
+    s: int,
+    current_A: np.ndarray,
+    soc: np.ndarray,
+    slopes: np.ndarray,
+    by_signal: np.ndarray,
+    by_soc: np.ndarray,
+) -> None:
+    """What a diffusion that slows down towards empty passes on to the state of charge."""
+    n_samples, scale = current_A.shape[0], net.factor[s] / net.span[s]
+    moved = np.empty(n_samples)
+    for mode in range(3):
+        rate, gain, state = net.pole[s, mode], DIFFUSION_GAINS[mode], 0.0
+        for k in range(n_samples):
+            keep, settled = np.exp(-rate / slopes[k, s]), gain * slopes[k, s] * current_A[k]
+            moved[k] = keep * rate / slopes[k, s] ** 2 * (state - settled) + (1.0 - keep) * gain * current_A[k]
+            state = keep * state + (1.0 - keep) * settled
+        total = 0.0
+        for k in range(n_samples - 1, -1, -1):
+            total += scale * by_signal[k, s]
+            if soc[k] > 0.0:
+                more = slower_at(net.exchange_A[s], soc[k])
+                by_soc[k] -= total * moved[k] * slopes[k, s] * (more - 1.0) / (more * EMPTY_SOC)
+            total *= np.exp(-rate / slopes[k, s])

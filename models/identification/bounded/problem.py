@@ -132,25 +132,25 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
     keep_every : every n-th sample is counted
     fold : (N,) number of the fold of each sample of all runs; by default as `folds` has them
     """
-    rows = regressors(bank, layout.basis, layout.scale)
-    soc = np.concatenate(soc_over(bank, layout.basis.axis))
     voltage = np.concatenate([run.voltage_V for run in bank.runs])
     own = fold_of(bank) if fold is None else fold
+    n_folds, size = int(own.max()) + 1, layout.size
     counted = np.zeros(len(voltage), dtype=bool)
     counted[::keep_every] = True
-    counted &= ~np.isnan(voltage)
-    chosen = np.flatnonzero(counted)
-    n_folds, size = int(own.max()) + 1, layout.size
+    chosen = np.flatnonzero(counted & ~np.isnan(voltage))
+    rows = regressors(bank, layout.basis, layout.scale, chosen)
+    soc = np.concatenate(soc_over(bank, layout.basis.axis))[chosen]
+    voltage, own = voltage[chosen], own[chosen]
     xx, xy = np.zeros((n_folds, size, size)), np.zeros((n_folds, size))
     yy, count = np.zeros(n_folds), np.zeros(n_folds)
     for fold_number in range(n_folds):
-        for part, block, columns in blocks(layout, rows, soc, chosen[own[chosen] == fold_number]):
+        for part, block, columns in blocks(layout, rows, soc, np.flatnonzero(own == fold_number)):
             y = voltage[part]
             xx[fold_number][np.ix_(columns, columns)] += block.T @ block
             xy[fold_number][columns] += block.T @ y
             yy[fold_number] += y @ y
             count[fold_number] += len(y)
-    rms = np.sqrt(np.mean(rows[chosen] ** 2, axis=0))
+    rms = np.sqrt(np.mean(rows**2, axis=0))
     return Sums(layout, xx, xy, yy, count, penalty_forms(layout, rms))
 
 
@@ -170,13 +170,14 @@ def run_index(bank: SignalBank) -> np.ndarray:
     return np.repeat(np.arange(len(bank.runs)), [len(run) for run in bank.runs])
 
 
-def regressors(bank: SignalBank, basis: Basis, scale: FloatArray) -> FloatArray:
-    """(N, B) signals of the terms over their largest values."""
-    columns = []
-    for term, largest in zip(basis.terms, scale, strict=True):
-        values = np.concatenate(bank.values(term.signal))
-        columns.append((values - (0.0 if term.bounded else REFERENCE_DEGC)) / largest)
-    return np.column_stack(columns)
+def regressors(bank: SignalBank, basis: Basis, scale: FloatArray, chosen: np.ndarray | None = None) -> FloatArray:
+    """(N, B) signals of the terms over their largest values, of the samples of all runs or of some."""
+    index = np.arange(sum(len(run) for run in bank.runs)) if chosen is None else chosen
+    out = np.empty((len(index), len(basis.terms)))
+    for b, (term, largest) in enumerate(zip(basis.terms, scale, strict=True)):
+        values = np.concatenate(bank.values(term.signal))[index]
+        out[:, b] = (values - (0.0 if term.bounded else REFERENCE_DEGC)) / largest
+    return out
 
 
 def blocks(

@@ -29,6 +29,9 @@ _SEARCH_SAMPLES = 45_000
 _SPHERES = ((0.055, 150.0, 3500.0), (0.08, 215.0, 3500.0))
 _SURFACES = ((0.02, 200.0, 5500.0), (0.02, 700.0, 5500.0), (0.05, 1000.0, 4500.0), (0.1, 2000.0, 2500.0), *_SPHERES)
 _ONE_TEMPERATURE = ((0.02, 200.0, 3500.0), (0.05, 400.0, 3500.0), (0.1, 1500.0, 3500.0), *_SPHERES)
+# The same of surfaces that run away where the cell is all but empty: there diffusion is slower by so many times.
+_EMPTYING = ((0.05, 1000.0, 6500.0, 30.0), (0.03, 700.0, 7500.0, 100.0))
+_EMPTYING_ONE = ((0.02, 200.0, 3500.0, 30.0), (0.05, 400.0, 3500.0, 30.0))
 # The range of temperature from which on its influence can be told, and from which on a surface's activation can.
 _MOVING_K = 2.0
 _WIDE_K = 10.0
@@ -42,13 +45,14 @@ class Variant:
 
     Attributes
     ----------
-    surface : depth in h, time constant in s, activation in K; None: the mean state of charge
+    surface : depth in h, time constant in s, activation in K, and by how much slower it diffuses at empty, where it
+        does; None: the mean state of charge
     squared : whether overvoltages that grow faster than the current are offered
     fine_slope : whether the curve's slope with temperature has knots as dense as a moved curve asks for
     fine_gains : whether gains have twice as many knots
     """
 
-    surface: tuple[float, float, float] | None = None
+    surface: tuple[float, ...] | None = None
     squared: bool = False
     fine_slope: bool = False
     fine_gains: bool = False
@@ -72,8 +76,10 @@ def variant_of(document: dict[str, Any]) -> Variant:
     """Read what `Variant.to_json` wrote, as a network's choices have it."""
     _, _, depth = str(document["axis"]).partition(":")
     surface = tuple(float(value) for value in depth.split("/")) if depth else None
-    if surface is not None and len(surface) != 3:
-        raise ModelError(f"axis {document['axis']!r} of a bounded network is neither soc nor surface_soc:a/b/c")
+    if surface is not None and len(surface) not in (3, 4):
+        raise ModelError(
+            f"axis {document['axis']!r} of a bounded network is neither soc nor surface_soc:a/b/c or a/b/c/d"
+        )
     fine_gains = bool(document.get("fine_gains", False))  # former documents have no such choice
     return Variant(surface, bool(document["squared"]), bool(document["fine_slope"]), fine_gains)
 
@@ -147,16 +153,21 @@ class Trials:
 
 
 def best_variant(trials: Trials) -> Variant:
-    """Return the form to take: the plain one unless a richer one is clearly better, and finer gains where those are."""
+    """Return the form to take: the plain one unless a richer one is clearly better, and then what else is."""
     plain = Variant()
     trials.error(plain)
     logs = trials.known[plain][1]
     best = min((plain, *_richer(trials)), key=lambda variant: trials.mean(trials.error(variant, logs)))
     best = _spared(trials, best, plain)
-    finer = replace(best, fine_gains=True)
-    return (
-        finer if clearly_better(trials.error(finer, trials.known[best][1]), trials.error(best), trials.counts) else best
-    )
+    for surface in _surfaces(trials, _EMPTYING, _EMPTYING_ONE):
+        best = _better(trials, replace(best, surface=surface, squared=True), best)
+    return _better(trials, replace(best, fine_gains=True), best)
+
+
+def _better(trials: Trials, trial: Variant, present: Variant) -> Variant:
+    """Return another form where it is clearly better than the present one."""
+    error = trials.error(trial, trials.known[present][1])
+    return trial if clearly_better(error, trials.error(present), trials.counts) else present
 
 
 def _spared(trials: Trials, best: Variant, plain: Variant) -> Variant:
@@ -172,13 +183,20 @@ def _spared(trials: Trials, best: Variant, plain: Variant) -> Variant:
 
 def _richer(trials: Trials) -> list[Variant]:
     moves = temperature_in(trials.bank) == "moves"
-    surfaces: list[tuple[float, float, float] | None] = [None]
-    if SLOW not in trials.without:
-        wide = _span(run.temperature_degC for run in trials.bank.runs) >= _WIDE_K
-        offered = _SURFACES if wide else _ONE_TEMPERATURE
-        unscaled = temperature_in(trials.bank) == "missing"
-        surfaces += [(depth, tau_s, 0.0 if unscaled else kelvin) for depth, tau_s, kelvin in offered]
+    surfaces = [None, *_surfaces(trials, _SURFACES, _ONE_TEMPERATURE)]
     return [Variant(surface, squared=True, fine_slope=moves) for surface in surfaces]
+
+
+def _surfaces(
+    trials: Trials, wide: tuple[tuple[float, ...], ...], one: tuple[tuple[float, ...], ...]
+) -> list[tuple[float, ...]]:
+    """Surfaces to be tried, of those for runs at many temperatures and those for runs at one."""
+    if SLOW in trials.without:
+        return []
+    if _span(run.temperature_degC for run in trials.bank.runs) >= _WIDE_K:
+        return list(wide)
+    unscaled = temperature_in(trials.bank) == "missing"
+    return [(depth, tau_s, 0.0 if unscaled else kelvin, *more) for depth, tau_s, kelvin, *more in one]
 
 
 def clearly_better(trial: FloatArray, present: FloatArray, counts: FloatArray, errors: float = 1.0) -> bool:

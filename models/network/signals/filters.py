@@ -10,6 +10,8 @@ from models.data.timeseries import FloatArray
 # Time constants of the three stages of the relaxation filter over the slowest of them: the slowest is the relaxation
 # itself, the others only round off the step's edge.
 _RELAXATION_STAGES = (1.0, 0.002, 0.002)
+# Over so much of the state of charge a diffusion that slows down towards empty does so by a factor of e.
+EMPTY_SOC = 0.12
 # Time constant of the slow state that a model's domain is told by.
 _SLOW_S = 600.0
 
@@ -108,6 +110,23 @@ def diffusion(values: FloatArray, time_constant_s: float, slowed: FloatArray, dt
     """
     rates = diffusion_rates(time_constant_s, dt_s)
     return _diffusion(values, rates, DIFFUSION_GAINS, np.broadcast_to(slowed, values.shape))
+
+
+@njit(cache=True)
+def slower_at(emptying: float, soc: float) -> float:
+    """By how much diffusion is slower at a state of charge than far from empty.
+
+    Parameters
+    ----------
+    emptying : how many times its time more it takes at empty
+    soc : fraction
+    """
+    return float(1.0 + emptying * np.exp(-max(soc, 0.0) / EMPTY_SOC))
+
+
+def slower_when_empty(emptying: float, soc: FloatArray) -> FloatArray:
+    """(n,) the same over many states of charge; NaN stays."""
+    return 1.0 + emptying * np.exp(-np.maximum(soc, 0.0) / EMPTY_SOC)
 
 
 @njit(cache=True)

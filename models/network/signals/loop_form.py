@@ -16,7 +16,8 @@ DIRECTION              +1 after charge, -1 after discharge, held through rests
 TEMPERATURE            degC
 INVERSE_TEMPERATURE    1/K
 SOC                    state of charge; where `factor` is not 0, plus factor times the current, scaled by temperature,
-                       through the modes of diffusion in a sphere (`poles` holds their rates per sample at 25 degC)
+                       through the modes of diffusion in a sphere (`poles` holds their rates per sample at 25 degC),
+                       and where `exchange_A` is not 0 the slower the emptier it is (`filters.slower_at`)
 =====================  ================================================================================================
 """
 
@@ -43,7 +44,7 @@ class LoopForm(NamedTuple):
     result : how DRIVEN bends what leaves it, AS_IS or SIGNED_SQUARE
     poles : of the filter's stages, 0 where there is none; of a diffusion: rates of its modes
     activation_K : scaling of the current by temperature; 0: none
-    exchange_A : scale of asinh; 0: none
+    exchange_A : scale of asinh; 0: none; of SOC in its place how many times its time more a diffusion takes at empty
     factor : of SOC per ampere, or of LOOP per ampere and sample
     """
 

@@ -1,7 +1,8 @@
 """State of charge at the surface of the particles: diffusion lets it run ahead of the mean one.
 
 The open-circuit voltage over it bends where the plain one would shift. With temperature the diffusion slows down as
-resistances grow: settled difference and time constants alike.
+resistances grow: settled difference and time constants alike. It may slow down towards empty as well, where particles
+fill up and have few places left to move to.
 """
 
 from __future__ import annotations
@@ -12,28 +13,36 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.network.signals.driven import ACTIVATION, TIME_CONSTANT, drive
-from models.network.signals.filters import diffusion, diffusion_rates
+from models.network.signals.filters import diffusion, diffusion_rates, slower_when_empty
 from models.network.signals.kind import Held, Parameter, Points, Run, Signal, SignalKind, Step
 from models.network.signals.loop_form import SOC, LoopForm
 from models.network.signals.temperature_scale import arrhenius
 
 
 def _values(signal: Signal, run: Run) -> FloatArray:
-    return _shifted(signal, run, _diffused(signal, run, drive(signal, run), run.dt_s))
+    return _shifted(signal, run, _diffused(signal, run, _drive(signal, run), run.dt_s))
 
 
 def _settled(signal: Signal, points: Held) -> FloatArray:
-    return _shifted(signal, points, drive(signal, points))
+    return _shifted(signal, points, _drive(signal, points))
 
 
 def _after_step(signal: Signal, step: Step) -> FloatArray:
-    x = drive(signal, step)
+    x = _drive(signal, step)
     return _shifted(signal, step, x[0] + _diffused(signal, step, x - x[0], step.dt_s))
+
+
+def _drive(signal: Signal, points: Points) -> FloatArray:
+    """(n,) current times how much slower than at 25 degC and full it diffuses."""
+    emptying = signal.get("emptying")
+    return drive(signal, points) * (slower_when_empty(emptying, points.soc) if emptying else 1.0)
 
 
 def _diffused(signal: Signal, points: Points, x: FloatArray, dt_s: float) -> FloatArray:
     activation_K = signal.get("activation_K")
     slower = arrhenius(points.temperature_degC, activation_K) if activation_K else np.ones(1)
+    if emptying := signal.get("emptying"):
+        slower = slower * slower_when_empty(emptying, points.soc)
     return diffusion(x, signal.get("time_constant_s"), slower, dt_s)
 
 
@@ -47,6 +56,7 @@ def _loop(signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
         SOC,
         poles=(first, second, third),
         activation_K=signal.get("activation_K"),
+        exchange_A=signal.get("emptying"),
         factor=signal.get("depth") / capacity_Ah,
     )
 
@@ -54,8 +64,13 @@ def _loop(signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
 KIND = SignalKind(
     name="surface_soc",
     title="state of charge at the surface of the particles as a fraction",
-    example="surface_soc:0.05/400/3500",
-    parameters=(Parameter("depth", "h", positive=False), TIME_CONSTANT, replace(ACTIVATION, optional=True)),
+    example="surface_soc:0.05/400/3500/30",
+    parameters=(
+        Parameter("depth", "h", positive=False),
+        TIME_CONSTANT,
+        replace(ACTIVATION, optional=True),
+        Parameter("emptying", "", optional=True),
+    ),
     values=_values,
     settled=_settled,
     after_step=_after_step,

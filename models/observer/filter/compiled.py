@@ -115,9 +115,13 @@ def step(
     if abs(flowing_A) > net.rest_A:
         held[HELD_DIRECTION] = np.sign(flowing_A)
     change_A = 0.0 if first else current_A - held[HELD_CURRENT]
+    alive, n = hypotheses.count(weight), max(net.order, 1)
+    likely_soc = moved
+    for j in range(alive):
+        likely_soc += weight[j] * x[j, n]
     move_on(
         net, prepared.per_span, constants[MORE_A], filters, history, current_A, flowing_A, change_A, counted + moved,
-        held[HELD_DIRECTION], temperature_degC, first,
+        likely_soc, held[HELD_DIRECTION], temperature_degC, first,
     )  # fmt: skip
     held[NET] += constants[NET_SHARE] * (moved - held[NET])
     keep_slow = np.exp(-constants[SLOW_RATE] - constants[SLOW_CHARGE] * abs(held[NET]))
@@ -125,7 +129,6 @@ def step(
     if missing_current:
         # Nothing is known of the charge that flows: as if it were 1C either way, in each sample anew.
         q_soc += (net.soc_per_A * net.rest_A * _UNKNOWN_CURRENT) ** 2
-    alive, n = hypotheses.count(weight), max(net.order, 1)
     for j in range(alive):
         base = x[j, n] - counted
         quick, slow, overpotential = predict(

@@ -10,7 +10,7 @@ from numba import njit
 
 from models.network.compiled_network import FlatNetwork, bent
 from models.network.signals import KELVIN, REFERENCE_K
-from models.network.signals.filters import DIFFUSION_GAINS
+from models.network.signals.filters import DIFFUSION_GAINS, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
@@ -36,6 +36,7 @@ def move_on(
     flowing_A: float,
     change_A: float,
     soc: float,
+    likely_soc: float,
     direction: float,
     temperature_degC: float,
     first: bool,
@@ -54,7 +55,8 @@ def move_on(
     history : (2, lags, signals) normalised signals, newest first
     current_A, change_A : what this sample reads, and its change
     flowing_A : the same without the sensor's offset, 0 where it may be nothing else
-    soc, direction, temperature_degC : of this sample
+    soc, direction, temperature_degC : of this sample; the first as far as it was counted
+    likely_soc : where the hypotheses have it, for what diffuses more slowly towards empty
     first : there is no past yet
     """
     forms, poles, factor, low = net.form, net.pole, net.factor, net.low
@@ -76,12 +78,15 @@ def move_on(
                 slowed = np.exp(slowed_for * (inverse_K - 1.0 / REFERENCE_K))
                 exchange_for = 0.0
             if form == SOC:
+                slower = slowed
+                if exchange_A[s] != 0.0:
+                    slower *= slower_at(exchange_A[s], likely_soc)
                 for run in range(runs):
                     history[run, 0, s] = soc
                 for mode in range(3 if factor[s] != 0.0 else 0):
-                    keep = np.exp(-poles[s, mode] / slowed)
+                    keep = np.exp(-poles[s, mode] / slower)
                     for run in range(runs):
-                        value = (current_A + run * more_A) * slowed
+                        value = (current_A + run * more_A) * slower
                         moved = keep * filters[run, s, mode] + (1.0 - keep) * DIFFUSION_GAINS[mode] * value
                         filters[run, s, mode] = moved
                         history[run, 0, s] += factor[s] * moved

@@ -107,3 +107,5 @@ def test_the_expected_error_is_compared_where_one_was_stated() -> None:
     rows = [row("a", "auto", 10.0, expected_rmse_mV=12.0), row("b", "auto", 10.0, expected_rmse_mV=6.0)]
     assert expected_off([*rows, row("c", "auto", 1.0, expected_rmse_mV=None)]) == pytest.approx(0.3)
     assert expected_off([row("c", "auto", 1.0)]) is None
+    here = row("d", "auto", 10.0, expected_here_rmse_mV=9.0)
+    assert summary([here], ["auto"])["structures"]["auto"]["expected_here_off"] == pytest.approx(0.1)

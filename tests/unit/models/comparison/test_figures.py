@@ -67,6 +67,14 @@ def test_samples_outside_the_trained_domain_are_counted(network) -> None:
     assert not simulate_runs(network, [hot], [0.6])[0].inside.any()
 
 
+def test_what_to_expect_of_runs_does_not_look_at_their_voltage(network) -> None:
+    run = synthetic.run(4000, seed=2, noise_V=1e-3)
+    result = compare(network, [run], [0.6])
+    assert result["overall"]["rmse_mV"] < result["expected_rmse_mV"] < 2.0 * result["overall"]["rmse_mV"]
+    wrong = TimeSeries(run.time_s, run.current_A, run.voltage_V + 0.05, run.temperature_degC, None, run.soc_ref)
+    assert compare(network, [wrong], [0.6])["expected_rmse_mV"] == pytest.approx(result["expected_rmse_mV"], rel=0.05)
+
+
 def test_no_run_is_refused(network) -> None:
     with pytest.raises(ModelError, match="no run"):
         compare(network, [], [])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.comparison.reach import band_figures, bands, gaps, inside_by
+from models.comparison.reach import band_figures, bands, expected_rmse_mV, gaps, inside_by
 from models.comparison.start import Start
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.uncertainty.bands import NORMAL_95, PredictionBand
@@ -50,7 +50,7 @@ def test_a_model_that_does_not_say_what_it_does_not_know_has_no_band() -> None:
 
 def test_shares_within_the_band_over_all_samples_and_inside_the_domain() -> None:
     std_V = 0.01 / NORMAL_95
-    band = PredictionBand(np.full(5, 3.7), np.zeros(5), np.full(5, std_V))
+    band = PredictionBand(np.full(5, 3.7), np.zeros(5), np.full(5, std_V), np.full(5, std_V))
     voltage = np.array([3.7, 3.7099, 3.7101, 3.6, np.nan])
     run = replace(grid_run(np.zeros(5), 25.0), voltage_V=voltage, measured=~np.isnan(voltage))
     found = band_figures([band], [run], [np.array([True, True, True, False, True])])
@@ -59,8 +59,17 @@ def test_shares_within_the_band_over_all_samples_and_inside_the_domain() -> None
     assert found["mean_half_width_mV"] == pytest.approx(10.0)
 
 
+def test_what_is_to_be_expected_counts_the_measured_samples() -> None:
+    usual_V = np.array([0.003, 0.004, 1.0])
+    band = PredictionBand(np.full(3, 3.7), np.zeros(3), np.full(3, 1.0), usual_V)
+    run = replace(grid_run(np.zeros(3), 25.0), measured=np.array([True, True, False]))
+    assert expected_rmse_mV([band], [run]) == pytest.approx(1e3 * np.sqrt(12.5e-6))
+    assert expected_rmse_mV(None, [run]) is None
+    assert expected_rmse_mV([band], [replace(run, measured=np.zeros(3, dtype=bool))]) is None
+
+
 def test_no_figures_of_nothing() -> None:
-    band = PredictionBand(np.full(2, 3.7), np.zeros(2), np.full(2, 0.01))
+    band = PredictionBand(np.full(2, 3.7), np.zeros(2), np.full(2, 0.01), np.full(2, 0.01))
     blind = grid_run(np.zeros(2), 25.0)
     found = band_figures([band], [blind], [np.ones(2, dtype=bool)])
     assert found == {"coverage_95": None, "coverage_95_inside": None, "mean_half_width_mV": None}

@@ -110,7 +110,8 @@ def _hats(knots: np.ndarray, z: complex) -> np.ndarray:
 def _signal(network: LocalModelNetwork, name: str, current: np.ndarray, experiment: Experiment) -> np.ndarray:
     low, high = network.scaling[name]
     signal, dt_s = parse_signal(name), network.structure.dt_s
-    per_A = dt_s / 3600.0 / network.cell.capacity_Ah
+    capacity_Ah = network.cell.capacity_Ah
+    per_A = dt_s / 3600.0 / capacity_Ah
     soc = experiment.initial_soc + np.concatenate([[0.0], np.cumsum(current[1:])]) * per_A
     kelvin = np.full(len(current), experiment.temperature_degC + 273.15)
     tau = signal.get("time_constant_s")
@@ -118,10 +119,13 @@ def _signal(network: LocalModelNetwork, name: str, current: np.ndarray, experime
     x = current * slowed
     if signal.kind == "charge_transfer":
         x = np.arcsinh(x / signal.get("exchange_current_A"))
+    # Kept at that of empty below it; nothing but the real part decides.
+    slower = 1.0 + signal.get("emptying") * np.exp(-np.where(soc.real > 0.0, soc, 0.0) / 0.12)
+    depth_per_A = signal.get("depth") / capacity_Ah
     filtered = _low_pass(x, np.exp(-dt_s / tau)) if tau else x
     values = {
         "soc": lambda: soc,
-        "surface_soc": lambda: soc + signal.get("depth") * _sphere(x, tau, slowed[0], dt_s) / network.cell.capacity_Ah,
+        "surface_soc": lambda: soc + depth_per_A * _sphere(x * slower, tau, slowed * slower, dt_s),
         "squared_current": lambda: np.where(filtered.real < 0, -filtered, filtered) * filtered,
         "temperature": lambda: kelvin - 273.15,
         "inverse_temperature": lambda: 1.0 / kelvin,
@@ -132,20 +136,21 @@ def _signal(network: LocalModelNetwork, name: str, current: np.ndarray, experime
     return (values - low) / (high - low)
 
 
-def _low_pass(x: np.ndarray, pole: float) -> np.ndarray:
+def _low_pass(x: np.ndarray, pole: float | np.ndarray) -> np.ndarray:
+    poles = np.broadcast_to(pole, x.shape)
     out, state = np.empty_like(x), 0.0
     for k, value in enumerate(x):
-        state = pole * state + (1.0 - pole) * value
+        state = poles[k] * state + (1.0 - poles[k]) * value
         out[k] = state
     return out
 
 
-def _sphere(x: np.ndarray, tau: float, slowed: float, dt_s: float) -> np.ndarray:
+def _sphere(x: np.ndarray, tau: float, slowed: np.ndarray, dt_s: float) -> np.ndarray:
     """First three modes of diffusion in a sphere, roots of tan(x) = x, with unit gain."""
     roots = np.array([4.493409457909064, 7.725251836937707, 10.904121659428899])
     gains = roots**-2.0 / (roots**-2.0).sum()
-    rates = dt_s / tau * (roots / roots[0]) ** 2 / slowed
-    return sum(gain * _low_pass(x, np.exp(-rate)) for gain, rate in zip(gains, rates, strict=True))
+    rates = dt_s / tau * (roots / roots[0]) ** 2
+    return sum(gain * _low_pass(x, np.exp(-rate / slowed)) for gain, rate in zip(gains, rates, strict=True))
 
 
 def _relaxation(current: np.ndarray, tau: float, dt_s: float) -> np.ndarray:

@@ -23,6 +23,8 @@ SIGNALS = (
     "charge_transfer:3/3500",
     "surface_soc:0.05/400/3500",
     "surface_soc:0.02/900",
+    "surface_soc:0.05/400/3500/30",
+    "surface_soc:0.05/400/0/30",
     "current",
     "scaled_current:3500",
     "relaxation:300",

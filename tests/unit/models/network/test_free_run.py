@@ -78,7 +78,7 @@ def test_far_outside_all_boxes_the_nearest_one_takes_over() -> None:
     np.testing.assert_allclose(blocked_free_run_V(network, run, 0.5), expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500"])
+@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500", "surface_soc:0.05/400/3500/30"])
 @pytest.mark.parametrize("largest_A", [5.0, 400.0])
 def test_hats_run_in_blocks(axis: str, largest_A: float) -> None:
     network, run = hats(axis), measured_run(largest_A=largest_A)
@@ -88,7 +88,7 @@ def test_hats_run_in_blocks(axis: str, largest_A: float) -> None:
     assert np.ptp(expected) > 0.2
 
 
-@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500"])
+@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500", "surface_soc:0.05/400/3500/30"])
 def test_hats_sample_by_sample_are_the_free_run(axis: str) -> None:
     network, run = hats(axis), measured_run(600, largest_A=9.0)
     net = flat_network(network)

@@ -10,7 +10,7 @@ from models.data.errors import ModelError
 from models.identification.progress import Progress, silent
 from models.pipeline import choosing
 from models.pipeline.choosing import STRUCTURES, choose, is_physical
-from models.pipeline.plans import BoundedNetwork, HeldOutError, SearchedNetwork
+from models.pipeline.plans import BoundedNetwork, HeldOutError, SearchedNetwork, expected_V
 from models.pipeline.training import Training, training
 from tests.unit.models.diagnosis.cells import SOC
 from tests.unit.models.pipeline.bounded_cell import CELL, fitted, run
@@ -38,6 +38,9 @@ class Kind:
 
     def held_out(self) -> HeldOutError:
         return HeldOutError((1e-3 * np.array(self.rmse_mV)) ** 2, COUNT)
+
+    def held_out_blocks(self) -> HeldOutError:
+        return HeldOutError((2.5e-4 * np.array(self.rmse_mV)) ** 2, COUNT)
 
     def best(self, family: str) -> "Kind":
         return replace(self, name=family)
@@ -127,6 +130,13 @@ def test_a_negative_resistance_is_not_physical() -> None:
     network = fitted().network
     assert is_physical(network)
     assert not is_physical(replace(network, theta=-network.theta))
+
+
+@pytest.mark.parametrize(("runs", "expected_mV"), [(2, 8.0), (3, 4.0), (4, 4.0), (5, 8.0)])
+def test_of_three_or_four_runs_whole_ones_and_blocks_bound_what_is_expected(runs: int, expected_mV: float) -> None:
+    kind = Kind("bounded", (8.0,) * len(COUNT))
+    found = expected_V(kind, kind.held_out(), runs)  # pyright: ignore[reportArgumentType]
+    assert 1e3 * found == pytest.approx(expected_mV)
 
 
 def test_the_expected_error_is_near_that_on_unseen_runs() -> None:

@@ -45,7 +45,7 @@ def test_voltage_is_the_free_run_at_the_temperature_that_comes_out(order: int, k
     np.testing.assert_allclose(result.voltage_V, free_run_V(network, run, 0.55), rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500"])
+@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500", "surface_soc:0.05/400/3500/30"])
 def test_hats_run_in_closed_loop(axis: str) -> None:
     network, current = hand_network.hats(axis), load_A()
     result = simulate_closed(network, THERMAL, ocv_table(network, **AXES), current, 18.0, initial_soc=0.55)

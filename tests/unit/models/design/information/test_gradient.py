@@ -136,7 +136,7 @@ def test_the_methods_recursion_is_the_part_that_the_current_has_directly(order: 
 
 
 @pytest.mark.parametrize("criterion", sorted(CRITERIA))
-@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500"])
+@pytest.mark.parametrize("axis", ["soc", "surface_soc:0.05/400/3500", "surface_soc:0.05/400/3500/30"])
 def test_hats_against_the_complex_step(axis: str, criterion: str) -> None:
     net = hats(axis)
     rng = np.random.default_rng(4)

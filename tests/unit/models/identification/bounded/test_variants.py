@@ -63,6 +63,24 @@ def test_gains_that_change_within_a_tenth_of_the_charge_get_more_knots() -> None
     assert tried.mean(tried.error(best)) < 0.9 * tried.mean(tried.error(replace(best, fine_gains=False)))
 
 
+def test_a_surface_that_runs_empty_in_the_cold_is_slower_there() -> None:
+    moved, rng = bank(n=6000, swing_K=15.0), np.random.default_rng(3)
+    # Down to a tenth of the charge, where the curve falls by half a volt.
+    drained = SignalBank(moved.runs, [0.235] * len(moved.runs), moved.cell)
+    knee = [
+        replace(
+            run,
+            voltage_V=3.2 + 0.6 * s - 0.5 * np.exp(-s / 0.05) + 0.02 * run.current_A + rng.normal(0.0, 1e-3, len(run)),
+        )
+        for run, s in zip(moved.runs, drained.values("surface_soc:0.05/1000/6500/30"), strict=True)
+    ]
+    tried = Trials(SignalBank(knee, drained.initial_soc, moved.cell))
+    best = best_variant(tried)
+    assert best.surface is not None and len(best.surface) == 4
+    others = [tried.mean(tried.error(each)) for each in tried.known if each.surface and len(each.surface) == 3]
+    assert tried.mean(tried.error(best)) < 0.8 * min(others)
+
+
 def test_effects_are_left_out_of_every_form() -> None:
     tried = trials(("hysteresis", "relaxation"))
     for variant in (Variant(), Variant(squared=True)):
@@ -93,6 +111,8 @@ def test_a_form_names_itself() -> None:
     rich = Variant((0.02, 200.0, 5500.0), squared=True, fine_gains=True)
     assert variant_of(rich.to_json()) == rich
     assert Variant((0.02, 200.0, 5500.0), squared=True).axis == "surface_soc:0.02/200/5500"
+    emptying = Variant((0.05, 1000.0, 6500.0, 30.0))
+    assert emptying.axis == "surface_soc:0.05/1000/6500/30" and variant_of(emptying.to_json()) == emptying
 
 
 def test_what_charge_and_discharge_lose_differently_is_fitted_and_can_be_left_out() -> None:

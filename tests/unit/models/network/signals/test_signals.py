@@ -45,3 +45,14 @@ def test_a_temperature_must_have_been_measured(name: str) -> None:
     with pytest.raises(StructureError, match=f"'{name}' needs a temperature"):
         run.values(name)
     assert np.isfinite(run.values("low_pass:60")).all()
+
+
+def test_a_surface_that_is_slower_at_empty_leads_by_more_there() -> None:
+    n, name = 40_000, "surface_soc:0.05/100/0/30"
+    for soc, times in ((0.0, 31.0), (0.12, 1.0 + 30.0 / np.e), (-0.1, 31.0)):
+        held = RunSignals(np.full(n, -0.5), np.full(n, 25.0), np.full(n, soc), 1.0, 2.5)
+        lead = held.values(name) - soc
+        assert lead[-1] == pytest.approx(-0.05 * 0.2 * times, rel=1e-3)
+        # And it takes as many times longer to get there.
+        share = lead[int(100.0 * times)] / lead[-1]
+        assert share == pytest.approx((held.values("surface_soc:0.05/100")[100] - soc) / (-0.05 * 0.2), abs=0.01)

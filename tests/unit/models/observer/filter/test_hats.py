@@ -25,7 +25,7 @@ from models.readouts.ocv import ocv_table
 from tests.unit.models import hand_network
 from tests.unit.models.hand_network import KNOTS, SCALING, grid_run, hats
 
-AXES = ["soc", "surface_soc:0.05/400/3500"]
+AXES = ["soc", "surface_soc:0.05/400/3500", "surface_soc:0.05/400/3500/30"]
 SETTINGS = ObserverSettings(
     voltage_std_V=2e-3, quick_error_std_V=1e-3, slow_error_std_V=2e-3, current_offset_std_C=0.0, capacity_std=0.0
 )
@@ -98,7 +98,9 @@ def test_the_outputs_spread_is_the_slope_of_the_curve_under_load(axis: str, soc:
     up, down = (observer.replay(observer.initial(soc + s, std), current, nothing, degC)[1][:, 2] for s in (step, -step))
     slope_V = (up - down) / (2.0 * step)
     assert np.ptp(slope_V) > 0.0
-    np.testing.assert_allclose(rows[:, 4] ** 2, SETTINGS.voltage_std_V**2 + (std * slope_V) ** 2, rtol=1e-5)
+    # That diffusion slows down with the state of charge itself is no part of the filter's slope.
+    rtol = 1e-3 if axis.endswith("/30") else 1e-5
+    np.testing.assert_allclose(rows[:, 4] ** 2, SETTINGS.voltage_std_V**2 + (std * slope_V) ** 2, rtol=rtol)
 
 
 @pytest.mark.parametrize("gain", ["kalman", "steady"])

@@ -25,6 +25,7 @@ SIGNALS = (
     "charge_transfer:3/2500/20",
     "squared_current:60/3000",
     "surface_soc:0.05/400/3500",
+    "surface_soc:0.05/400/3500/30",
     "relaxation:300",
     "hysteresis_state:40",
     "inverse_temperature",
@@ -53,7 +54,7 @@ def test_signals_are_those_of_the_simulation_for_both_currents() -> None:
         before = history[:, 0].copy()
         change, direction = current - last, float(np.sign(current))
         rest = (change, soc, direction, degC)
-        _MOVE_ON(net, per_span, more_A, filters, history, current, current, *rest, k == 0)
+        _MOVE_ON(net, per_span, more_A, filters, history, current, current, change, soc, *rest[1:], k == 0)
         _STEP_SIGNALS(net, plain, now, current, *rest)
         _STEP_SIGNALS(net, plain_more, now_more, current + more_A, *rest)
         np.testing.assert_allclose(history[0, 0], now, atol=1e-12)
