@@ -3,8 +3,9 @@ import hashlib
 import pytest
 
 from simulators.catalogue import CELLS, cell_type
+from simulators.cell_parameters import CellParameters
 from simulators.effects import EFFECTS, apply_effects
-from simulators.hidden_effect import BY_NAME, HIDDEN, draw
+from simulators.hidden_effect import BY_NAME, HIDDEN, STRUCTURAL, draw, plain
 from simulators.sensors import SensorParameters
 
 
@@ -24,6 +25,36 @@ def test_a_seed_draws_the_same_effect_and_seeds_draw_different_ones() -> None:
     again = [draw("random", parameters, seed) for seed in range(60)]
     assert [(d.name, d.value) for d in drawn] == [(d.name, d.value) for d in again]
     assert {d.name for d in drawn} == set(HIDDEN)
+
+
+def made(cell: CellParameters, effects: dict[str, float]) -> CellParameters:
+    return apply_effects(cell, SensorParameters(), effects)[0]
+
+
+@pytest.mark.parametrize("cell", sorted(CELLS))
+def test_the_game_of_a_structure_hides_one_of_the_parts_that_a_plain_cell_goes_without(cell: str) -> None:
+    parameters = cell_type(cell).parameters
+    bare = made(parameters, plain(parameters))
+    assert bare.hysteresis_amplitude_V == bare.charge_transfer_V == bare.slow.resistance_Ohm == 0.0
+    drawn = [draw("random", parameters, seed, "structure") for seed in range(30)]
+    assert {hidden.name for hidden in drawn} == set(STRUCTURAL)
+    for hidden in drawn:
+        assert hidden.before == 0.0
+        # As large as it would be in the ordinary cell with the same effect: never less than that has.
+        assert hidden.value > draw(hidden.name, parameters, 1).before > 0.0
+        assert made(parameters, plain(parameters) | {hidden.name: hidden.value}) != bare
+
+
+def test_charge_transfer_that_is_hidden_in_a_plain_cell_bends_at_the_currents_of_a_campaign() -> None:
+    for kind in CELLS.values():
+        cell = made(kind.parameters, plain(kind.parameters))
+        assert cell.exchange_current_A == 0.5 * cell.capacity_Ah
+
+
+def test_what_is_no_part_of_a_structure_is_hidden_by_its_name_as_ever() -> None:
+    parameters = cell_type("nmc").parameters
+    for mode in ("change", "structure"):
+        assert draw("capacity", parameters, 3, mode).before == parameters.capacity_Ah
 
 
 def test_the_seal_closes_the_contents_and_cannot_be_guessed_from_name_and_size() -> None:
