@@ -36,8 +36,11 @@ def test_a_current_that_was_read_wrong_moves_what_follows_too() -> None:
 
 
 def test_what_had_passed_before_a_run_is_counted_through_those_that_it_follows() -> None:
-    assert passed_before_Ah(Counting([RUN, RUN, RUN], [0.9, 0.4, -0.1], CELL)) == pytest.approx([0.0, 1.0, 2.0], abs=1e-3)
+    def passed(*soc: float) -> list[float]:
+        return passed_before_Ah(Counting([RUN] * len(soc), list(soc), CELL))
+
+    assert passed(0.9, 0.4, -0.1) == pytest.approx([0.0, 1.0, 2.0], abs=1e-3)
     # The second follows nothing that is there, the third the first.
-    assert passed_before_Ah(Counting([RUN, RUN, RUN], [0.9, 0.7, 0.4], CELL)) == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
+    assert passed(0.9, 0.7, 0.4) == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
     # Nothing follows a run that comes after it.
-    assert passed_before_Ah(Counting([RUN, RUN], [0.4, 0.9], CELL)) == [0.0, 0.0]
+    assert passed(0.4, 0.9) == [0.0, 0.0]
