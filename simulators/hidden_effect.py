@@ -13,7 +13,7 @@ import numpy as np
 from simulators.cell_parameters import CellParameters
 from simulators.effects import EFFECTS
 
-__all__ = ["BY_NAME", "HIDDEN", "SIZES", "STRUCTURAL", "HiddenEffect", "Mode", "Size", "draw", "own_value", "plain"]
+__all__ = ["BY_NAME", "HIDDEN", "SIZES", "STRUCTURAL", "HiddenEffect", "Mode", "Size", "draw", "game_cell", "own_value"]
 
 Mode = Literal["change", "structure"]
 
@@ -99,9 +99,10 @@ _UPPER_PART = 0.4
 # What the structure of a model can do without and a campaign at one chamber temperature shows: the game of a structure
 # draws from these. What a network takes in unseen, such as a resistance or a capacity, it cannot lack.
 STRUCTURAL = ("charge_transfer", "hysteresis", "relaxation")
-# Exchange current of a plain cell over its capacity, 1/h: at 1C and 2C its charge transfer bends. With the 2 to 4 of
-# the ordinary cells it can be told from a resistance at larger currents only than a campaign takes.
-_EXCHANGE_RATE = 0.5
+# Exchange current of a game's cells over the capacity, 1/h: at 1C and 2C their charge transfer bends. With the 2 to 4
+# of the ordinary cells it can be told from a resistance at larger currents only than a campaign takes. Where the cell
+# has all its other parts, a smaller one than this would bring what is hidden beyond the voltage limits.
+_EXCHANGE_RATES: MappingProxyType[Mode, float] = MappingProxyType({"change": 1.0, "structure": 0.5})
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,9 +138,13 @@ class HiddenEffect:
         return hashlib.sha256(self.contents.encode()).hexdigest()
 
 
-def plain(cell: CellParameters) -> dict[str, float]:
-    """Effects that make a cell of which a simple structure lacks nothing: none of `STRUCTURAL` is there."""
-    return dict.fromkeys(STRUCTURAL, 0.0) | {"exchange_current": _EXCHANGE_RATE * cell.capacity_Ah}
+def game_cell(cell: CellParameters, mode: Mode) -> dict[str, float]:
+    """Effects that make the cell of a game, without what is hidden, of an ordinary one.
+
+    In the game of a structure it is a plain one, of which a simple structure lacks nothing: it has none of `STRUCTURAL`.
+    """
+    bends = {"exchange_current": _EXCHANGE_RATES[mode] * cell.capacity_Ah}
+    return bends if mode == "change" else dict.fromkeys(STRUCTURAL, 0.0) | bends
 
 
 def draw(name: str, cell: CellParameters, seed: int, mode: Mode = "change") -> HiddenEffect:

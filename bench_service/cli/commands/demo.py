@@ -117,7 +117,7 @@ def _hidden_effect(options: Namespace) -> HiddenEffect | None:
 def _config(options: Namespace, hidden: HiddenEffect | None) -> ServiceConfig:
     # Lazy: pydantic takes 120 ms.
     from bench_service.config import BenchConfig, LimitsConfig, ServiceConfig, SimulateConfig
-    from simulators.hidden_effect import plain
+    from simulators.hidden_effect import game_cell
 
     cell = cell_type(options.cell)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
@@ -138,12 +138,12 @@ def _config(options: Namespace, hidden: HiddenEffect | None) -> ServiceConfig:
             limits=limits,
         )
 
-    effects = {} if hidden is None else {hidden.name: hidden.value}
+    own = {} if hidden is None else game_cell(cell.parameters, options.mode)
+    effects = own if hidden is None else own | {hidden.name: hidden.value}
     if hidden is None or options.mode == "structure":
-        effects = effects and plain(cell.parameters) | effects
         return ServiceConfig(data_dir=data, worker_nice=_WORKER_NICE, bench={_BENCH: bench(effects)})
     # The same cell before and after; the bench of the second one stands for the first a year later.
-    benches = {_BENCH: bench({}), _CHANGED_BENCH: bench(effects)}
+    benches = {_BENCH: bench(own), _CHANGED_BENCH: bench(effects)}
     return ServiceConfig(data_dir=data, worker_nice=_WORKER_NICE, bench=benches)
 
 
