@@ -141,7 +141,7 @@ class HiddenEffect:
 def game_cell(cell: CellParameters, mode: Mode) -> dict[str, float]:
     """Effects that make the cell of a game, without what is hidden, of an ordinary one.
 
-    In the game of a structure it is a plain one, of which a simple structure lacks nothing: it has none of `STRUCTURAL`.
+    In the game of a structure it is a plain one, of which a simple structure lacks nothing: none of `STRUCTURAL`.
     """
     bends = {"exchange_current": _EXCHANGE_RATES[mode] * cell.capacity_Ah}
     return bends if mode == "change" else dict.fromkeys(STRUCTURAL, 0.0) | bends
