@@ -57,6 +57,8 @@ EFFECTS: MappingProxyType[str, Effect] = MappingProxyType(
         "current_gain": Effect("sensors", "current_gain", "1"),
         "current_offset": Effect("sensors", "current_offset_A", "A"),
         "entropic_voltage": Effect("cell", "dU_dT_V_per_K", "V/K"),
+        # No effect by itself: the current at which charge transfer begins to bend.
+        "exchange_current": Effect("cell", "exchange_current_A", "A"),
         "heat_transfer": Effect("cell", "heat_transfer_W_per_K", "W/K"),
         "hysteresis": Effect("cell", "hysteresis_amplitude_V", "V"),
         "intermittent_contact": Effect("cell", "contact_Ohm", "Ohm"),

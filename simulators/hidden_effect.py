@@ -6,13 +6,16 @@ import hashlib
 import secrets
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 
 from simulators.cell_parameters import CellParameters
 from simulators.effects import EFFECTS
 
-__all__ = ["BY_NAME", "HIDDEN", "SIZES", "HiddenEffect", "Size", "draw", "own_value"]
+__all__ = ["BY_NAME", "HIDDEN", "SIZES", "STRUCTURAL", "HiddenEffect", "Mode", "Size", "draw", "game_cell", "own_value"]
+
+Mode = Literal["change", "structure"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +96,13 @@ BY_NAME = (
     "voltage_gain",
 )
 _UPPER_PART = 0.4
+# What the structure of a model can do without and a campaign at one chamber temperature shows: the game of a structure
+# draws from these. What a network takes in unseen, such as a resistance or a capacity, it cannot lack.
+STRUCTURAL = ("charge_transfer", "hysteresis", "relaxation")
+# Exchange current of a game's cells over the capacity, 1/h: at 1C and 2C their charge transfer bends. With the 2 to 4
+# of the ordinary cells it can be told from a resistance at larger currents only than a campaign takes. Where the cell
+# has all its other parts, a smaller one than this would bring what is hidden beyond the voltage limits.
+_EXCHANGE_RATES: MappingProxyType[Mode, float] = MappingProxyType({"change": 1.0, "structure": 0.5})
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,14 +138,26 @@ class HiddenEffect:
         return hashlib.sha256(self.contents.encode()).hexdigest()
 
 
-def draw(name: str, cell: CellParameters, seed: int) -> HiddenEffect:
+def game_cell(cell: CellParameters, mode: Mode) -> dict[str, float]:
+    """Effects that make the cell of a game, without what is hidden, of an ordinary one.
+
+    In the game of a structure it is a plain one, of which a simple structure lacks nothing: none of `STRUCTURAL`.
+    """
+    bends = {"exchange_current": _EXCHANGE_RATES[mode] * cell.capacity_Ah}
+    return bends if mode == "change" else dict.fromkeys(STRUCTURAL, 0.0) | bends
+
+
+def draw(name: str, cell: CellParameters, seed: int, mode: Mode = "change") -> HiddenEffect:
     """Draw an effect and its size.
 
     Parameters
     ----------
-    name : an effect of `HIDDEN` or `BY_NAME`, or "random", which is one of the former
+    name : an effect of `HIDDEN` or `BY_NAME`, or "random", which is one of `HIDDEN`, in the game of a structure one of
+        `STRUCTURAL`
     cell : the cell before the change
     seed : the same seed draws the same effect and size; the salt is always a new one
+    mode : "change": the cell gets it beside what it has; "structure": it is the one of `STRUCTURAL` that a plain cell
+        has, as large as the ordinary one would have with it
 
     Raises
     ------
@@ -143,14 +165,16 @@ def draw(name: str, cell: CellParameters, seed: int) -> HiddenEffect:
         The effect is unknown; the message lists the names.
     """
     rng = np.random.default_rng([seed, 0x5EA1])
-    chosen = str(rng.choice(sorted(HIDDEN))) if name == "random" else name
+    among = STRUCTURAL if mode == "structure" else HIDDEN
+    chosen = str(rng.choice(sorted(among))) if name == "random" else name
     known = sorted((*HIDDEN, *BY_NAME))
     if chosen not in known:
         raise ValueError(f"effect {chosen!r} cannot be hidden; random, none or one of {', '.join(known)}")
     size, own = SIZES[chosen], own_value(chosen, cell)
     x = size.signed(float(rng.uniform(max(size.low, _UPPER_PART * size.high), size.high)), rng)
     value = size.value(x, own, cell.capacity_Ah)
-    return HiddenEffect(chosen, float(f"{value:.4g}"), own, secrets.token_hex(8))
+    before = 0.0 if mode == "structure" and chosen in STRUCTURAL else own
+    return HiddenEffect(chosen, float(f"{value:.4g}"), before, secrets.token_hex(8))
 
 
 def own_value(name: str, cell: CellParameters) -> float:

@@ -18,7 +18,10 @@ router = APIRouter(prefix="/campaigns", tags=["campaigns"], route_class=StrictRo
 
 
 class CampaignBody(Body):
-    """A campaign; what is left out follows from the bench. ``duration_s`` is that of each run."""
+    """A campaign; what is left out follows from the bench. ``duration_s`` is that of each run.
+
+    ``without``: effects that its model, a bounded network, is to lack.
+    """
 
     bench: Id
     name: Name | None = None
@@ -30,6 +33,7 @@ class CampaignBody(Body):
     soc: Annotated[tuple[Soc, Soc], Field(strict=False)] | None = None
     initial_soc: Soc | None = None
     structure: Literal["auto", "full", "minimal", "bounded", "searched"] | None = None
+    without: Annotated[list[Name], Field(max_length=100)] | None = None
     rounds: Annotated[int, Field(ge=1, le=MOST_ROUNDS)] | None = None
     diagnose: Literal["structure", "change"] | None = None
     changed_bench: Id | None = None

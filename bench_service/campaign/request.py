@@ -9,6 +9,7 @@ from bench_service.campaign.benches import Bench
 from bench_service.campaign.standing import Standing
 from bench_service.errors import BadRequestError
 from bench_service.store.records import Json
+from models.data.errors import ModelError
 
 # The mildest defaults that still show resistance and dynamics: twice the capacity out, once in.
 _DISCHARGE_C_RATE = -2.0
@@ -17,6 +18,8 @@ _SOC_WINDOW = (0.1, 0.9)
 _SHORTEST_S = 15_000.0
 # Duration over the time in which the weaker of the two currents alone would move the charge.
 _TIME_RATIO = 7500.0 / 3600.0
+# Structures that effects can be left out of.
+_LEAVING_OUT = ("bounded", "auto")
 # The live observer starts this far from the counted state of charge, so that its convergence is seen.
 OBSERVER_OFFSET_SOC = 0.2
 # Beyond these a round adds hours of test and next to nothing to the model.
@@ -39,6 +42,7 @@ class CampaignRequest:
     initial_soc : where the cell stands at the start
     initial_soc_from : where that is known from, for people
     structure : "auto", "full", "minimal", "bounded" or "searched"
+    without : effects that are left out of a bounded network, which "auto" is then
     rounds : training runs; the first covers the whole window, each further one is the sequence that tells most about
         what the model of those before it does not know, and the model is fitted to all of them
     diagnose : "change": after the comparison two more runs are played, and it is found out what has changed in the cell
@@ -61,6 +65,7 @@ class CampaignRequest:
     initial_soc: float
     initial_soc_from: str
     structure: str
+    without: tuple[str, ...] = ()
     rounds: int = 1
     diagnose: Literal["structure", "change"] | None = None
     changed_bench: str | None = None
@@ -72,8 +77,8 @@ class CampaignRequest:
     def from_json(cls, document: Json) -> CampaignRequest:
         """Read what `to_json` wrote, also of a version that knew less."""
         known: Json = {each.name: document[each.name] for each in fields(cls) if each.name in document}
-        pairs: Json = {name: tuple(document[name]) for name in ("current_A", "soc")}
-        return cls(**(known | pairs))
+        listed: Json = {name: tuple(known[name]) for name in ("current_A", "soc", "without") if name in known}
+        return cls(**(known | listed))
 
     def to_json(self) -> Json:
         """Return a JSON object."""
@@ -96,7 +101,8 @@ def complete(bench: Bench, given: Json, last: Standing | None, changed: Standing
     Raises
     ------
     BadRequestError
-        Something is needed that neither client nor configuration nor an earlier run gives.
+        Something is needed that neither client nor configuration nor an earlier run gives, or an effect cannot be left
+        out.
     """
     wanted = {key: value for key, value in given.items() if value is not None}
     standing = known_standing(bench, wanted.get("initial_soc"), last)
@@ -112,10 +118,32 @@ def complete(bench: Bench, given: Json, last: Standing | None, changed: Standing
         "structure": "auto",
     }
     stated = defaults | wanted | {"initial_soc": standing.soc, "initial_soc_from": standing.source}
+    stated["without"] = _left_out(stated)
     if changed is not None:
         stated["changed_initial_soc"] = changed.soc
     stated.setdefault("duration_s", _duration_s(stated))
     return CampaignRequest(**stated)
+
+
+def _left_out(stated: Json) -> tuple[str, ...]:
+    """Effects that the model is to lack, checked now and not when hours of runs have been played."""
+    names = tuple(dict.fromkeys(stated.get("without", ())))
+    if not names:
+        return ()
+    if stated["structure"] not in _LEAVING_OUT:
+        raise BadRequestError(
+            f"effects can be left out of a bounded network only, not of structure {stated['structure']!r}",
+            ("without",),
+            value=", ".join(names),
+            remedy=f"choose structure {' or '.join(_LEAVING_OUT)}, or leave out nothing",
+        )
+    from models.effects.bounded_parts import parts_of  # lazy: numpy and the catalogue, for those who ask
+
+    try:
+        parts_of(names)
+    except ModelError as error:
+        raise BadRequestError(str(error), ("without",)) from error
+    return names
 
 
 def _duration_s(stated: Json) -> float:

@@ -140,6 +140,7 @@ class Story:
             validate=[],
             capacity_Ah=self._request.capacity_Ah,
             structure=self._request.structure,
+            without=self._request.without,
             seed=self._request.seed,
             campaign_id=self._id,
             pauses_s=pauses_between_s(played, self._lock_step),

@@ -24,7 +24,7 @@ _BUMPS, _LEAST_SHARE, _LEAST_SPAN = 8, 0.003, 1e-3
 
 
 def _grown_A(view: View) -> FloatArray:
-    return view.drive_A * view.throughput_Ah
+    return view.drive_A * view.aged_Ah
 
 
 def _regressors(view: View) -> FloatArray:

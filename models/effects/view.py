@@ -95,12 +95,14 @@ class View:
     run : measurement on the model's grid
     initial_soc : fraction 0..1
     index : (m,) samples that are looked at
+    passed_Ah : charge that had passed, either way, before the run, since the cell was as the model has it
     """
 
     model: OwnModel
     run: GridRun
     initial_soc: float
     index: np.ndarray
+    passed_Ah: float = 0.0
 
     @property
     def capacity_Ah(self) -> float:
@@ -144,6 +146,11 @@ class View:
     def throughput_Ah(self) -> FloatArray:
         """(n,) charge that has passed, either way, since the start."""
         return np.cumsum(np.abs(self.run.current_A)) * self.run.dt_s / 3600.0
+
+    @property
+    def aged_Ah(self) -> FloatArray:
+        """(n,) the same since the cell was as the model has it."""
+        return self.passed_Ah + self.throughput_Ah
 
     @cached_property
     def loss_W(self) -> FloatArray:

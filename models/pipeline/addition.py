@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypedDict, Unpack
+from typing import Unpack
 
 from models.comparison.placed_runs import free_run_metrics
 from models.data.errors import ModelError
@@ -23,9 +23,10 @@ from models.network.lineage import version_of, with_version
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import AddedEffect
 from models.network.structure import Structure
+from models.pipeline.anew import Options, name_with, refitted
 from models.pipeline.bounded_refit import remembers
-from models.pipeline.effect_sizes import changed, freed, missing, sized
-from models.pipeline.fit import FitResult, fit_network
+from models.pipeline.effect_sizes import changed, missing, sized
+from models.pipeline.faults import Logs, freed
 from models.pipeline.known_effect import Again, difference, estimated_again, is_own
 from models.readouts.counted_on import Counting, counted_anew
 
@@ -102,13 +103,9 @@ def add_effect(
     train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))
     task = _Task(network, chosen, train, train_soc, own, progress)
     if chosen.extend is None:
-        # In runs after those of the network the cell is what has become of it: a refit takes in what was lost by then.
-        ages = chosen.life is not None and is_own(network, train)
-        values = missing(network, chosen, own) if ages and chosen.fault_V else changed(chosen, own, network)
-        if chosen.fault_V is not None and (ages or chosen.life is None):
-            task = replace(task, train=freed(chosen, values, train, own, network), freed=True)
-            validate = freed(chosen, values, validate, before, network)
-        made = _by_correction(task, values)
+        ages = chosen.fault_V is not None and chosen.life is not None and is_own(network, train)
+        values = missing(network, chosen, own) if ages else changed(chosen, own, network)
+        task, validate, made = _without_fault(task, values, validate, before)
         validate_soc, made = _starting(task, values, validate_soc, made)
         validate = [corrected(run, chosen, {key: each.value for key, each in values.items()}) for run in validate]
     else:
@@ -130,10 +127,10 @@ class _Task:
     progress: Progress | None
     freed: bool = False
 
-    def fitted(self, remark: str, **options: Unpack[_Options]) -> Again:
+    def fitted(self, remark: str, **options: Unpack[Options]) -> Again:
         """The network fitted anew."""
         network, name = self.network, self.chosen.name
-        return Again(_refitted(network, name, self.train, self.train_soc, self.progress, **options).network, remark)
+        return Again(refitted(network, name, self.train, self.train_soc, self.progress, **options).network, remark)
 
     @property
     def can_be_held(self) -> bool:
@@ -142,7 +139,7 @@ class _Task:
 
     def again(self, before: str) -> Again:
         """The effect as it has become, in runs that the network was not made from."""
-        network, name = self.network, _name(self.network, self.chosen.name)
+        network, name = self.network, name_with(self.network, self.chosen.name)
         made = estimated_again(network, self.chosen, self.train, self.train_soc, self.own)
         structure = replace(made.network.structure, name=name)
         return Again(replace(made.network, structure=structure), f"{before}; {made.remark}")
@@ -190,42 +187,25 @@ def _extended(
     return structure, f"structure extended from {', '.join(before.signals)} to {', '.join(structure.signals)}"
 
 
-class _Options(TypedDict, total=False):
-    """What is not as the network has it."""
-
-    capacity_Ah: float
-    structure: Structure | str
-    without: tuple[str, ...]
-    finer: tuple[str, ...]
-
-
-def _refitted(
-    network: LocalModelNetwork,
-    name: str,
-    train: list[TimeSeries],
-    train_soc: list[float],
-    progress: Progress | None,
-    **options: Unpack[_Options],
-) -> FitResult:
-    """The network fitted anew with an effect; what no option says otherwise stays as it is."""
-    own_name, choices = _name(network, name), network.record.choices or {}
-    bounded = network.structure.kernel == "hat" and choices.get("family") == "bounded"
-    structure = options.get("structure", "bounded" if bounded else network.structure)
-    kept = isinstance(structure, str) and structure == "bounded"
-    fitted = fit_network(
-        train,
-        capacity_Ah=options.get("capacity_Ah", network.cell.capacity_Ah),
-        coulombic_efficiency=network.cell.efficiency,
-        structure=structure if isinstance(structure, str) else replace(structure, name=own_name),
-        without=options.get("without", tuple(choices.get("without", ()))) if kept else (),
-        finer=options.get("finer", tuple(choices.get("finer", ()))) if kept else (),
-        initial_soc=train_soc,
-        dt_s=network.structure.dt_s,
-        progress=progress,
-        in_step=True,
-    )
-    named = replace(fitted.network, structure=replace(fitted.network.structure, name=own_name))
-    return replace(fitted, network=named)
+def _without_fault(
+    task: _Task, values: dict[str, Value], validate: list[TimeSeries], before: Record
+) -> tuple[_Task, list[TimeSeries], Again]:
+    """The network refitted to runs that are free of a fault, which the task and the judged runs then are, too."""
+    network, chosen = task.network, task.chosen
+    if chosen.fault_V is None:
+        return task, validate, _by_correction(task, values)
+    train, judged, passed_Ah = freed(chosen, values, network, Logs(task.train, task.own), Logs(validate, before))
+    clean = replace(task, train=train, freed=True)
+    made = _by_correction(clean, values)
+    left_mV = free_run_metrics(made.network, train, task.train_soc)["rmse_mV"]
+    if chosen.life is not None and left_mV > _CLEARLY * network.record.train_rmse_mV(0.0):
+        # What has become of a cell since it was known may have stopped: then a refit takes in what was lost by then.
+        stopped = _by_correction(task, values)
+        if free_run_metrics(stopped.network, task.train, task.train_soc)["rmse_mV"] < _CLEARLY * left_mV:
+            return task, validate, stopped
+    if passed_Ah > 0.0:
+        made = replace(made, remark=f"{made.remark}; {passed_Ah:.3g} Ah had passed before the judged run")
+    return clean, judged, made
 
 
 def _by_correction(task: _Task, values: dict[str, Value]) -> Again:
@@ -262,10 +242,6 @@ def _starting(task: _Task, values: dict[str, Value], stated: list[float], made: 
         return stated, made
     counted = f"{made.remark}; judged from SoC {', '.join(anew)}, counted on from a training run"
     return found, replace(made, remark=counted)
-
-
-def _name(network: LocalModelNetwork, effect_name: str) -> str:
-    return f"{network.structure.name}+{effect_name}"
 
 
 def _addition(

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from models.data.errors import ModelError
-from models.data.timeseries import TimeSeries
 from models.diagnosis.diagnosis import network_memory, own_activation_K
 from models.diagnosis.evidence.joint import Named
 from models.diagnosis.evidence.parameters import Value
@@ -19,7 +16,6 @@ from models.diagnosis.reference.record import Record
 from models.diagnosis.reference.reference import fit_reference
 from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect
-from models.effects.view import View
 from models.network.local_model_network import LocalModelNetwork
 
 
@@ -59,25 +55,3 @@ def sized(chosen: Effect, own: Record, network: LocalModelNetwork) -> dict[str, 
         return changed(chosen, own, network)
     except ModelError:
         return {}
-
-
-def freed(
-    chosen: Effect, values: dict[str, Value], runs: list[TimeSeries], record: Record, network: LocalModelNetwork
-) -> list[TimeSeries]:
-    """Runs without what a fault that comes and goes made of their voltage; others as they are.
-
-    Parameters
-    ----------
-    chosen, values : the effect and its parameters
-    runs, record : as the network reads them, and the network's error on them
-    network : that knew the rig without the fault
-    """
-    if chosen.fault_V is None:
-        return runs
-    cell, plain = network_memory(network, record).cell, {key: each.value for key, each in values.items()}
-    out = []
-    for run, grid, soc in zip(runs, record.runs, record.soc, strict=True):
-        fault_V = chosen.fault_V(View(cell, grid, soc, np.arange(len(grid))), plain)
-        began_s = float(run.time_s[0]) - float(grid.time_s[0])
-        out.append(replace(run, voltage_V=run.voltage_V - np.interp(run.time_s - began_s, grid.time_s, fault_V)))
-    return out

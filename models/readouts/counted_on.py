@@ -1,12 +1,15 @@
 """Runs whose state of charge at the start was counted on from the end of another run.
 
 A bench that is not charged in between counts from run to run. Where an effect says that the counting was wrong, the run
-that is judged begins elsewhere too: else the error of its start would be held against a model that is right.
+that is judged begins elsewhere too: else the error of its start would be held against a model that is right. And what
+grows with the charge that passes has grown by then.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+import numpy as np
 
 from models.data.resampling import GridRun
 from models.network.regression import CellContext
@@ -53,3 +56,22 @@ def counted_anew(stated: list[float], before: Counting, after: Counting) -> list
     for thought, right in moved:
         found = [right if abs(each - thought) < _SAME_SOC else now for each, now in zip(stated, found, strict=True)]
     return found
+
+
+def passed_before_Ah(counted: Counting) -> list[float]:
+    """Charge that had passed, either way, in the runs that each one was counted on from; 0 where it follows none.
+
+    Parameters
+    ----------
+    counted : runs in time's order
+    """
+    ends, found = counted.ends, []
+    for number, start in enumerate(counted.soc):
+        before = [each for each in range(number) if abs(ends[each] - start) < _SAME_SOC]
+        last = before[-1] if before else None
+        found.append(0.0 if last is None else found[last] + _throughput_Ah(counted.runs[last]))
+    return found
+
+
+def _throughput_Ah(run: GridRun) -> float:
+    return float(np.abs(run.current_A).sum()) * run.dt_s / 3600.0

@@ -163,6 +163,20 @@ def test_a_hidden_contact_resistance_is_named_sized_and_added(demos: Demos) -> N
     assert found == pytest.approx(answer["hidden_size"]["value"], rel=0.15)
 
 
+@pytest.mark.proof
+def test_what_a_structure_lacks_is_named_and_added(tmp_path: Path) -> None:
+    options = ("--hidden-effect", "random", "--mode", "structure", "--cell", "lfp", "--seed", "2", "--exit", "--json")
+    with ended(process := start(tmp_path, *options)):
+        output, _ = process.communicate(timeout=LONG_S)
+    answer = json.loads(output)
+    (asked,) = metadata(tmp_path, "select request from campaign")[0]
+    assert json.loads(asked)["without"] == ["charge_transfer", "hysteresis", "relaxation"]
+    assert answer["hidden_size"]["before"] == 0.0
+    assert (answer["verdict"], answer["diagnosed_effect"]) == ("missing", answer["hidden_effect"])
+    before, after = (each["validation_rmse_mV"] for each in answer["model_chain"])
+    assert after < 0.6 * before
+
+
 def test_an_effect_that_cannot_be_hidden_is_refused_before_anything_starts(tmp_path: Path) -> None:
     _, complaint = (refused := start(tmp_path / "data", "--hidden-effect", "phlogiston")).communicate(timeout=LONG_S)
     assert refused.returncode == 2

@@ -52,7 +52,8 @@ def _arguments(parser: ArgumentParser) -> None:
         "--mode",
         choices=("structure", "change"),
         default="change",
-        help="change: the cell gets the effect after it was modelled; structure: it has it from the start",
+        help="change: the cell gets the effect after it was modelled; structure: a plain cell has it from the start, "
+        "and the model's structure lacks it",
     )
     parser.add_argument(
         "--rounds",
@@ -109,7 +110,7 @@ def _hidden_effect(options: Namespace) -> HiddenEffect | None:
     if options.hidden_effect == "none":
         return None
     try:
-        return draw(options.hidden_effect, cell_type(options.cell).parameters, options.seed)
+        return draw(options.hidden_effect, cell_type(options.cell).parameters, options.seed, options.mode)
     except ValueError as error:
         raise UsageError(f"--hidden-effect: {error}") from None
 
@@ -117,6 +118,7 @@ def _hidden_effect(options: Namespace) -> HiddenEffect | None:
 def _config(options: Namespace, hidden: HiddenEffect | None) -> ServiceConfig:
     # Lazy: pydantic takes 120 ms.
     from bench_service.config import BenchConfig, LimitsConfig, ServiceConfig, SimulateConfig, named_data_dir
+    from simulators.hidden_effect import game_cell
 
     cell = cell_type(options.cell)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
@@ -137,11 +139,12 @@ def _config(options: Namespace, hidden: HiddenEffect | None) -> ServiceConfig:
             limits=limits,
         )
 
-    effects = {} if hidden is None else {hidden.name: hidden.value}
+    own = {} if hidden is None else game_cell(cell.parameters, options.mode)
+    effects = own if hidden is None else own | {hidden.name: hidden.value}
     if hidden is None or options.mode == "structure":
         return ServiceConfig(data_dir=data, worker_nice=_WORKER_NICE, bench={_BENCH: bench(effects)})
     # The same cell before and after; the bench of the second one stands for the first a year later.
-    benches = {_BENCH: bench({}), _CHANGED_BENCH: bench(effects)}
+    benches = {_BENCH: bench(own), _CHANGED_BENCH: bench(effects)}
     return ServiceConfig(data_dir=data, worker_nice=_WORKER_NICE, bench=benches)
 
 
@@ -149,10 +152,19 @@ def _request(options: Namespace, hidden: HiddenEffect | None) -> dict[str, Any]:
     request = {"bench": _BENCH, "name": f"demo {options.cell}", "seed": options.seed, "rounds": options.rounds}
     if hidden is not None:
         # What a diagnosis stands on: the model must be closer to the cell than the effect is large.
-        request |= {"diagnose": options.mode, "structure": "auto" if options.mode == "change" else "full"}
-        request |= {"changed_bench": _CHANGED_BENCH} if options.mode == "change" else {}
+        request |= {"diagnose": options.mode} | _model_request(options.mode)
         request["soc"] = _HIDDEN_SOC
     return request
+
+
+def _model_request(mode: str) -> dict[str, Any]:
+    """What is modelled: the cell before its change as well as it goes, or without all that its structure may lack."""
+    # Lazy: numpy takes 70 ms.
+    from simulators.hidden_effect import STRUCTURAL
+
+    if mode == "change":
+        return {"structure": "auto", "changed_bench": _CHANGED_BENCH}
+    return {"structure": "bounded", "without": list(STRUCTURAL)}
 
 
 def stays_up(options: Namespace, on_terminal: bool) -> bool:

@@ -71,6 +71,7 @@ function rangeFields() {
     field("SoC at the start", input("initial_soc", "number", "", { ...any, min: 0, max: 100, placeholder: "as configured" }), "%"),
     field("After a crash or power cut", select("on_interruption", ["stop", "resume"], "stop")),
     field("Model structure", select("structure", ["auto", "bounded", "full", "minimal"], "auto")),
+    field("Effects left out of the model", input("without", "text", "", { placeholder: "none; or hysteresis, relaxation" })),
   ];
 }
 
@@ -96,6 +97,8 @@ function halfRange(form) {
     .find(([one, other]) => empty(one) && !empty(other))?.[0];
 }
 
+const names = (text) => { const found = text.split(/[\s,]+/).filter(Boolean); return found.length ? found : undefined; };
+
 /** The request; what is left empty is left out, so that the service's own default holds. */
 function body(form) {
   const number = (name, scale = 1) => { const value = form.elements[name].valueAsNumber / scale; return Number.isFinite(value) ? value : undefined; };
@@ -103,7 +106,7 @@ function body(form) {
     bench: form.elements.bench.value, name: form.elements.name.value.trim(), seed: number("seed"), dt_s: number("dt_s"),
     duration_s: number("duration_s"), capacity_Ah: number("capacity_Ah"), current_A: range(form, "current_A", 1),
     soc: range(form, "soc", 100), initial_soc: number("initial_soc", 100), structure: form.elements.structure.value,
-    on_interruption: form.elements.on_interruption.value,
+    on_interruption: form.elements.on_interruption.value, without: names(form.elements.without.value),
   };
 }
 

@@ -92,7 +92,8 @@ function buildProgress(campaign, view, draw) {
 
 function facts({ bench, request = {} }) {
   return [["bench", bench], ["seed", request.seed], ["sample period", quantity(request.dt_s, request.dt_s < 1 ? 2 : 0, "s")],
-    ["duration per run", duration(request.duration_s)], ["model", request.structure]]
+    ["duration per run", duration(request.duration_s)], ["model", request.structure],
+    ["without", request.without?.join(", ") || null]]
     .filter(([, value]) => value !== null && value !== undefined && value !== MISSING).map(([name, value]) => `${name} ${value}`).join(" · ");
 }
 

@@ -1,5 +1,6 @@
 """What a campaign may ask of a bench, and what is filled in for it."""
 
+import json
 from dataclasses import replace
 from typing import Any, cast
 
@@ -151,3 +152,39 @@ def test_the_duration_that_is_left_out_suffices(changes: dict[str, Any]) -> None
     request = complete(bench(SIMULATED), {"bench": "b"} | changes, None)
     check_plan(request, bench(SIMULATED).limits, 2.5)
     assert request.duration_s >= 14_000.0
+
+
+def test_effects_are_left_out_of_a_campaign_s_model_and_kept_in_its_record() -> None:
+    given = {"bench": "b", "structure": "bounded", "without": ["relaxation", "hysteresis", "relaxation"]}
+    request = complete(bench(SIMULATED), given, None)
+    assert request.without == ("relaxation", "hysteresis")
+    assert CampaignRequest.from_json(json.loads(json.dumps(request.to_json()))) == request
+    assert complete(bench(SIMULATED), {"bench": "b", "without": ["hysteresis"]}, None).structure == "auto"
+    plain = complete(bench(SIMULATED), {"bench": "b"}, None)
+    assert plain.without == ()
+    former = {name: value for name, value in plain.to_json().items() if name != "without"}
+    assert CampaignRequest.from_json(former) == plain
+
+
+@pytest.mark.parametrize(
+    ("structure", "without", "told"),
+    [
+        (
+            "full",
+            ["hysteresis"],
+            "out of a bounded network only, not of structure 'full'.*choose structure bounded or auto",
+        ),
+        (
+            "bounded",
+            ["capacity"],
+            "effect capacity cannot be left out of a bounded network; it can do without .*relaxation",
+        ),
+        ("auto", ["phlogiston"], "effect phlogiston cannot be left out"),
+    ],
+)
+def test_what_cannot_be_left_out_is_refused_before_anything_is_played(
+    structure: str, without: list[str], told: str
+) -> None:
+    with pytest.raises(BadRequestError, match=told) as refused:
+        complete(bench(SIMULATED), {"bench": "b", "structure": structure, "without": without}, None)
+    assert refused.value.where == ("without",)

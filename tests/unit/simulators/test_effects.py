@@ -60,6 +60,10 @@ CASES: dict[str, tuple[Callable[[], float], float]] = {
     # Bad at first, good after twenty minutes.
     "intermittent_contact": (lambda: moved_by("intermittent_contact", 0.01, PULSE), 0.02),
     "entropic_voltage": (lambda: moved_by("entropic_voltage", 5e-4, [(0.0, 1.0)], 45.0), 0.01),
+    "exchange_current": (
+        lambda: moved_by("exchange_current", 1.25, PULSE, reference=5.0),
+        0.0514 * (math.asinh(0.8) - math.asinh(0.2)),
+    ),
     "charge_discharge_asymmetry": (
         lambda: moved_by("charge_discharge_asymmetry", 1.5, [(0.5, 1e-6)], reference=1.0),
         0.5 * 0.5 * (0.020 + 0.006 * math.exp(-0.5 / 0.15) + 0.0514 / 10),

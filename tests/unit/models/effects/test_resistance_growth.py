@@ -50,3 +50,6 @@ def test_what_it_makes_of_the_voltage_grows_with_the_charge_that_has_passed() ->
     passed_Ah = np.cumsum(np.abs(SWINGING)) / 3600.0
     expected = (0.05 * RESISTANCE_OHM * passed_Ah * SWINGING)[view.index]
     np.testing.assert_allclose(EFFECT.fault_V(view, {"growth_per_Ah": 0.05}), expected, atol=1e-12)
+    later = replace(view, passed_Ah=2.0)
+    more = expected + (0.05 * RESISTANCE_OHM * 2.0 * SWINGING)[view.index]
+    np.testing.assert_allclose(EFFECT.fault_V(later, {"growth_per_Ah": 0.05}), more, atol=1e-12)

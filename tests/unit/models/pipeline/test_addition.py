@@ -156,6 +156,29 @@ def test_a_run_that_was_counted_on_from_the_one_before_is_judged_from_where_it_d
 
 
 @pytest.mark.proof
+def test_a_resistance_has_grown_by_the_end_of_the_run_that_the_judged_one_was_counted_on_from() -> None:
+    whole = measured(replace(CELL, resistance_growth_per_Ah=0.06), 12, 4500)
+    train, validate = part(whole, 0, 3000), part(whole, 3000, 4500)
+    left = SOC + float(whole.current_A[1:3000].sum()) / 3600.0 / CELL.capacity_Ah
+    made = add_effect(fitted().network, "resistance_growth", [train], [SOC], [validate], [left])
+    assert made.parameters["growth_per_Ah"].value == pytest.approx(0.06, rel=0.1)
+    assert "the runs were freed of it" in made.remark and "had passed before the judged run" in made.remark
+    # A thousandth beside the end of the other run nobody knows what has passed.
+    alone = add_effect(fitted().network, "resistance_growth", [train], [SOC], [validate], [left + 0.001])
+    assert "had passed" not in alone.remark
+    assert made.error_after_mV < 0.5 * alone.error_after_mV
+
+
+@pytest.mark.proof
+def test_a_resistance_that_has_grown_and_stopped_is_taken_in_by_the_refit() -> None:
+    grown = replace(CELL, ohmic_Ohm=1.4 * CELL.ohmic_Ohm)
+    train, validate = measured(grown, 12, 3000), measured(grown, 14, 3000)
+    made = add_effect(fitted().network, "resistance_growth", [train], [SOC], [validate], [SOC])
+    assert "takes it in" in made.remark
+    assert made.error_after_mV < 0.5 * made.error_before_mV
+
+
+@pytest.mark.proof
 def test_on_its_own_runs_an_effect_gets_more_resolution() -> None:
     made = added("hysteresis", ())
     choices = made.network.record.choices

@@ -6,7 +6,7 @@ import pytest
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
 from models.network.regression import CellContext
-from models.readouts.counted_on import Counting, counted_anew
+from models.readouts.counted_on import Counting, counted_anew, passed_before_Ah
 
 # One hour of -1 A: half of a cell of 2 Ah.
 RUN = to_grid(
@@ -33,3 +33,14 @@ def test_a_start_that_was_wrong_moves_what_follows_as_well() -> None:
 def test_a_current_that_was_read_wrong_moves_what_follows_too() -> None:
     more = replace(RUN, charge_Ah=1.1 * RUN.charge_Ah)
     assert counted_anew([0.4], BEFORE, Counting([more], [0.9], CELL)) == pytest.approx([0.35], abs=1e-3)
+
+
+def test_what_had_passed_before_a_run_is_counted_through_those_that_it_follows() -> None:
+    def passed(*soc: float) -> list[float]:
+        return passed_before_Ah(Counting([RUN] * len(soc), list(soc), CELL))
+
+    assert passed(0.9, 0.4, -0.1) == pytest.approx([0.0, 1.0, 2.0], abs=1e-3)
+    # The second follows nothing that is there, the third the first.
+    assert passed(0.9, 0.7, 0.4) == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
+    # Nothing follows a run that comes after it.
+    assert passed(0.4, 0.9) == [0.0, 0.0]
