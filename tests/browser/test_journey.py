@@ -73,6 +73,8 @@ def test_an_ndax_file_is_dropped_corrected_and_seen(open_page: OpenPage, address
     page.reload()
     expect(page.locator("#run-facts")).to_contain_text("rest.ndax")
     expect(page.locator("#run-notes")).to_contain_text("Imported from rest.ndax")
+    expect(page.locator("#run-facts")).not_to_contain_text("limits")
+    expect(page.locator("#run-facts")).to_contain_text("0.00400 Ah")
     looked_at(page, "journey-2-run")
     page.go_back()
     expect(page.locator("#import-seen")).to_be_hidden()
@@ -131,4 +133,6 @@ def better(page: Page) -> None:
     before, after = map(float, re.findall(r"(\d+\.\d+)\s*mV", added.locator("strong").inner_text()))
     assert after < before
     expect(step(page, "watch").locator("tbody tr")).to_have_count(2)
+    # Names of the program are no words of a laboratory.
+    assert not re.findall(r"\b[a-z]+_\w+", page.locator("#improve-body").inner_text())
     looked_at(page, "journey-6-watch")
