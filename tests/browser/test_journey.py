@@ -110,6 +110,9 @@ def fits(page: Page) -> None:
     page.reload()
     expect(step(page, "compare").locator(".figure strong").first).to_contain_text("mV")
     expect(step(page, "where").locator(".regions li").first).to_be_visible()
+    expect(step(page, "compare").locator("abbr", has_text="Cannot be foretold")).to_have_attribute(
+        "title", re.compile("looks like noise")
+    )
     looked_at(page, "journey-4-where")
 
 
