@@ -22,9 +22,8 @@ from bench_service.exchange.foreign.work import convert, look_at, stored_blocks
 from bench_service.jobs.runner import Job, JobRunner
 from bench_service.recorder.feeding import feed
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import Json, RunIntent, utc_text
+from bench_service.store.records import IMPORTED, Json, RunIntent, utc_text
 
-BENCH = "import"  # where an imported run stands in place of a bench
 MOST_BYTES = 20 * 2**30
 _UPLOADS, _CONTENT, _META = "uploads", "content", "upload.json"
 _KEPT_S = 7 * 86400.0
@@ -145,7 +144,7 @@ class Importing:
     def _keep(self, upload_id: str, path: Path, result: Json, told: Json) -> Json:
         """Store what a worker has read, as a run; in a thread."""
         intent = RunIntent(
-            bench=BENCH,
+            bench=IMPORTED,
             profile_id=None,
             dt_s=result["dt_s"] or 1.0,
             initial_soc=told["initial_soc"],
@@ -159,7 +158,7 @@ class Importing:
         run = self._store.runs.add(intent)
         self._store.runs.start(run.id)
         try:
-            sealed = feed(self._attach(BENCH), run.id, stored_blocks(path.parent / "run.parquet"))
+            sealed = feed(self._attach(IMPORTED), run.id, stored_blocks(path.parent / "run.parquet"))
         except ServiceError as error:
             self._store.runs.end(run.id, "interrupted", str(error))
             raise

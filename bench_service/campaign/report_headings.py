@@ -9,10 +9,11 @@ from bench_service.reports import words
 from bench_service.reports.document import Heading
 from bench_service.store.cells import CellRecord
 from bench_service.store.metadata import MetadataStore
-from bench_service.store.records import ModelRecord, RunRecord
+from bench_service.store.records import IMPORTED, ModelRecord, RunRecord
 
 _SHORT = 8  # letters of an id that people see
 _MOST_RUNS = 6
+_FROM_FILE = "none of this service: brought in from a file"
 
 
 def heading_of(
@@ -45,12 +46,21 @@ def heading_of(
         kind=kind,
         title=title,
         cell=words.listed([_cell_name(store.cells.get(each)) for each in cells]) or None,
-        bench=words.listed(_each(run.bench for run in runs)) or None,
+        bench=words.listed(_each(_FROM_FILE if run.bench == IMPORTED else run.bench for run in runs)) or None,
         operator=words.listed(_each(run.operator for run in runs)) or None,
-        dates=words.span([moment for run in runs for moment in (run.started_utc or run.created_utc, run.ended_utc)]),
+        dates=_dates(runs),
         model=None if model is None else model_name(model),
         more=told,
     )
+
+
+def _dates(runs: Sequence[RunRecord]) -> str | None:
+    """When runs were measured; of a file that does not tell it, only when it was brought in is known."""
+    undated = [run for run in runs if run.bench == IMPORTED and run.started_utc is None]
+    told = [run for run in runs if run not in undated]
+    measured = words.span([each for run in told for each in (run.started_utc or run.created_utc, run.ended_utc)])
+    came = words.span([run.created_utc for run in undated])
+    return measured if came is None else "; ".join(filter(None, (measured, f"brought in {came}, its file has no date")))
 
 
 def design_heading(store: MetadataStore, name: str, model_id: str | None, bench: str | None = None) -> Heading:

@@ -27,7 +27,7 @@ worker_nice = 19
 # [webhook]
 # url = "https://notebook.example/hooks/bench"
 # Signs what is sent: header X-Bench-Signature, "sha256=" and the HMAC-SHA256 of the body. Absent: no signature.
-# secret = "at least sixteen letters"
+# secret = "sixteen-letters-or-more"
 # Sent as "Authorization: Bearer ...". Absent: no such header.
 # token = "..."
 # Longest wait for an answer, and how long it is tried again where none comes.

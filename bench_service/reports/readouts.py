@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from models.readouts.resistance import ResistanceTable
 
 _BAND_95 = 1.96
+_NO_DIFFERENCE_MV = 1e-3
 _SOC = Axis("state of charge", "%")
 
 
@@ -42,8 +43,11 @@ def _ocv_parts(ocv: OcvTable) -> list[Part]:
         apart.append(Line(label, soc, 1e3 * (ocv.voltage_V[index, middle] - mean), off, colour))
     degC = f"{ocv.temperature_degC[middle]:.0f} °C".replace("-", "−")
     banded = "" if std is None else ", with 95 % bands"
+    parts: list[Part] = [curves(f"Open-circuit voltage at {degC}", levels, _SOC, Axis("voltage", "V"))]
+    if max(float(np.nanmax(np.abs(line.y))) for line in apart) < _NO_DIFFERENCE_MV:
+        return [*parts, "The model has one open-circuit voltage, the same after a charge and after a discharge."]
     return [
-        curves(f"Open-circuit voltage at {degC}", levels, _SOC, Axis("voltage", "V")),
+        *parts,
         curves(f"Each branch against the mean of both{banded}", apart, _SOC, Axis("difference", "mV")),
     ]
 

@@ -13,7 +13,7 @@ from bench_service.reports import words
 from bench_service.reports.document import Heading, Key, Keys, Part, Points, Report, Section, Table
 from bench_service.reports.drawing import BLUE, GREEN, GREY, RUST, Axis, Line, curves, level
 from bench_service.reports.free_run import TIME
-from bench_service.store.records import EventRecord, RunRecord
+from bench_service.store.records import IMPORTED, EventRecord, RunRecord
 
 _MOST_EVENTS, _MOST_CYCLES = 40, 200
 _BAND_95 = 1.96
@@ -53,7 +53,7 @@ def run_report(heading: Heading, run: RunRecord, measured: Measured) -> Report:
     sections = [Section("Course of the run", _course(run, measured))]
     if len(measured.cycles) > 1:
         sections.append(Section("Cycles", _cycles(measured.cycles)))
-    sections.append(Section("Limits it was held to", [_limits(run)]))
+    sections.append(Section("Start" if run.bench == IMPORTED else "Limits it was held to", [_limits(run)]))
     if measured.events:
         sections.append(Section("What happened", _events(measured.events)))
     return Report(heading, _summary(run, measured), sections)
@@ -107,7 +107,7 @@ def _course(run: RunRecord, measured: Measured) -> list[Part]:
         return ["No sample is stored."]
     hours = samples["time_s"] / _HOUR_S
     voltage = [Line("measured", hours, samples["voltage_V"], None, BLUE)]
-    voltage += [level(f"limit {edge:g} V", hours, edge) for edge in run.limits.get("voltage_V") or ()]
+    voltage += [level(f"limit {words.number(edge)} V", hours, edge) for edge in _held(run).get("voltage_V") or ()]
     parts: list[Part] = [
         curves("Voltage", voltage, TIME, Axis("voltage", "V")),
         curves("Current", [Line("", hours, samples["current_A"], None, RUST)], TIME, Axis("current", "A")),
@@ -159,22 +159,29 @@ def _cycles(cycles: Sequence[Mapping[str, Any]]) -> list[Part]:
     return parts
 
 
+def _held(run: RunRecord) -> Mapping[str, Any]:
+    """Limits that a run was held to: nobody knows those of one that was brought in from a file."""
+    return {} if run.bench == IMPORTED else run.limits
+
+
 def _limits(run: RunRecord) -> Table:
+    limits = _held(run)
     titles = (
         ("voltage_V", "Voltage", "V"),
         ("current_A", "Current", "A"),
         ("temperature_degC", "Temperature", "degC"),
         ("soc", "State of charge", "1"),
     )
-    rows = [(title, words.between(name, run.limits[name], unit)) for name, title, unit in titles
-            if run.limits.get(name) is not None]  # fmt: skip
-    if run.limits.get("ramp_A_per_s") is not None:
-        rows.append(("Change of the current", f"{words.number(run.limits['ramp_A_per_s'])} A/s"))
-    if run.limits.get("duration_s") is not None:
-        rows.append(("Duration", words.duration(run.limits["duration_s"])))
+    rows = [(title, words.between(name, limits[name], unit)) for name, title, unit in titles
+            if limits.get(name) is not None]  # fmt: skip
+    if limits.get("ramp_A_per_s") is not None:
+        rows.append(("Change of the current", f"{words.number(limits['ramp_A_per_s'])} A/s"))
+    if limits.get("duration_s") is not None:
+        rows.append(("Duration", words.duration(limits["duration_s"])))
     rows.append(("Capacity that charge was counted on", words.quantity(run.capacity_Ah, "Ah")))
     rows.append(("State of charge at the start, as stated", words.percent(run.initial_soc, 1)))
-    return Table(("Limit", "Allowed"), rows, frozenset({1}))
+    heads = ("What", "As stated") if run.bench == IMPORTED else ("Limit", "Allowed")
+    return Table(heads, rows, frozenset({1}))
 
 
 def _events(events: Sequence[EventRecord]) -> list[Part]:

@@ -14,6 +14,7 @@ Severity = Literal["info", "warning", "error"]
 Json = dict[str, Any]
 
 OPEN_RUN_STATES: tuple[RunState, ...] = ("created", "running", "paused")
+IMPORTED = "import"  # where a run that was brought in from a file stands in place of a bench
 
 
 def utc_text(moment: datetime) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -106,7 +107,11 @@ def open_neware(path: Path) -> ArrowTable:
             "'bench-service[formats]', or export it as CSV with BTSDA and import that"
         ) from error
     try:
-        table: pa.Table = fastnda.read(path).to_arrow()
+        # It goes by the end of the name, and an upload has none.
+        with tempfile.TemporaryDirectory(prefix="neware-") as folder:
+            named = Path(folder, "file.ndax" if zipfile.is_zipfile(path) else "file.nda")
+            named.symlink_to(path.resolve())
+            table: pa.Table = fastnda.read(named).to_arrow()
     except Exception as error:  # noqa: BLE001  # whatever a foreign reader says about a damaged file
         raise RunFileError(
             f"{path}: is damaged, or of a Neware version that fastnda does not know ({str(error).splitlines()[:1]}); "

@@ -124,6 +124,7 @@ export const api = {
   importModel: (document, name) => post(`/models/import?${query({ name })}`, document, 60),
   chain: (modelId) => get(`/models/${id(modelId)}/chain`),
   addImport: (name) => post("/imports", { name }),
+  importOf: (importId) => get(`/imports/${id(importId)}`),
   putImport: (importId, file) => request("PUT", `${BASE}/imports/${id(importId)}/content`, new Blob([file], { type: "application/octet-stream" }), 3600),
   lookImport: (importId, choices) => post(`/imports/${id(importId)}/look`, choices),
   storeImport: (importId, body) => post(`/imports/${id(importId)}/run`, body),

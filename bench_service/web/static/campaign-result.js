@@ -5,6 +5,7 @@ import { el, renderKeyed } from "./dom.js";
 import { count, duration, percent, quantity } from "./format.js";
 import { reportLinks } from "./report-links.js";
 import { overlayChart, socChart } from "./result-charts.js";
+import { GLOSSARY } from "./words.js";
 
 /** Returns `show(campaign)`; null, or a campaign without a result, empties the place. */
 export function campaignResult(state, root) {
@@ -36,7 +37,7 @@ function figures(result) {
   const noise = result.sensor_noise_mV;
   const against = Number.isFinite(noise) ? `noise floor ${quantity(noise, 1, "mV")}` : "on data that the fit never saw";
   return [
-    figure("Held-out voltage error", quantity(validation.rmse_mV, 2, "mV"), `RMSE, ${against}`),
+    figure("Held-out voltage error", quantity(validation.rmse_mV, 2, "mV"), `RMS, ${against}`),
     figure("SoC error of the live observer", percent(soc.rmse ?? NaN, 2), Number.isFinite(soc.converged_after_s)
       ? `RMSE after convergence at ${duration(soc.converged_after_s)}` : "RMSE over the whole run, not converged"),
     figure("Samples stored", count(result.samples), `${(result.runs ?? []).length} runs, ${missed} missed ticks`),
@@ -45,7 +46,7 @@ function figures(result) {
 }
 
 export function figure(title, value, note) {
-  return el("div", { class: "figure" }, el("span", { class: "figure-title", text: title }), el("strong", { text: value }), el("span", { class: "about", text: note }));
+  return el("div", { class: "figure" }, GLOSSARY[title] ? el("abbr", { class: "figure-title", title: GLOSSARY[title], text: title }) : el("span", { class: "figure-title", text: title }), el("strong", { text: value }), el("span", { class: "about", text: note }));
 }
 
 function tables({ runs = [], validation = {}, soc = {}, model_chain: chain = [], model_id }) {

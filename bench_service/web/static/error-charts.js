@@ -111,6 +111,9 @@ const PROFILE = {
   time_h: ["test time / h", 1], throughput_Ah: ["charge moved / Ah", 1], temperature_degC: ["cell temperature / °C", 1],
 };
 
+/** What a variable is called in a sentence. */
+export const variableName = (name) => PROFILE[name]?.[0].replace(/ \/ [^,]*/, "") ?? name.replaceAll("_", " ");
+
 // With the page's own minus sign.
 const plain = (value) => String(value).replace("-", "\u2212");
 

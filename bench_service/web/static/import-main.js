@@ -1,4 +1,4 @@
-// A cycler's file comes in: dropped, looked at, its columns corrected, stored as a run.
+// A cycler's file comes in: dropped, looked at, its columns corrected, stored as a run. The address keeps it over a reload.
 import { api } from "./api.js";
 import { el } from "./dom.js";
 import { importStore } from "./import-store.js";
@@ -10,7 +10,23 @@ import { State } from "./state.js";
 const byId = (name) => document.getElementById(name);
 const view = { upload: null, seen: null, mappings: [] };
 const table = importTable(byId("import-body"), () => lookAgain());
-const store = importStore(byId("import-form"), { stored: (runId) => { location.href = `/runs/${encodeURIComponent(runId)}`; }, choices: () => table.choices(), upload: () => view.upload, work });
+const store = importStore(byId("import-form"), { stored, began: (job) => remember({ job: job?.id }), choices: () => table.choices(), upload: () => view.upload, work });
+
+/** What the address says besides: the upload, what was settled of it, and the job that stores it. */
+function remember(news) {
+  const said = new URLSearchParams(location.search);
+  for (const [key, value] of Object.entries(news)) {
+    if (value) said.set(key, value);
+    else said.delete(key);
+  }
+  history.replaceState(null, "", `${location.pathname}${said.size ? `?${said}` : ""}`);
+}
+
+/** On to the run; who comes back finds the page as it was before the file. */
+function stored(runId) {
+  remember({ upload: null, choices: null, job: null });
+  location.href = `/runs/${encodeURIComponent(runId)}`;
+}
 
 async function work(title, task) {
   const busy = busyBox(title);
@@ -31,14 +47,46 @@ async function take(file) {
   const seen = await work(`Uploading ${file.name}`, async (update) => {
     view.upload = await api.addImport(file.name);
     await api.putImport(view.upload.id, file);
-    table.forget();
+    table.take();
+    remember({ upload: view.upload.id, choices: null, job: null });
     view.mappings = await api.mappings().catch(() => []);
     return follow(await api.lookImport(view.upload.id, {}), update);
   });
   if (seen) show(seen);
 }
 
+/** What an address tells of: a file that is there already, and what was settled of it. */
+async function goBack() {
+  const said = new URLSearchParams(location.search);
+  if (!said.has("upload")) return;
+  const job = said.get("job");
+  const done = job && await work("Storing the run", (update) => follow({ id: job }, update));
+  if (done) {
+    stored(done.run);
+    return;
+  }
+  const told = byId("import-message").textContent;
+  const seen = await work("Reading the file", async (update) => {
+    [view.upload, view.mappings] = await Promise.all([api.importOf(said.get("upload")), api.mappings().catch(() => [])]);
+    table.take(settled(said.get("choices")));
+    return follow(await api.lookImport(view.upload.id, table.choices()), update);
+  });
+  remember({ job: null });
+  if (!seen) return;
+  byId("import-message").textContent = told;
+  show(seen);
+}
+
+function settled(text) {
+  try {
+    return JSON.parse(text) ?? {};
+  } catch {
+    return {};
+  }
+}
+
 async function lookAgain() {
+  remember({ choices: JSON.stringify(table.choices()) });
   const seen = await work(`Reading ${view.upload.name}`, async (update) => follow(await api.lookImport(view.upload.id, table.choices()), update));
   if (seen) show(seen);
 }
@@ -63,5 +111,7 @@ function dropZone() {
 }
 
 byId("import-drop").replaceChildren(dropZone());
+
+goBack();
 
 sidePage(new State());

@@ -4,8 +4,8 @@ import { cellCapacity } from "./cell-fields.js";
 import { el, offer, setText } from "./dom.js";
 import { follow } from "./jobs.js";
 
-/** `stored(runId)` at the end; `choices()` and `upload()` give what is stored; `work(title, task)` shows that it goes on. */
-export function importStore(node, { stored, choices, upload, work }) {
+/** `stored(runId)` at the end; `began(job)` when it is under way; `choices()` and `upload()` give what is stored; `work(title, task)` shows that it goes on. */
+export function importStore(node, { stored, began, choices, upload, work }) {
   let mapping = null;
   const field = (id, title, props) => { const input = el("input", { id, autocomplete: "off", ...props }); return [input, el("div", { class: "field" }, el("label", { for: id, text: title }), input)]; };
   const [name, nameField] = field("import-name", "Name of the run", { maxlength: 200 });
@@ -29,9 +29,12 @@ export function importStore(node, { stored, choices, upload, work }) {
     const body = { capacity_Ah: number(capacity), initial_soc: number(soc) / 100, name: name.value.trim() || null, cell_id: cell.value.trim() || null, choices: choices() };
     const result = await work("Storing the run", async (update) => {
       if (title.value.trim()) await api.saveMapping({ ...mapping, name: title.value.trim() });
-      return follow(await api.storeImport(upload().id, body), update);
+      const job = await api.storeImport(upload().id, body);
+      began(job);
+      return follow(job, update);
     });
     if (result) stored(result.run);
+    else began(null);
   };
   node.replaceChildren(el("form", { class: "campaign-form", novalidate: true, on: { submit } }, el("div", { class: "fields" }, nameField, cellField, capacityField, socField, titleField),
     el("div", { class: "form-end" }, el("button", { id: "import-store-button", class: "primary", text: "Store as a run" }), told)));

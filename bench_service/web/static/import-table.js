@@ -65,7 +65,8 @@ export function importTable(node, changed) {
   return {
     show: (found, mappings) => { [seen, remembered] = [found, mappings]; draw(); },
     choices: () => ({ ...others, columns: chosen }),
-    forget: () => { [chosen, others] = [{}, {}]; },
+    /** Choices as `choices()` gave them once, in place of those that are there. */
+    take: ({ columns = {}, ...rest } = {}) => { [chosen, others] = [columns, rest]; },
   };
 }
 

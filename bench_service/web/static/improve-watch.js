@@ -4,13 +4,18 @@ import { waterfall } from "./error-charts.js";
 import { quantity, timeElement } from "./format.js";
 import { inText, parameterText } from "./improve-which.js";
 
+// Signals of a structure, as in "low_pass:60/3000", in the words of a laboratory.
+const SIGNALS = [[/\bsurface_soc(:\S*\d)?/g, "state of charge at the particles' surface"], [/\bsoc\b/g, "state of charge"], [/\blow_pass:([\d.]+)(\/[\d.]+)*/g, "current smoothed over $1 s"],
+  [/:[\d./+-]*\d/g, ""], [/_/g, " "]];
+const inWords = (text) => SIGNALS.reduce((said, [signal, words]) => said.replace(signal, words), text);
+
 export function addedStep(added, titleOf, { next }) {
   const fell = added.error_after_mV < added.error_before_mV;
   return el("div", { class: "notice", role: "status", data: { tone: fell ? "good" : "warn", effect: added.effect } },
     el("strong", { text: `${titleOf(added.effect)} is in the model: held-out error ${quantity(added.error_before_mV, 2, "mV")} → ${quantity(added.error_after_mV, 2, "mV")}` }),
     fell ? null : el("span", { text: "It did not help on the runs that judge. Go on from the parent below, and try another finding." }),
     el("span", { class: "parameters" }, Object.entries(added.parameters ?? {}).map(([name, value]) => el("span", { class: "parameter", text: parameterText(name, value) }))),
-    added.remark ? el("span", { class: "about", text: `${added.remark}.` }) : null,
+    added.remark ? el("span", { class: "about", text: `${inWords(added.remark)}.` }) : null,
     el("button", { type: "button", class: fell ? "primary" : "", text: "Go on with the new version", on: { click: () => next(added.model) } }));
 }
 

@@ -1,7 +1,7 @@
 // Step 4: the verdict in plain words, each finding with its evidence, and what to do next.
 import { chip, el } from "./dom.js";
 import { legend } from "./charts.js";
-import { errorLeft, profileChart } from "./error-charts.js";
+import { errorLeft, profileChart, variableName } from "./error-charts.js";
 import { reportLinks } from "./report-links.js";
 import { duration, fixed, percent, quantity } from "./format.js";
 
@@ -63,7 +63,7 @@ export function namedBy({ verdict, findings: [first] }) {
 function dependence({ variable, strength }) {
   const bar = el("span", { class: "share-bar" });
   bar.style.width = `${100 * strength}%`;
-  return el("li", {}, el("strong", { text: variable.replaceAll("_", " ") }), el("span", { class: "share-track" }, bar), el("span", { class: "about", text: `${percent(strength, 0)} of it` }));
+  return el("li", {}, el("strong", { text: variableName(variable) }), el("span", { class: "share-track" }, bar), el("span", { class: "about", text: `${percent(strength, 0)} of it` }));
 }
 
 /** A parameter as a person reads it: its unit in front of small numbers, its standard deviation behind. */
@@ -87,7 +87,7 @@ export function sizeText(value, unit) {
 function picture(variables, profiles, keep) {
   const profile = variables.map((name) => profiles.find((each) => each.variable === name)).find(Boolean);
   if (!profile) return null;
-  const plot = el("div", { class: "plot small", role: "img", "aria-label": `Error of the model as it is over ${profile.variable.replaceAll("_", " ")}` });
+  const plot = el("div", { class: "plot small", role: "img", "aria-label": `Error of the model as it is over ${variableName(profile.variable)}` });
   requestAnimationFrame(() => { if (plot.isConnected) keep(profileChart(plot, profile)); });
   return el("div", {}, legend([["voltage", "after charge"], ["current", "after discharge"]]), plot);
 }

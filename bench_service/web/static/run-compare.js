@@ -78,7 +78,7 @@ async function simulate(shown, modelId, load, tell) {
   shown.comparison = comparison.id;
   await load();
   const { rmse_mV: rmse, max_mV: most } = comparison.result.overall;
-  tell(`Free run of the model: RMSE ${quantity(rmse, 2, "mV")}, largest ${quantity(most, 1, "mV")}.`);
+  tell(`Model, from current and temperature alone: RMS error ${quantity(rmse, 2, "mV")}, largest ${quantity(most, 1, "mV")}.`);
 }
 
 function showResidual({ rows }) {

@@ -1,5 +1,17 @@
 // One place for what a state is called and which tone it has.
 
+/** What a figure means, told where the pointer rests on its title. */
+export const GLOSSARY = {
+  "Voltage error": "Root of the mean square of measured − model. The model is given the measured current and temperature, never the voltage.",
+  "Held-out voltage error": "Root of the mean square of measured − model, on a run that the model did not learn from.",
+  "95 % of the samples below": "Of 100 samples 95 are nearer to the model than this.",
+  "With its start fitted too": "The error where the state of charge at the start is read off the whole voltage in place of what was stated.",
+  "Cannot be foretold": "The part of the error that looks like noise from sample to sample: no better model takes it away.",
+  "Outside what the model knows": "Samples at a state of charge, current or temperature that did not occur in the runs that the model learned from.",
+  "Inside the 95 % band": "Share of the measured voltages in the band in which the model expects 95 of 100.",
+  "Temperature error": "Root of the mean square of measured − modelled temperature.",
+};
+
 /** Whether a run is on a bench. */
 export const inMotion = (bench) => ["running", "paused", "stopping"].includes(bench?.state);
 

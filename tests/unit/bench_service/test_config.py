@@ -1,5 +1,6 @@
 """bench.toml and the environment."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,14 @@ def test_without_a_file_there_is_one_simulated_bench(tmp_path: Path, monkeypatch
 
 def test_the_example_says_the_defaults() -> None:
     assert parse_config(example_config()) == ServiceConfig()
+
+
+def test_the_examples_of_a_webhook_are_taken() -> None:
+    notebook = (Path(__file__).parents[3] / "docs" / "notebook.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```toml\n(\[webhook\].*?)```", notebook, re.DOTALL)
+    config = parse_config(shown).webhook
+    assert config is not None and config.secret is not None and f"BENCH_SECRET='{config.secret}'" in notebook
+    assert config.secret in example_config()
 
 
 def test_the_example_explains_every_key() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from bench_service.jobs.designing import design_profile
 from bench_service.jobs.reporting import report_comparison, report_diagnosis
 from bench_service.jobs.runner import Job
 from bench_service.jobs.series import RunInput
+from bench_service.reports import words
 from bench_service.reports.document import Heading
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import ModelOrigin, RunIntent
@@ -85,6 +87,16 @@ def test_a_heading_says_which_cell_where_by_whom_and_with_which_model(store: Met
     assert heading.dates and "UTC" in heading.dates and heading.more == [("Run", f"first ({run_id[:8]})")]
     assert design_heading(store, "next", None).model == "none yet"
     assert "C1" in (design_heading(store, "next", model_id).cell or "")
+
+
+def test_a_file_without_a_date_was_measured_nobody_knows_when(store: MetadataStore) -> None:
+    run_id, _ = filled(store)
+    run = store.runs.get(run_id)
+    undated = replace(run, bench="import", started_utc=None)
+    heading = heading_of(store, "Run", "t", [undated])
+    assert heading.dates == f"brought in {words.moment(run.created_utc)}, its file has no date"
+    assert heading.bench == "none of this service: brought in from a file"
+    assert "; brought in" in (heading_of(store, "Life", "t", [run, undated]).dates or "")
 
 
 def test_a_run_without_samples_and_a_campaign_that_failed_have_reports(store: MetadataStore, tmp_path: Path) -> None:

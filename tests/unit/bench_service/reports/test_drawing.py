@@ -1,5 +1,6 @@
 """Drawings: well formed, to scale, complete, and honest about what is missing."""
 
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from bench_service.reports.document import Figure
 from bench_service.reports.drawing import Axis, Bar, Line, Piece, bars, curves, cut_bars, heat_map, level, round_values
 from bench_service.reports.readouts import readout_section
+from models.readouts import tables
 from tests.unit.models import hand_network
 
 SOC = np.linspace(0.0, 1.0, 11)
@@ -96,6 +98,15 @@ def test_a_network_is_drawn_over_soc_and_temperature_in_both_directions() -> Non
     assert len(figures) == 4 and "discharge with" in captions and ", charge with" in captions
     for each in figures:
         ElementTree.fromstring(each.svg)
+
+
+def test_branches_that_do_not_differ_are_told_not_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    ocv, resistance = tables.tables_of(hand_network.everything(1))
+    same = replace(ocv, voltage_V=np.stack([ocv.mean_V, ocv.mean_V]))
+    monkeypatch.setattr(tables, "tables_of", lambda _: (same, resistance))
+    parts = readout_section(hand_network.everything(1)).parts
+    assert any("one open-circuit voltage" in str(each) for each in parts)
+    assert not any(isinstance(each, Figure) and "branch" in each.caption for each in parts)
 
 
 @pytest.mark.parametrize(

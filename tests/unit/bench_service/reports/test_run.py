@@ -49,3 +49,9 @@ def test_a_run_without_samples_and_a_damaged_one_say_so() -> None:
     empty = page(Measured({}), state="fault", reason="voltage_V above 4.2 V")
     assert "No sample is stored." in empty and "Ended by a fault: voltage above 4.2 V." in empty
     assert "Stored samples are missing: 10 of 20." in page(Measured(columns(), damage="10 of 20"))
+
+
+def test_a_run_from_a_file_was_held_to_nothing_that_is_known() -> None:
+    text = page(Measured(columns()), bench="import")
+    assert "limit " not in text and "Limits it was held to" not in text and "4.20" not in text
+    assert "State of charge at the start, as stated" in text

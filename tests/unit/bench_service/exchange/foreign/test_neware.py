@@ -1,5 +1,6 @@
 """Neware files, by the package fastnda where it is installed, and by one that stands in for it."""
 
+import shutil
 import sys
 import types
 import zipfile
@@ -56,10 +57,12 @@ def test_names_and_units_of_fastnda(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     np.testing.assert_array_equal(columns["time_s"], truth["time_s"])
 
 
-def test_a_real_file_of_version_14() -> None:
-    """Ten minutes of rest without a cell; the figures were read off with fastnda 1.3.1."""
+@pytest.mark.parametrize("name", ["rest.ndax", "content"])
+def test_a_real_file_of_version_14(tmp_path: Path, name: str) -> None:
+    """Ten minutes of rest without a cell; the figures were read off with fastnda 1.3.1. An upload has no suffix."""
     pytest.importorskip("fastnda", reason="the extra 'formats' is not installed")
-    run = import_file(DATA / "rest.ndax")
+    shutil.copy(DATA / "rest.ndax", tmp_path / name)
+    run = import_file(tmp_path / name)
     columns = run.columns()
     run.close()
     assert run.n == 67
