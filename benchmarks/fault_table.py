@@ -105,7 +105,8 @@ def kinds() -> Iterator[Kind]:
         yield _inside(f"sentinel.{what}", NEXT_SAMPLE_S, codes)
         yield _inside(f"jump.{what}={size}", NEXT_SAMPLE_S, codes)
         yield _inside(f"jump.{what}=-{size}", NEXT_SAMPLE_S, codes)
-        yield _inside(f"reversed.{what}", NEXT_STEP_S, codes)
+        # A current of nothing cannot be reversed: it takes another set-point.
+        yield _inside(f"reversed.{what}", 3 * NEXT_STEP_S if what == "current" else NEXT_STEP_S, codes)
     # A fading current may hold a voltage to the last bit: only steps away from rest tell.
     yield replace(_inside("stuck.voltage", 5 * NEXT_STEP_S, VOLTAGE_CODES), ticks=120)
     yield _inside("stuck.current", 3 * NEXT_STEP_S, CURRENT_CODES)  # when another set-point is drawn
