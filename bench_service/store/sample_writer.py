@@ -20,6 +20,7 @@ from sqlalchemy.exc import DBAPIError
 from bench_service.errors import StoreError
 from bench_service.store import engine as engines
 from bench_service.store.blocks import BlockError, decode, encode
+from bench_service.store.digest import stored_hash
 from bench_service.store.engine import WriterLock
 from bench_service.store.intact import block_of, time_range
 from bench_service.store.migrate import upgrade
@@ -31,11 +32,10 @@ from bench_service.store.samples import (
     count_rows,
     describe,
     read_closed,
-    read_stream,
 )
 from bench_service.store.schema import chunk, closed_run
 from bench_service.store.watch import RESERVE_BYTES, FolderWatch
-from bench_service.streams import SAMPLES, Columns, Layout, content_hash
+from bench_service.streams import SAMPLES, Columns, Layout
 
 SEALED_ROWS = 100_000
 SEALED_S = 3600.0
@@ -179,8 +179,7 @@ class SampleWriter:
             streams = link.execute(select(chunk.c.stream).where(chunk.c.run_id == run_id).distinct())
             for stream in list(streams.scalars()):
                 _seal_stream(link, run_id, stream)
-            data = read_stream(link, run_id, SAMPLES)
-            digest = None if data.damaged else content_hash(data.columns)
+            digest = stored_hash(link, run_id, self._watch.folder)
             closed = ClosedRun(run_id, state, reason, count_rows(link, run_id, SAMPLES), digest)
             link.execute(closed_run.insert().values(_closed_record(closed)))
         self._check_folder()

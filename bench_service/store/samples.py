@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from sqlalchemy import Connection, Engine, Row, Select, func, select
+from sqlalchemy import Connection, CursorResult, Engine, Row, Select, func, select
 from sqlalchemy.exc import DBAPIError
 
 from bench_service.errors import StoreError
@@ -155,6 +155,12 @@ def read_stream(
         _assemble(assembler, link.execute(chunks), run_id, stream)
         data = assembler.result()
     return data.between(from_s, to_s)
+
+
+def chunks_of(link: Connection, run_id: str, stream: str) -> CursorResult[Any]:
+    """Chunks of a stream in the order of their rows, a few at a time; to be closed."""
+    query = _chunks().where(chunk.c.run_id == run_id, chunk.c.stream == stream).order_by(chunk.c.seq0)
+    return link.execution_options(yield_per=16).execute(query)
 
 
 def count_rows(link: Connection, run_id: str, stream: str) -> int:

@@ -55,6 +55,11 @@ class FolderWatch:
         paths = (data_dir, *(data_dir / name for name in names))
         self._opened = {path: file_identity(path) for path in paths}
 
+    @property
+    def folder(self) -> Path:
+        """The directory that holds them."""
+        return self._data_dir
+
     def check(self) -> None:
         """Raise `StoreError` where the directory or a file is gone, or another has taken its place."""
         for path, opened in self._opened.items():
