@@ -68,7 +68,7 @@ def the_observer_makes_what_the_compiled_step_makes(name: str) -> None:
     run, follows = _run(_excitation(200)), net.form != LOOP
     for k, (current, change, soc, direction, degC) in enumerate(_samples(run)):
         rest = (change, soc, direction, degC)
-        _MOVE_ON(net, per_span, more_A, filters, history, current, current, *rest, k == 0)
+        _MOVE_ON(net, per_span, more_A, filters, history, current, current, change, soc, *rest[1:], k == 0)
         _STEP_SIGNALS(net, plain, now, current, *rest)
         _STEP_SIGNALS(net, plain_more, now_more, current + more_A, *rest)
         np.testing.assert_allclose(history[0, 0], now, rtol=0, atol=1e-12, err_msg=name)

@@ -64,12 +64,12 @@ def _loop(signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
 KIND = SignalKind(
     name="surface_soc",
     title="state of charge at the surface of the particles as a fraction",
-    example="surface_soc:0.05/400/3500/30",
+    example="surface_soc:0.05/300/3500/10",
     parameters=(
         Parameter("depth", "h", positive=False),
         TIME_CONSTANT,
         replace(ACTIVATION, optional=True),
-        Parameter("emptying", "", optional=True),
+        Parameter("emptying", "1", optional=True),
     ),
     values=_values,
     settled=_settled,
