@@ -9,10 +9,11 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
 
-from bench_service.client import BenchClient
+from bench_service.client import BenchClient, ClientError
 
 PATIENCE_S = 60.0
 PRESSED_S = 0.5
@@ -111,6 +112,25 @@ class ServiceProcess:
         self.process.kill()
         self.process.wait()
         self.client.close()
+
+    def until(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
+        """Look until something holds, and give it; a service that is starting or flooded does not answer."""
+        end_s, last = time.monotonic() + patience_s, None
+        while time.monotonic() < end_s:
+            try:
+                if found := condition():
+                    return found
+            except ClientError as error:
+                last = error
+            time.sleep(0.05)
+        raise RuntimeError(f"not within {patience_s:g} s: {what} ({last})")
+
+    def idle(self, bench: str) -> bool:
+        """Whether a bench is idle; acknowledges its fault, if it has one."""
+        state = self.client.bench(bench)["state"]
+        if state == "fault":
+            self.client.acknowledge(bench)
+        return state == "idle"
 
     def __enter__(self) -> Self:
         """Itself."""

@@ -29,10 +29,10 @@ import numpy as np
 from bench_service.framing import recv_frame, send_frame
 from bench_service.recorder.client import RecorderProcess
 from bench_service.store.samples import SampleReader
-from bench_service.streams import SAMPLES, STREAMS, layout_to_json, pack
+from bench_service.streams import SAMPLES, layout_to_json, pack
 from benchmarks.bench_rig import BENCH, ServiceProcess, ToldSimulator, children, command_of, table_of
+from benchmarks.numbered_rows import LAYOUT, numbered, right_rows
 
-LAYOUT = STREAMS[SAMPLES]
 ROWS, PERIOD_S = 10, 1.0
 FAST_DT_S = 0.01
 FIT = """
@@ -57,7 +57,7 @@ class Channel:
     def send(self) -> None:
         """Send the rows of one period."""
         header = {"op": "rows", "run_id": self.run_id, "stream": SAMPLES, "seq0": self.sent, "n": ROWS}
-        send_frame(self._link, header, pack(LAYOUT, columns_of(self.sent, ROWS)))
+        send_frame(self._link, header, pack(LAYOUT, numbered(self.sent, ROWS)))
         self.sent += ROWS
         self._sent_at_s[self.sent] = time.monotonic()
 
@@ -71,11 +71,6 @@ class Channel:
                 self.acknowledged = int(frame[0]["next_seq"])
                 for sent in [sent for sent in self._sent_at_s if sent <= self.acknowledged]:
                     self.delays_s.append(time.monotonic() - self._sent_at_s.pop(sent))
-
-
-def columns_of(seq0: int, n: int) -> dict[str, np.ndarray]:
-    """Rows that tell their own numbers."""
-    return {column.name: np.arange(seq0, seq0 + n).astype(column.numpy) for column in LAYOUT}
 
 
 def memory_MB(pid: int) -> float:
@@ -131,18 +126,14 @@ def _replay(folder: Path, n: int, minutes: float) -> dict[str, Any]:
 def _wrong(folder: Path, channel: Channel) -> int:
     with SampleReader(folder) as reader:
         data = reader.read(channel.run_id)
-    right = np.ones(data.n, bool)
-    for name, expected in columns_of(0, data.n).items():
-        right &= data.columns[name] == expected
-    return max(channel.sent, channel.acknowledged) - int(right.sum())
+    return max(channel.sent, channel.acknowledged) - int(right_rows(data).sum())
 
 
 def play_fast(duration_s: float) -> dict[str, Any]:
     """One bench at 100 Hz beside clients and fits; what was seen."""
     with tempfile.TemporaryDirectory(prefix="fast-") as folder, ToldSimulator("modbus-tcp") as simulator:
         with ServiceProcess(Path(folder), table_of(simulator.url, "modbus-tcp")) as service:
-            while service.client.bench(BENCH)["state"] != "idle":
-                time.sleep(0.1)
+            service.until(lambda: service.idle(BENCH), "idle")
             fits = [subprocess.Popen([sys.executable, "-c", FIT]) for _ in range(2)]
             profile = service.client.upload_profile("steady", [0.0, duration_s], [1.0, 0.0])
             run = service.client.start_run(BENCH, profile["id"], FAST_DT_S, 0.5)["id"]

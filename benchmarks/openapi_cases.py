@@ -17,13 +17,11 @@ import re
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
 import httpx
 
-from bench_service.client import ClientError
 from benchmarks.bench_rig import ServiceProcess
 
 BENCH = "[bench.sim]\nsimulate = { seed = 3 }\n"
@@ -53,7 +51,7 @@ def main() -> int:
 def _fill(service: ServiceProcess) -> dict[str, list[str]]:
     """Store one of everything; ids by the names of the parameters."""
     client = service.client
-    _until(lambda: client.bench("sim")["state"] == "idle", "idle")
+    service.until(lambda: service.idle("sim"), "idle")
     cell = client.add_cell(id="C1", label="first", owner="laboratory")
     campaign = client.wait_campaign(client.start_campaign(CAMPAIGN | {"name": "filling"})["id"])
     runs = [run["id"] for run in client.runs()]
@@ -111,32 +109,13 @@ def _left(service: ServiceProcess) -> list[str]:
     for what, condition in (
         ("campaigns that end", lambda: all(each["state"] not in RUNNING for each in client.campaigns())),
         ("runs that end", lambda: all(each["state"] not in RUNNING for each in client.runs(limit=1000))),
-        ("bench idle", lambda: _acknowledged(service)),
+        ("bench idle", lambda: service.idle("sim")),
     ):
         try:
-            _until(condition, what)
+            service.until(condition, what, PATIENCE_S)
         except RuntimeError as error:
             left.append(str(error))
     return left
-
-
-def _acknowledged(service: ServiceProcess) -> bool:
-    state = service.client.bench("sim")["state"]
-    if state == "fault":
-        service.client.acknowledge("sim")
-    return state == "idle"
-
-
-def _until(condition: Any, what: str) -> None:
-    end_s, last = time.monotonic() + PATIENCE_S, None
-    while time.monotonic() < end_s:
-        try:
-            if condition():
-                return
-        except ClientError as error:
-            last = error
-        time.sleep(0.2)
-    raise RuntimeError(f"not within {PATIENCE_S:g} s: {what} ({last})")
 
 
 def _arguments() -> argparse.Namespace:

@@ -26,8 +26,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from bench_service.errors import StoreError
 from bench_service.framing import recv_frame, send_frame
 from bench_service.recorder.client import RecorderProcess
@@ -35,10 +33,10 @@ from bench_service.store import engine as engines
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.sample_writer import SampleWriter
 from bench_service.store.samples import SampleReader
-from bench_service.streams import SAMPLES, STREAMS, layout_to_json, pack
+from bench_service.streams import SAMPLES, layout_to_json, pack
 from benchmarks.disk_replay import SYSCALLS, Disk, operations
+from benchmarks.numbered_rows import LAYOUT, numbered, right_rows
 
-LAYOUT = STREAMS[SAMPLES]
 ROWS, BATCH_PERIOD_S, COMMIT_PERIOD_S, BATCHES, PATIENCE_S = 40, 0.02, 0.1, 150, 30.0
 
 
@@ -85,7 +83,7 @@ def _play_run(recorder: RecorderProcess, store: MetadataStore, notes: int, run_i
         send_frame(link, {"op": "open", "run_id": run_id, "streams": {SAMPLES: layout_to_json(LAYOUT)}})
         for batch in range(BATCHES):
             header = {"op": "rows", "run_id": run_id, "stream": SAMPLES, "seq0": batch * ROWS, "n": ROWS}
-            send_frame(link, header, pack(LAYOUT, _columns(batch * ROWS, ROWS)))
+            send_frame(link, header, pack(LAYOUT, numbered(batch * ROWS, ROWS)))
             time.sleep(BATCH_PERIOD_S)
             _hear(link, notes, run_id, wait=False)
             if batch % 10 == 0:
@@ -111,10 +109,6 @@ def _hear(link: Any, notes: int, run_id: str, *, wait: bool) -> None:
 
 def _note(notes: int, what: dict[str, Any]) -> None:
     os.write(notes, (json.dumps(what) + "\n").encode())
-
-
-def _columns(seq0: int, n: int) -> dict[str, np.ndarray]:
-    return {column.name: np.arange(seq0, seq0 + n).astype(column.numpy) for column in LAYOUT}
 
 
 # --- what is left ------------------------------------------------------------------------------------------
@@ -182,9 +176,7 @@ def _lost_rows(reader: SampleReader, known: Acknowledged) -> list[str]:
     lost = []
     for run_id, rows in known.rows.items():
         data = reader.read(run_id)
-        right = np.ones(data.n, bool)
-        for name, expected in _columns(0, data.n).items():
-            right &= data.columns[name] == expected
+        right = right_rows(data)
         if data.n < rows or not right.all() or data.gaps:
             lost.append(f"{run_id}: {rows} rows acknowledged, {int(right.sum())} of {data.n} right, gaps {data.gaps}")
         closed = reader.closed(run_id) if run_id in known.sealed else None

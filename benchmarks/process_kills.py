@@ -19,9 +19,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import httpx
 
@@ -54,7 +52,7 @@ class Kills:
 
     def once(self) -> Row:
         """Start a run, kill, look at what is left; the row of it."""
-        self._until(lambda: self.service.client.bench(BENCH)["state"] == "idle", "idle")
+        self.service.until(lambda: self.service.idle(BENCH), "idle", PATIENCE_S)
         profile = self.service.client.upload_profile("steady", [0.0, 600.0], [1.0, 0.0])
         job = self._fit() if self.kind == "worker" else None
         run = self.service.client.start_run(BENCH, profile["id"], DT_S, 0.5)["id"]
@@ -88,7 +86,7 @@ class Kills:
         """Begin a fit that a worker is busy with for seconds; its job."""
         client = self.service.client
         if self._trained is None:
-            self._until(lambda: client.bench("fast")["state"] == "idle", "the fast bench idle")
+            self.service.until(lambda: client.bench("fast")["state"] == "idle", "the fast bench idle", PATIENCE_S)
             steps = [float(50 * k) for k in range(121)]
             profile = client.upload_profile("pulses", steps, [self.rng.choice((-2.0, 0.0, 2.0)) for _ in steps])
             run = client.wait_run(client.start_run("fast", profile["id"], 1.0, 0.5)["id"], timeout_s=PATIENCE_S)
@@ -96,7 +94,7 @@ class Kills:
             self._trained = run["id"]
         body = {"name": "kills", "train": [self._trained], "capacity_Ah": 2.5, "structure": "auto"}
         job = httpx.post(f"{self.service.address}/api/v1/models", json=body, timeout=PATIENCE_S).json()["id"]
-        self._until(lambda: client.job(job)["state"] == "running", "the fit has begun")
+        self.service.until(lambda: client.job(job)["state"] == "running", "the fit has begun", PATIENCE_S)
         return job
 
     def _kill(self) -> bool:
@@ -143,10 +141,13 @@ class Kills:
     def _judge_job(self, job: str | None, wrong: list[str]) -> None:
         if job is None:
             return
-        state = self._until(
-            lambda: (s := self.service.client.job(job)["state"]) not in ("queued", "running") and s, "job ended"
+        ended = self.service.until(
+            lambda: (found := self.service.client.job(job))["state"] not in ("queued", "running") and found,
+            "job ended",
+            PATIENCE_S,
         )
-        if state not in ("failed", "completed"):
+        state = ended["state"]
+        if state not in ("failed", "done"):
             wrong.append(f"job {state}")
 
     def _judge_run(self, run: str, read: int, wrong: list[str]) -> Row:
@@ -156,30 +157,12 @@ class Kills:
         ended = client.wait_run(run, timeout_s=PATIENCE_S)
         if ended["state"] not in ENDS[self.kind] or not (ended["reason"] and ended["ended_utc"]):
             wrong.append(f"run {ended['state']}, reason {ended['reason']!r}, ended {ended['ended_utc']}")
-        kept = self._until(lambda: client.samples(run, columns=["seq"]), "samples")
+        kept = self.service.until(lambda: client.samples(run, columns=["seq"]), "samples", PATIENCE_S)
         in_a_row = kept["columns"].get("seq", []) == list(range(kept["n"]))
         if kept["n"] < read or not in_a_row or kept["n"] != ended["n_samples"]:
             wrong.append(f"{kept['n']} samples of {ended['n_samples']}, {read} had been read")
-        self._until(lambda: self._acknowledged(), "idle again")
+        self.service.until(lambda: self.service.idle(BENCH), "idle again", PATIENCE_S)
         return ended
-
-    def _acknowledged(self) -> bool:
-        state = self.service.client.bench(BENCH)["state"]
-        if state == "fault":
-            self.service.client.acknowledge(BENCH)
-        return state == "idle"
-
-    def _until(self, condition: Callable[[], Any], what: str) -> Any:
-        end_s = time.monotonic() + PATIENCE_S
-        last: object = None
-        while time.monotonic() < end_s:
-            try:
-                if found := condition():
-                    return found
-            except ClientError as error:
-                last = error
-            time.sleep(0.05)
-        raise RuntimeError(f"not within {PATIENCE_S:g} s: {what} ({last})")
 
 
 def _files(pid: int) -> list[str]:

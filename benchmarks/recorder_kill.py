@@ -14,14 +14,13 @@ import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
+from numbered_rows import LAYOUT, numbered, right_rows
 
 from bench_service.framing import recv_frame, send_frame
 from bench_service.recorder.client import RecorderProcess
 from bench_service.store.samples import SampleReader
-from bench_service.streams import SAMPLES, STREAMS, layout_to_json, pack
+from bench_service.streams import SAMPLES, layout_to_json, pack
 
-LAYOUT = STREAMS[SAMPLES]
 ROWS = 50
 COMMIT_PERIOD_S = 0.05
 
@@ -50,7 +49,7 @@ def _kill_once(data_dir: Path, run_id: str, after_s: float) -> tuple[int, int]:
         acked, sent, end = 0, 0, time.monotonic() + after_s
         while time.monotonic() < end:
             rows = {"op": "rows", "run_id": run_id, "stream": SAMPLES, "seq0": sent, "n": ROWS}
-            send_frame(link, rows, pack(LAYOUT, _columns(sent, ROWS)))
+            send_frame(link, rows, pack(LAYOUT, numbered(sent, ROWS)))
             sent += ROWS
             acked = _last_ack(link, acked, wait=False)
         os.kill(recorder.pid, signal.SIGKILL)
@@ -59,14 +58,7 @@ def _kill_once(data_dir: Path, run_id: str, after_s: float) -> tuple[int, int]:
     reader = SampleReader(data_dir)
     data = reader.read(run_id)
     reader.close()
-    right = np.ones(data.n, bool)
-    for name, expected in _columns(0, data.n).items():
-        right &= data.columns[name] == expected
-    return acked, acked - int(right[: min(acked, data.n)].sum())
-
-
-def _columns(seq0: int, n: int) -> dict[str, np.ndarray]:
-    return {column.name: np.arange(seq0, seq0 + n).astype(column.numpy) for column in LAYOUT}
+    return acked, acked - int(right_rows(data)[:acked].sum())
 
 
 def _last_ack(link: socket.socket, acked: int, *, wait: bool) -> int:

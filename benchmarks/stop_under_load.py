@@ -86,8 +86,7 @@ def _measure(transport: str, load: str, way: str, presses: int) -> Iterator[dict
         return
     with tempfile.TemporaryDirectory(prefix="stop-") as folder, ToldSimulator(transport) as simulator:
         with ServiceProcess(Path(folder), table_of(simulator.url, transport)) as service:
-            while service.client.bench(BENCH)["state"] != "idle":
-                time.sleep(0.05)
+            service.until(lambda: service.idle(BENCH), "idle")
             ticket = next(iter(read_tickets(service.data)))
             with _under(load, service.address):
                 for _ in range(presses):
@@ -100,7 +99,9 @@ def _press(
 ) -> tuple[float | None, str | None]:
     """Start a run, press, and give how long the output stayed on, and how the run ended."""
     client = service.client
-    _insist(lambda: _ready(service))
+    service.until(
+        lambda: service.idle(BENCH), "idle"
+    )  # a link may have failed on a busy machine, which is acknowledged
     profile = _insist(lambda: client.upload_profile("steady", [0.0, 600.0], [1.0, 0.0]))
     run = _insist(lambda: client.start_run(BENCH, profile["id"], DT_S, 0.5))
     simulator.await_output(True)
@@ -137,12 +138,6 @@ def _at_the_press(pid: int, load: str) -> Iterator[None]:
         if load == "api_stopped":
             os.kill(pid, signal.SIGCONT)
         resource.prlimit(pid, resource.RLIMIT_NOFILE, (soft, hard))
-
-
-def _ready(service: ServiceProcess) -> None:
-    """Acknowledge a fault: on a busy machine a link may have failed, which ends a run too."""
-    if service.client.bench(BENCH)["state"] == "fault":
-        service.client.acknowledge(BENCH)
 
 
 def _insist(call: Any) -> Any:
