@@ -127,7 +127,6 @@ def _covariance(fit: BoundedFit, level2: float, correlation: ResidualCorrelation
     whole = information + float(sums.count.sum()) * penalty(sums, fit.log_strengths)
     at_bound = ~fit.held.whole(fit.log_strengths).free
     # At a sample about two coefficients of each term act.
-    # At a sample about two coefficients of each term act.
     whole[np.diag_indices_from(whole)] += np.where(at_bound, correlation.inflation * len(sums.layout.basis.terms), 0.0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
     scaled = whole * np.outer(scale, scale) + 1e-10 * np.eye(len(whole))

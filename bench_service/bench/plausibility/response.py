@@ -20,13 +20,6 @@ SIGMAS = 4.0
 _FADE = 0.8
 # A change of the voltage that the charge of one interval can bring is no answer to a step.
 _USUAL_SHARE_OF_SLOPE = 0.1
-# Bits that stay the same although the current has moved by this much voltage at the least usual resistance.
-_STUCK_V = 5e-3
-_STUCK_SAMPLES = 5
-# A noisy voltage that stays the same for so often and so long, under a current that does not fade, is none: a constant
-# current may be on its way to where the voltage should end it.
-_STILL_SAMPLES, _STILL_S, _STILL_SHARE = 100, 120.0, 0.98
-_LIVELY_SHARE, _LIVELY_FADE = 0.7, 0.98
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +35,6 @@ class Response:
     relaxing_V, taken : float, int
         First change of the voltage where the record began under load, else 0 (no number before the first sample), and
         how many have come since.
-    held_V, held_A, held : float, float, int
-        Voltage that has come again to the last bit, the current that it first came with or has faded to since, and how
-        often it has come with a current that must show.
-    still, still_s, still_A, lively : int, float, float, float
-        How often and for how long it has come at all, with which current at first, and the share of the samples before
-        it that had another value than the one before.
     """
 
     s11: float = 0.0
@@ -60,13 +47,6 @@ class Response:
     step_A: float = 0.0
     relaxing_V: float = math.nan
     taken: int = 0
-    held_V: float = math.nan
-    held_A: float = math.nan
-    held: int = 0
-    still: int = 0
-    still_s: float = 0.0
-    still_A: float = 0.0
-    lively: float = 0.0
 
     @property
     def resistance_Ohm(self) -> tuple[float, float]:
@@ -90,20 +70,18 @@ class Response:
 def follow(response: Response, band: CellBand, before: Sample, now: Sample, least_A: float) -> Response:
     """Return what is known after one sample more; steps below `least_A` are noise."""
     change_V = now.voltage_V - before.voltage_V
-    held, relaxing_V = _follow_start(
-        _follow_held(response, band, before, now), change_V, abs(before.current_A) <= least_A
-    )
+    started, relaxing_V = _follow_start(response, change_V, abs(before.current_A) <= least_A)
     step_A = now.current_A - before.current_A
     step_A = step_A if abs(step_A) > least_A else 0.0
     if step_A == 0.0 and response.step_A == 0.0:
-        return held
+        return started
     charge_As = max(abs(now.current_A), abs(before.current_A)) * (now.time_s - before.time_s)
     sigma_V = math.hypot(
         NOISE_V * band.cells_in_series, _USUAL_SHARE_OF_SLOPE * band.slope_V_per_As * charge_As, relaxing_V
     )
     weight, last_A = 1.0 / (sigma_V * sigma_V), response.step_A
     return replace(
-        held,
+        started,
         s11=_FADE * response.s11 + weight * step_A * step_A,
         s12=_FADE * response.s12 + weight * step_A * last_A,
         s22=_FADE * response.s22 + weight * last_A * last_A,
@@ -126,33 +104,8 @@ def _follow_start(response: Response, change_V: float, at_rest: bool) -> tuple[R
     return replace(response, relaxing_V=abs(change_V), taken=taken), math.inf
 
 
-def _follow_held(response: Response, band: CellBand, before: Sample, now: Sample) -> Response:
-    if now.voltage_V != response.held_V:
-        share = response.lively * _LIVELY_FADE ** (response.still + 1) + 1.0 - _LIVELY_FADE
-        new = replace(response, held_V=now.voltage_V, held_A=now.current_A, held=0)
-        return replace(new, still=0, still_s=0.0, still_A=now.current_A, lively=share)
-    still_s = response.still_s + now.time_s - before.time_s
-    response = replace(response, still=response.still + 1, still_s=still_s)
-    if now.current_A * response.held_A >= 0.0 and abs(now.current_A) <= abs(response.held_A):
-        return replace(response, held_A=now.current_A)  # constant voltage: it is held by a current that fades
-    shows = abs(now.current_A - response.held_A) * band.usual_Ohm[0] > _STUCK_V * band.cells_in_series
-    return replace(response, held=response.held + shows)
-
-
-def judge(response: Response, band: CellBand, now: Sample, least_A: float) -> Finding | None:
+def judge(response: Response, band: CellBand) -> Finding | None:
     """Return what is not plausible about the resistance."""
-    if _stands_still(response, now, least_A):
-        text = (
-            f"voltage {response.held_V:.5g} V has come {response.still} times to the last bit, in "
-            f"{response.still_s:.0f} s at {now.current_A:.4g} A, and was noisy before"
-        )
-        return Finding("trip", "voltage_stuck", text, "check the voltage sensor and its leads")
-    if response.held >= _STUCK_SAMPLES:
-        text = (
-            f"voltage {response.held_V:.5g} V has come {response.held} times to the last bit although the current is "
-            f"another than the {response.held_A:.4g} A that it came with before"
-        )
-        return Finding("trip", "voltage_stuck", text, "check the voltage sensor and its leads")
     resistance, std = response.resistance_Ohm
     low, high = resistance - SIGMAS * std, resistance + SIGMAS * std
     shown = f"the voltage answers to steps of the current with {resistance:.3g} +- {std:.2g} Ohm"
@@ -168,10 +121,3 @@ def judge(response: Response, band: CellBand, now: Sample, least_A: float) -> Fi
         remedy = "check contacts and sense leads"
         return Finding("trip" if low > possible[1] else "warn", "resistance_high", shown + plausible, remedy)
     return None
-
-
-def _stands_still(response: Response, now: Sample, least_A: float) -> bool:
-    long = response.still >= _STILL_SAMPLES and response.still_s >= _STILL_S
-    loaded = min(abs(now.current_A), abs(response.still_A)) > least_A
-    same = now.current_A * response.still_A > 0.0 and abs(now.current_A) >= _STILL_SHARE * abs(response.still_A)
-    return long and loaded and same and response.lively >= _LIVELY_SHARE

@@ -3,12 +3,13 @@
 import math
 from dataclasses import dataclass, replace
 
-from bench_service.bench.plausibility import jumps, response, throughput, warmth
+from bench_service.bench.plausibility import jumps, response, stillness, throughput, warmth
 from bench_service.bench.plausibility.band import CellBand
 from bench_service.bench.plausibility.finding import Finding
 from bench_service.bench.plausibility.jumps import Jumps
 from bench_service.bench.plausibility.response import Response
 from bench_service.bench.plausibility.sample import Sample
+from bench_service.bench.plausibility.stillness import Stillness
 from bench_service.bench.plausibility.throughput import Throughput
 from bench_service.bench.plausibility.warmth import Warmth
 
@@ -20,12 +21,13 @@ class Watch:
     Parameters
     ----------
     last : Sample or None
-    response, jumps, warmth, throughput
+    response, stillness, jumps, warmth, throughput
         Of the rules of these names.
     """
 
     last: Sample | None = None
     response: Response = Response()
+    stillness: Stillness = Stillness()
     jumps: Jumps = Jumps()
     warmth: Warmth = Warmth()
     throughput: Throughput = Throughput()
@@ -53,15 +55,17 @@ def observe(watch: Watch, band: CellBand, now: Sample, least_A: float) -> tuple[
     if before is None:
         return replace(watch, last=now), None
     answer = response.follow(watch.response, band, before, now, least_A)
+    held = stillness.follow(watch.stillness, band, before, now)
     jumped = jumps.follow(watch.jumps, band, watch.response, before, now)
     warm = warmth.follow(watch.warmth, band, answer, before, now)
     moved = throughput.follow(watch.throughput, before, now)
     findings = [
         jumps.judge(watch.jumps, jumped, band),
-        response.judge(answer, band, now, least_A),
+        stillness.judge(held, now, least_A),
+        response.judge(answer, band),
         warmth.judge(warm, now),
         throughput.judge(moved, band),
     ]
     found = [finding for finding in findings if finding is not None]
     worst = next((finding for finding in found if finding.stage == "trip"), found[0] if found else None)
-    return Watch(now, answer, jumped, warm, moved), worst
+    return Watch(now, answer, held, jumped, warm, moved), worst
