@@ -9,7 +9,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import Knots, hats
-from models.identification.bounded.terms import Basis
+from models.identification.bounded.terms import Basis, Term
 from models.network.folds import N_FOLDS, balanced_groups, group_numbers
 from models.network.regression import SignalBank, delayed
 
@@ -27,7 +27,8 @@ class Layout:
     Attributes
     ----------
     basis, knots : what there is
-    scale : (B,) largest magnitude of each term's signal; of the temperature its distance from 25 degC
+    scale : (B,) largest magnitude of each term's signal, of one direction's that of the other too; of the temperature
+        its distance from 25 degC
     first : (B + 1,) place of each term's first coefficient; the last: number of all
     """
 
@@ -116,7 +117,7 @@ def make_layout(bank: SignalBank, basis: Basis, knots: Knots) -> Layout:
     scale, first = [], [len(knots.soc)]
     for term in basis.terms:
         offset = 0.0 if term.bounded else REFERENCE_DEGC
-        largest = max(float(np.abs(values - offset).max()) for values in bank.values(term.signal))
+        largest = max(float(np.abs(values - offset).max()) for values in _either_way(bank, term))
         scale.append(max(largest, 1e-9))
         first.append(first[-1] + len(knots.gain if term.bounded else knots.slope))
     return Layout(basis, knots, np.array(scale), np.array(first))
@@ -150,8 +151,30 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
             xy[fold_number][columns] += block.T @ y
             yy[fold_number] += y @ y
             count[fold_number] += len(y)
-    rms = np.sqrt(np.mean(rows**2, axis=0))
-    return Sums(layout, xx, xy, yy, count, penalty_forms(layout, rms))
+    rms = [max(_rms(rows[:, b]), _mirrored_rms(bank, layout, b)) for b in range(len(layout.basis.terms))]
+    return Sums(layout, xx, xy, yy, count, penalty_forms(layout, np.array(rms)))
+
+
+def _either_way(bank: SignalBank, term: Term) -> list[FloatArray]:
+    """Values of a term's signal over each run, and of its counterpart where the current flows the other way.
+
+    What only discharge loses is in a charge no more than the current sensor's noise. By that measure a gain of a volt
+    would be small, and would be thousands at the first discharge.
+    """
+    own = bank.values(term.signal)
+    return own if term.mirrored == term.signal else own + bank.values(term.mirrored)
+
+
+def _mirrored_rms(bank: SignalBank, layout: Layout, term: int) -> float:
+    """RMS of a term's counterpart in its scale; 0 where it is its own."""
+    it = layout.basis.terms[term]
+    if it.mirrored == it.signal:
+        return 0.0
+    return _rms(np.concatenate(bank.values(it.mirrored))) / float(layout.scale[term])
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def fold_of(bank: SignalBank) -> np.ndarray:

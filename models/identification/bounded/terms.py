@@ -30,6 +30,7 @@ _MORE_RELAXATION_S = (115.0, 350.0, 1100.0, 3500.0, 6000.0)
 _MORE_ACTIVATIONS_K = (1700.0, 5500.0, 9500.0)
 _MORE_EXCHANGE_RATES = (0.007, 0.05, 0.22, 1.0, 6.0)
 _MORE_LOOP_RATES = (4.0, 20.0, 80.0, 300.0)
+_WAYS = ("directed_transfer:1/", "directed_transfer:-1/")
 # Below this many samples a low-pass cannot be told from the current itself.
 _FASTEST_SAMPLES = 1.5
 
@@ -58,6 +59,14 @@ class Term:
     parts: tuple[str, ...] = ()
     bounded: bool = True
     held: float = 1.0
+
+    @property
+    def mirrored(self) -> str:
+        """What the signal would be if the current flowed the other way; of most kinds, the same but for its sign."""
+        for way, other in (_WAYS, _WAYS[::-1]):
+            if self.signal.startswith(way):
+                return other + self.signal.removeprefix(way)
+        return self.signal
 
 
 @dataclass(frozen=True)
@@ -160,6 +169,6 @@ def _charge_transfer(
         ends = [f"{rate * capacity_Ah:.6g}/{activation_K:g}/{tau_s:g}" for tau_s in slowed_s]
         terms += [Term(f"charge_transfer:{end}", (TRANSFER,)) for end in ends]
         # Neither gain is negative, so that the cell gives no voltage away in either direction.
-        directed = [f"directed_transfer:{way}/{end}" for way in (1, -1) for end in ends]
+        directed = [f"{way}{end}" for way in _WAYS for end in ends]
         terms += [Term(signal, (TRANSFER, BOTH_WAYS), held=held) for signal in directed]
     return terms

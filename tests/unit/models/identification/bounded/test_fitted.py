@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from models.data.resampling import to_grid
+from models.data.timeseries import TimeSeries
 from models.identification.bounded.fitted import BoundedFit, fit_variant, held_out_error, network_parts, simulated
 from models.identification.bounded.problem import fold_of, regressors, soc_over
 from models.identification.bounded.variants import Trials, Variant
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
-from models.network.regression import SignalBank
+from models.network.regression import CellContext, SignalBank
 from tests.unit.models.identification.bounded.bank import bank
 
 NOISE_V = 1e-3
@@ -70,3 +72,28 @@ def test_temperature_that_says_nothing_gets_little() -> None:
     assert warm.held_out_rmse_V < 1.06 * NOISE_V
     assert warm.layout.basis.terms[-1].signal == "temperature"
     assert np.abs(warm.coefficients[warm.layout.first[-2] :]).max() < 5e-3
+
+
+def test_runs_that_only_charge_say_of_the_discharge_what_the_charge_has_shown() -> None:
+    """The sensor's noise about zero is all that ever flows out: it is no measure of what a discharge is."""
+    rng, n, capacity_Ah = np.random.default_rng(8), 1500, 0.5
+    runs = []
+    for number in range(2):
+        flowing_A = np.where((np.arange(n) > 60) & (np.arange(n) < 1400), 1.2 + 0.1 * number, 0.0)
+        current_A = flowing_A + 2e-3 * rng.standard_normal(n)
+        soc = np.cumsum(current_A) / 3600.0 / capacity_Ah
+        resistance_Ohm = 0.05 + 0.15 * np.exp(-soc / 0.04)
+        voltage_V = 3.5 + 0.5 * soc + resistance_Ohm * current_A + NOISE_V * rng.standard_normal(n)
+        run = TimeSeries(
+            time_s=np.arange(n, dtype=np.float64),
+            current_A=current_A,
+            voltage_V=voltage_V,
+            temperature_degC=np.full(n, 25.0),
+        )
+        runs.append(to_grid(run, 1.0))
+    charged = fit_variant(Trials(SignalBank(runs, [0.0, 0.0], CellContext(capacity_Ah))), Variant())
+    structure, partition, theta, scaling = network_parts(charged, "bounded")
+    network = LocalModelNetwork(structure, partition, theta, scaling, charged.bank.cell)
+    discharge = replace(runs[0], current_A=-2.0 * runs[0].current_A, charge_Ah=-runs[0].charge_Ah)
+    falls_V = free_run_V(network, discharge, 0.95)
+    assert falls_V.min() > 2.5, "at most half an Ohm, of a cell that has a twentieth of an Ohm"
