@@ -131,6 +131,11 @@ class MetadataFile:
         return int(self.one(table, select(_place(table)), key)[0])
 
 
+def matching(table: Table, **wanted: str | None) -> Select[*tuple[Any, ...]]:
+    """Query all rows of a table whose columns have the wanted values; None wants nothing."""
+    return select(table).where(*(table.c[name] == value for name, value in wanted.items() if value is not None))
+
+
 def _place(table: Table) -> Column[int]:
     return table.c.number if "number" in table.c else table.c.id
 

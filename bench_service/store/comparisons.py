@@ -7,7 +7,7 @@ from dataclasses import asdict
 from sqlalchemy import select
 
 from bench_service.store import rows, schema
-from bench_service.store.access import MetadataFile
+from bench_service.store.access import MetadataFile, matching
 from bench_service.store.belonging import cell_of_runs
 from bench_service.store.records import ComparisonRecord, Json, RunReference
 
@@ -59,6 +59,5 @@ class ComparisonTable:
     ) -> list[ComparisonRecord]:
         """Return comparisons, of one model or one cell where that is given."""
         table = schema.comparison
-        query = select(table) if model_id is None else select(table).where(table.c.model_id == model_id)
-        query = query if cell_id is None else query.where(table.c.cell_id == cell_id)
+        query = matching(table, model_id=model_id, cell_id=cell_id)
         return [rows.comparison(row) for row in self._file.page(table, query, limit, offset, after)]

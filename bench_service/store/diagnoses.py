@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import Row, select
 
 from bench_service.store import rows, schema
-from bench_service.store.access import MetadataFile
+from bench_service.store.access import MetadataFile, matching
 from bench_service.store.belonging import cell_of_runs
 from bench_service.store.records import Json, RunReference
 
@@ -100,8 +100,7 @@ class DiagnosisTable:
     ) -> list[DiagnosisRecord]:
         """Return diagnoses, newest first, of one model or one cell where that is given."""
         table = schema.diagnosis
-        query = select(table) if model_id is None else select(table).where(table.c.model_id == model_id)
-        query = query if cell_id is None else query.where(table.c.cell_id == cell_id)
+        query = matching(table, model_id=model_id, cell_id=cell_id)
         return [_diagnosis(row) for row in self._file.page(table, query, limit, offset, after)]
 
 

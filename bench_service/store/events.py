@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from sqlalchemy import select
 
 from bench_service.store import rows, schema
-from bench_service.store.access import MetadataFile
+from bench_service.store.access import MetadataFile, matching
 from bench_service.store.records import EventRecord, Json, Severity
 
 
@@ -57,6 +57,5 @@ class EventTable:
     ) -> list[EventRecord]:
         """Return events, of one run or one cell where that is given."""
         table = schema.event
-        query = select(table) if run_id is None else select(table).where(table.c.run_id == run_id)
-        query = query if cell_id is None else query.where(table.c.cell_id == cell_id)
+        query = matching(table, run_id=run_id, cell_id=cell_id)
         return [rows.event(row) for row in self._file.page(table, query, limit, offset, after)]
