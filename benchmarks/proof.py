@@ -34,6 +34,7 @@ PROOFS: dict[str, tuple[str, ...]] = {
     "fault_sequences": ("fault_sequences", "--cases", "2000", "--seed", "1"),
     "false_trips": ("false_trips", "--hours", "1000", "--rows", ROWS),
     "many_channels": ("many_channels", "--channels", "64", "--minutes", "10"),
+    "sealed_game": ("sealed_game", "--games", "30", "--seed", "7301", "--rows", ROWS, "--json"),
     "diagnosis_structure": ("diagnosis_structure", "--cases", "60", "--nulls", "60", "--rows", ROWS, "--json"),
     "diagnosis_foreign": (
         "diagnosis_foreign",

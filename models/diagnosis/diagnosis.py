@@ -128,13 +128,16 @@ def network_memory(network: LocalModelNetwork, record: Record) -> KnownRuns:
     Its voltage is taken as right to its own training error, which hangs together over minutes.
     """
     simulated, soc = as_simulated(record)
-    known = memory_of(simulated, soc, network.cell.capacity_Ah)
+    # What was simulated begins where it is said to; without noise even a tiny gain would move its state of charge.
+    known = know(simulated, soc, network.cell.capacity_Ah, list(effects().values()), starts_known=True)
     noise_V2 = (1e-3 * (record.noise_floor_mV or 0.0)) ** 2
     own_V2 = max((1e-3 * network.record.train_rmse_mV(0.0)) ** 2 - noise_V2, 0.0)
     # What the network itself says is the same in every run: only its own error is left.
     alike = replace(known.elsewhere, variances=_TRUST * known.elsewhere.variances, granted={})
     elsewhere = replace(alike, noise_V2=noise_V2, own_V2=own_V2)
-    return replace(known, elsewhere=elsewhere, balance=_own_balance(network) or known.balance)
+    # Trained is what the network was made from, not what these runs go through.
+    cell = replace(known.cell, domain={**known.cell.domain, **network.record.domain})
+    return replace(known, cell=cell, elsewhere=elsewhere, balance=_own_balance(network) or known.balance)
 
 
 def _own_balance(network: LocalModelNetwork) -> HeatBalance | None:

@@ -65,7 +65,12 @@ class Left:
 
 
 def fit_known(
-    runs: list[GridRun], soc: list[float], capacity_Ah: float, variant: Variant | None = None
+    runs: list[GridRun],
+    soc: list[float],
+    capacity_Ah: float,
+    variant: Variant | None = None,
+    *,
+    starts_known: bool = False,
 ) -> tuple[KnownCell, Left]:
     """Fit the bounded network of a diagnosis.
 
@@ -74,6 +79,7 @@ def fit_known(
     runs, soc : training runs on one grid, with their SoC at the start
     capacity_Ah : of the cell
     variant : form of the network; None: chosen by held-out error
+    starts_known : the runs were simulated, at rest, from just where they are said to begin
 
     Raises
     ------
@@ -87,7 +93,7 @@ def fit_known(
             f"diagnosis: the training runs stand still at a state of charge of {low:.2f}, and say nothing of the cell: "
             "name others, through which a current flows, or none"
         )
-    found, fold = _found(bank, variant), fold_of(bank)
+    found, fold = None if starts_known else _found(bank, variant), fold_of(bank)
     if found is None:
         # Whole runs are held out wherever there are three, for what differs between them.
         fold = outer_folds(run_index(bank), groups_of(bank))

@@ -23,7 +23,13 @@ from models.identification.bounded.variants import Variant
 
 
 def know(
-    runs: list[GridRun], soc: list[float], capacity_Ah: float, effects: list[Effect], variant: Variant | None = None
+    runs: list[GridRun],
+    soc: list[float],
+    capacity_Ah: float,
+    effects: list[Effect],
+    variant: Variant | None = None,
+    *,
+    starts_known: bool = False,
 ) -> KnownRuns:
     """Take from the training runs what a diagnosis needs.
 
@@ -33,8 +39,9 @@ def know(
     capacity_Ah : of the cell
     effects : that may be asked for
     variant : form of the bounded network; None: chosen by held-out error
+    starts_known : the runs were simulated, at rest, from just where they are said to begin
     """
-    cell, left = fit_known(runs, soc, capacity_Ah, variant)
+    cell, left = fit_known(runs, soc, capacity_Ah, variant, starts_known=starts_known)
     views = [View(cell, run, s, left.index[left.run == r]) for r, (run, s) in enumerate(zip(runs, soc, strict=True))]
     points = Points.joined([points_of(view, number, cell.domain) for number, view in enumerate(views)])
     alike = _from_run_to_run(cell, views, left, effects)

@@ -49,6 +49,15 @@ def test_without_training_runs_the_cell_was_as_the_network_has_it(record: Record
     np.testing.assert_allclose(simulated[0].voltage_V, run.voltage_V, atol=4e-4)
 
 
+def test_trained_is_what_the_network_was_made_from_and_not_what_the_runs_go_through(record: Record) -> None:
+    """Beyond it the network goes on in a line: that is no capacity."""
+    made_from = (SOC - 0.01, SOC + 0.02)
+    document = plain_network().to_json()
+    document["record"] = {**document["record"], "domain": {"soc": list(made_from)}}
+    found = network_memory(LocalModelNetwork.from_json(document), record).cell
+    assert found.soc_range == made_from
+
+
 def test_the_networks_voltage_is_right_to_the_noise_and_to_its_own_training_error(record: Record) -> None:
     floor = (1e-3 * (record.noise_floor_mV or 0.0)) ** 2
     assert floor == pytest.approx(1e-6, rel=0.2)

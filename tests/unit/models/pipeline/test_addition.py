@@ -133,9 +133,13 @@ def test_a_wrong_effect_moves_the_rest_as_well_and_says_so() -> None:
 
 
 @pytest.mark.proof
-def test_charge_is_counted_on_a_new_capacity() -> None:
-    made = renewed("capacity", capacity_Ah=0.93 * CELL.capacity_Ah)
-    assert made.network.cell.capacity_Ah == pytest.approx(0.93 * CELL.capacity_Ah, rel=0.01)
+@pytest.mark.parametrize("learn", [0, 1])
+@pytest.mark.parametrize("share", [0.93, 1.05])
+def test_charge_is_counted_on_a_new_capacity(share: float, learn: int) -> None:
+    """The second run goes 11 points of charge below all that the network was made from."""
+    train, validate = changed_cell(capacity_Ah=share * CELL.capacity_Ah)[:: 1 - 2 * learn]
+    made = add_effect(fitted().network, "capacity", [train], [SOC], [validate], [SOC])
+    assert made.network.cell.capacity_Ah == pytest.approx(share * CELL.capacity_Ah, rel=0.01)
     assert made.error_after_mV < 0.7 * made.error_before_mV
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from models.data.resampling import GridRun
+from models.diagnosis.known.fitting import fit_known
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.training_starts import Fitted, training_starts
 from models.diagnosis.likelihood.learning import know
@@ -53,6 +54,12 @@ def test_a_run_that_begins_full_or_empty_begins_there(end: float) -> None:
 def test_a_log_that_begins_in_a_relaxation_bends_nothing() -> None:
     found = known_from([relaxing(trained(1), 0.006), trained(2)], [SOC, SOC])
     assert rms_V(found) < 1.5 * NOISE_V
+
+
+def test_what_was_simulated_begins_where_it_is_said_to() -> None:
+    runs, soc = [relaxing(trained(1), 0.006), trained(2)], [SOC + 0.004, SOC]
+    taken = fit_known(runs, soc, CAPACITY_AH, Variant(), starts_known=True)[1]
+    assert np.sqrt(np.mean(taken.unseen_V**2)) > 2.0 * rms_V(known_from(runs, soc))
 
 
 def test_what_the_starts_leave_open_is_no_error_of_the_cell() -> None:
