@@ -224,8 +224,8 @@ def judging(rig: Rig, limits: Limits, seed: int, number: int) -> Judge:
             path = soc + np.cumsum(part) * DT_S * per_As
             inside = (path >= SOC[0]) & (path <= SOC[1])
             if not inside[0]:
-                # One sample would already leave the window: the rest of the way in smaller ones.
-                part = np.full(60, (end - soc) / (60 * DT_S * per_As))
+                # One sample would already leave the window: on for a minute, or the rest of the way in smaller ones.
+                part = np.full(60, np.clip((end - soc) / (60 * DT_S * per_As), *limits.current_A))
             elif not inside.all():
                 part = part[: int(np.argmin(inside))]
             parts += [part, np.zeros(int(rng.integers(0, 600)))]

@@ -20,6 +20,9 @@ _BLOCK = 8192
 _LEAST_SHARE = 0.3
 # The temperature of which the open-circuit curve is that of the network's offset.
 REFERENCE_DEGC = 25.0
+# A cell under load drifts by a kelvin or two, slowly, as do other errors of a model, and what these are would be put down
+# to the curve's change with temperature: believed as far as the temperature varied by more than this beside all else.
+_WARMTH_K = 0.3
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,8 @@ class Sums:
     ----------
     layout : of the coefficients
     xx : (folds, P, P), xy : (folds, P), yy, count : (folds,)
-    penalties : (4, P, P) forms in V^2: bend of the curve, differences of gains, their size, those of the temperature's
+    penalties : (5, P, P) forms in V^2: bend of the curve, differences of gains, their size, those of the temperature's,
+        and the curve's change over `_WARMTH_K`
     """
 
     layout: Layout
@@ -246,9 +250,9 @@ def _block(layout: Layout, cell: int, rows: FloatArray, soc: FloatArray) -> tupl
 
 
 def penalty_forms(layout: Layout, rms: FloatArray) -> FloatArray:
-    """(4, P, P) forms in V^2, each a mean over knots and, of gains, of the voltage that they stand for."""
+    """(5, P, P) forms in V^2, each a mean over knots and, of gains, of the voltage that they stand for."""
     size, n = layout.size, layout.n_curve
-    forms = np.zeros((4, size, size))
+    forms = np.zeros((5, size, size))
     bend = np.diff(np.eye(n), 2, axis=0)
     forms[0, :n, :n] = bend.T @ bend / len(bend)
     for b, term in enumerate(layout.basis.terms):
@@ -261,4 +265,5 @@ def penalty_forms(layout: Layout, rms: FloatArray) -> FloatArray:
             forms[2, part, part] = term.held * rms[b] ** 2 * np.eye(count) / count
         else:
             forms[3, part, part] = differences + 1e-2 * rms[b] ** 2 * np.eye(count) / count
+            forms[4, part, part] = (_WARMTH_K / layout.scale[b]) ** 2 * np.eye(count) / count
     return forms

@@ -115,5 +115,7 @@ class HeldOut:
 
 
 def penalty(sums: Sums, logs: tuple[float, ...]) -> FloatArray:
-    """(P, P) sum of the penalties with their strengths."""
-    return np.tensordot(10.0 ** np.array(logs), sums.penalties, axes=1)
+    """(P, P) sum of the penalties with their strengths; those without one of their own count as they are."""
+    weights = np.ones(len(sums.penalties))
+    weights[: len(logs)] = 10.0 ** np.array(logs)
+    return np.tensordot(weights, sums.penalties, axes=1)

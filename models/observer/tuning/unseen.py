@@ -2,6 +2,10 @@
 
 A model errs less on the runs that it was fitted to than on others: what its parameters are wrong by does not show. A
 draw from their covariance puts it back, so that noise that is tuned on such runs holds for those to come.
+
+A covariance knows of no bounds. Where runs tell little, as one run at one mean current does, half of the draws are
+cells that cannot be, with open-circuit curves that fall; a filter that looks for its place on these goes astray in a
+way that no cell would make it. So a draw is moved to the nearest cell that can be.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ import numpy as np
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.network.local_model_network import LocalModelNetwork
+from models.readouts.possible_cell import made_possible
 from models.uncertainty.model_uncertainty import uncertainty_of
 
 # Each run of a few is seen with several draws: one alone can be lucky.
@@ -52,4 +57,4 @@ def as_unseen(network: LocalModelNetwork, runs: list[GridRun], initial_soc: list
 
 def _drawn(network: LocalModelNetwork, factor: FloatArray, rng: np.random.Generator) -> LocalModelNetwork:
     away = factor @ rng.standard_normal(factor.shape[1])
-    return replace(network, theta=network.theta + away.reshape(network.theta.shape))
+    return made_possible(replace(network, theta=network.theta + away.reshape(network.theta.shape)), factor)

@@ -1,5 +1,7 @@
 """Sums of products, held against the dense matrix that they are the sums of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,11 @@ from models.identification.bounded.problem import (
     fold_of,
     make_layout,
     make_sums,
+    penalty_forms,
     regressors,
     soc_over,
 )
+from models.identification.bounded.strengths import START, HeldOut
 from models.identification.bounded.terms import make_basis
 from models.network.regression import SignalBank
 from tests.unit.models.identification.bounded.bank import CELL, bank
@@ -66,6 +70,34 @@ def test_increments_are_the_same_curve(signals: SignalBank, layout: Layout) -> N
     for own, whole in ((turned.xx[0], sums.xx[0]), (turned.penalties[0], sums.penalties[0])):
         assert x @ own @ x == pytest.approx(by_values @ whole @ by_values)
     assert x @ turned.xy[1] == pytest.approx(by_values @ sums.xy[1])
+
+
+def test_a_change_with_temperature_costs_what_it_does_over_some_tenths_of_a_kelvin(layout: Layout) -> None:
+    form = penalty_forms(layout, np.ones(len(layout.basis.terms)))[4]
+    (at,) = [b for b, term in enumerate(layout.basis.terms) if term.signal == "temperature"]
+    x = np.zeros(layout.size)
+    x[layout.first[at] : layout.first[at + 1]] = 2e-3 * layout.scale[at]
+    assert x @ form @ x == pytest.approx((2e-3 * 0.3) ** 2)
+    x[:] = 1.0
+    x[layout.first[at] : layout.first[at + 1]] = 0.0
+    assert x @ form @ x == 0.0
+
+
+def test_what_a_temperature_that_hardly_moves_seems_to_say_is_not_believed() -> None:
+    # A voltage that drifts with the temperature, once by a tenth of a kelvin and once by ten.
+    found = []
+    for swing_K in (0.1, 10.0):
+        signals = bank(n=1500, swing_K=swing_K)
+        drift_V = [1e-3 * (run.temperature_degC - REFERENCE_DEGC) for run in signals.runs]
+        runs = [replace(run, voltage_V=run.voltage_V + more) for run, more in zip(signals.runs, drift_V, strict=True)]
+        drifting = SignalBank(runs, signals.initial_soc, signals.cell)
+        soc = np.concatenate(soc_over(drifting, "soc"))
+        knots = make_knots(float(soc.min()), float(soc.max()), 24, 5, 4)
+        layout = make_layout(drifting, make_basis(1.0, CELL.capacity_Ah, "moves"), knots)
+        x = HeldOut(make_sums(drifting, layout).by_increments()).whole(START).x
+        found.append(float(np.mean(x[layout.first[-2] :] / layout.scale[-1])))
+    assert abs(found[0]) < 2e-4
+    assert found[1] == pytest.approx(1e-3, abs=2e-4)
 
 
 def test_only_the_first_value_and_the_slope_with_temperature_are_unbounded(layout: Layout) -> None:

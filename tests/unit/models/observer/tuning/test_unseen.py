@@ -4,13 +4,19 @@ import numpy as np
 
 from models.data.resampling import to_grid
 from models.network.free_run import free_run_V
+from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import ModelRecord
+from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.observer import FuzzyObserver
 from models.observer.tuning.innovations import tuning_data
 from models.observer.tuning.unseen import as_they_are, as_unseen
+from models.readouts.ocv import ocv_table
+from models.readouts.resistance import resistance_table
 from models.uncertainty.bands import prediction_band
-from models.uncertainty.model_uncertainty import uncertainty_of
-from tests.unit.models import synthetic
+from models.uncertainty.correlation import ResidualCorrelation
+from models.uncertainty.covariance import ParameterCovariance
+from models.uncertainty.model_uncertainty import Uncertainty, uncertainty_of
+from tests.unit.models import hand_network, synthetic
 
 
 def test_models_are_drawn_as_wide_as_their_parameters_are_uncertain(fitted: FuzzyObserver) -> None:
@@ -40,6 +46,33 @@ def test_errors_of_unseen_runs_are_not_smaller_than_of_runs_that_were_fitted(fit
     unseen = tuning_data(as_unseen(fitted.network, [run], [0.6]))
     assert len(unseen.starts) == 8
     assert np.nanstd(unseen.error_V) > np.nanstd(seen.error_V)
+
+
+def test_models_that_are_drawn_are_cells_that_can_be() -> None:
+    structure = Structure(
+        0, (InputChannel("soc", delay=1), InputChannel("current")), (PartitionAxis("soc", initial=3, k_sigma=0.4),), 1.0
+    )
+    known = hand_network.network(structure, np.array([[0.3, 0.02, 3.4]] * 3))
+    away = 0.1 * np.random.default_rng(1).standard_normal((8, *known.theta.shape))
+    assert not all(is_possible(replace(known, theta=known.theta + one)) for one in away)
+    uncertainty = Uncertainty(
+        parameters=ParameterCovariance(0.1 * np.eye(9), 0, 3, 0, np.ones(3)),
+        level_V=np.full(3, 1e-3),
+        samples=np.full(3, 100.0),
+        effective_samples=np.full(3, 100.0),
+        thin=np.zeros(3, bool),
+        band_factor=1.0,
+        correlation=ResidualCorrelation(1.0, np.zeros(0), np.zeros(0)),
+    )
+    network = replace(known, record=replace(known.record, uncertainty=uncertainty.to_json()))
+    judged = as_unseen(network, [to_grid(synthetic.run(100, seed=7), 1.0)], [0.6])
+    assert all(is_possible(each.network) for each in judged)
+    assert not any(np.array_equal(each.network.theta, network.theta) for each in judged)
+
+
+def is_possible(network: LocalModelNetwork) -> bool:
+    rises = bool((np.diff(ocv_table(network).voltage_V, axis=-1) >= 0.0).all())
+    return rises and bool((resistance_table(network).resistance_Ohm > 0.0).all())
 
 
 def test_without_a_covariance_the_model_stays_as_it_is(fitted: FuzzyObserver) -> None:
