@@ -23,6 +23,10 @@ _MATCHED, _DRAWN, _TABLE = 40, 2401, 600
 _STEPS = 30
 # Charge beyond empty and full that is drawn.
 _BEYOND = 0.35
+# How sharp a voltage and a state of charge of that curve are.
+_SHARP_V, _SHARP_SOC = 0.005, 0.005
+# By how much all of it may be off, V: runs at one current tell resistance from the curve by its bends alone.
+_OFF_V = 0.03
 # A match that leaves more than this in the root mean square, V, is none: electrodes of other materials.
 _GOOD_V = 0.015
 # Fillings of graphite and of its counterpart in a usual cell, empty and full (Birkl et al. 2017).
@@ -31,6 +35,8 @@ _USUAL_N, _USUAL_P = (0.03, 0.85), (0.93, 0.35)
 _STEEP_V = 1.0
 # Lithium cells against graphite rest above this when half full; no other cell's curve is taken apart.
 _LEAST_V = 2.8
+
+Curve = tuple[tuple[float, ...], tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -90,15 +96,18 @@ class HalfCells:
         """Without lithium that could be cycled, over the fresh capacity: it is bound in a film."""
         return replace(self, lithium_Ah=self.lithium_Ah - share)
 
-    def less_negative(self, share: float) -> HalfCells:
-        """Without a share of the negative material, and of the lithium in it when the cell was half full."""
-        lost_Ah = share * 0.5 * sum(self.ends)
+    def less_negative(self, share: float, soc: float = 0.5) -> HalfCells:
+        """Without a share of the negative material, and of the lithium in it at a state of charge."""
+        lost_Ah = share * self._charge(soc)
         return replace(self, negative_Ah=self.negative_Ah * (1.0 - share), lithium_Ah=self.lithium_Ah - lost_Ah)
 
-    def less_positive(self, share: float) -> HalfCells:
-        """Without a share of the positive material, and of the lithium in it when the cell was half full."""
-        lost_Ah = share * (self.lithium_Ah - 0.5 * sum(self.ends))
+    def less_positive(self, share: float, soc: float = 0.5) -> HalfCells:
+        """Without a share of the positive material, and of the lithium in it at a state of charge."""
+        lost_Ah = share * (self.lithium_Ah - self._charge(soc))
         return replace(self, positive_Ah=self.positive_Ah * (1.0 - share), lithium_Ah=self.lithium_Ah - lost_Ah)
+
+    def _charge(self, soc: float) -> float:
+        return self.ends[0] + soc * (self.ends[1] - self.ends[0])
 
 
 def half_cells(model: OwnModel) -> HalfCells | None:
@@ -109,18 +118,24 @@ def half_cells(model: OwnModel) -> HalfCells | None:
     model : with its open-circuit curve. Where published curves make it, they are taken; elsewhere the negative
         electrode is graphite in a usual cell, and the positive one what is left, as far as that falls
     """
+    curve = own_curve(model)
+    return None if curve is None else apart(curve)
+
+
+def own_curve(model: OwnModel) -> Curve | None:
+    """States of charge and voltages by which a model's cell is taken apart; None: it is none that could be."""
     low, high = model.soc_range
     soc = np.linspace(max(low, 0.0), min(high, 1.0), _MATCHED)
     curve_V = model.open_circuit_V(soc)
     if float(np.median(curve_V)) < _LEAST_V:
         return None
-    return _apart(tuple(soc.tolist()), tuple(np.maximum.accumulate(curve_V).tolist()))
+    return tuple(soc.tolist()), tuple(np.maximum.accumulate(curve_V).tolist())
 
 
 @lru_cache(maxsize=16)
-def _apart(soc: tuple[float, ...], curve_V: tuple[float, ...]) -> HalfCells:
+def apart(curve: Curve) -> HalfCells:
     """Electrodes that make a full cell's curve."""
-    at, own_V = np.array(soc), np.array(curve_V)
+    at, own_V = np.array(curve[0]), np.array(curve[1])
     left_V, negative, positive, window = min(
         (_matched(at, own_V, n, p) for n in NEGATIVES for p in POSITIVES), key=lambda found: found[0]
     )
@@ -136,6 +151,7 @@ def _apart(soc: tuple[float, ...], curve_V: tuple[float, ...]) -> HalfCells:
     lithium_Ah = x0 * negative_Ah + y0 * positive_Ah
     cell = HalfCells(negative, negative_Ah, positive_Ah, lithium_Ah, filling, potential_V, (0.0, 1.0), left_V)
     ends = cell.voltage_V(np.array([x0, x1]) * negative_Ah)
+    # Both are those of these electrodes themselves: what the curve is off by is the same for the aged cell.
     return replace(cell, limits_V=(float(ends[0]), float(ends[1])))
 
 
@@ -151,12 +167,16 @@ def _matched(soc: FloatArray, curve_V: FloatArray, negative: str, positive: str)
     from scipy.optimize import least_squares
 
     curve = POSITIVES[positive]
-    low, high = (0.0, 0.4, curve.low + 0.25, curve.low), (0.2, 1.0, curve.high, curve.high - 0.25)
+    # Where the curve is steep it is known the less: the state of charge is not sharp itself.
+    weight = 1.0 / np.hypot(1.0, _SHARP_SOC / _SHARP_V * np.gradient(curve_V, soc))
+    low, high = (0.0, 0.4, curve.low + 0.25, curve.low, -0.2), (0.2, 1.0, curve.high, curve.high - 0.25, 0.2)
 
-    def left(window: FloatArray) -> FloatArray:
-        x0, x1, y0, y1 = window
-        return curve.potential_V(y0 + soc * (y1 - y0)) - NEGATIVES[negative](x0 + soc * (x1 - x0)) - curve_V
+    def left(found: FloatArray) -> FloatArray:
+        x0, x1, y0, y1, off_V = found
+        full_V = curve.potential_V(y0 + soc * (y1 - y0)) - NEGATIVES[negative](x0 + soc * (x1 - x0))
+        return np.append(weight * (full_V - curve_V + off_V), _SHARP_V / _OFF_V * off_V)
 
-    start = np.clip((*_USUAL_N, *curve.usual), np.array(low) + 1e-3, np.array(high) - 1e-3)
-    found = least_squares(left, start, bounds=(low, high), x_scale=0.1, max_nfev=_STEPS)
-    return float(np.sqrt(np.mean(left(found.x) ** 2))), negative, positive, tuple(found.x.tolist())
+    start = np.clip((*_USUAL_N, *curve.usual, 0.0), np.array(low) + 1e-3, np.array(high) - 1e-3)
+    scale = (0.1, 0.1, 0.1, 0.1, _OFF_V)
+    found = least_squares(left, start, bounds=(low, high), x_scale=scale, max_nfev=_STEPS)
+    return float(np.sqrt(np.mean(left(found.x)[:-1] ** 2))), negative, positive, tuple(found.x[:-1].tolist())

@@ -20,7 +20,7 @@ from models.diagnosis.trend.answer import answer
 from models.diagnosis.trend.estimate import Weighed, estimate
 from models.diagnosis.trend.forecast import forecast
 from models.diagnosis.trend.life import Places, RunTrend, Trend
-from models.diagnosis.trend.series import change_points, smoothed
+from models.diagnosis.trend.series import change_points, smoothed, ways_of
 from models.diagnosis.trend.settings import SETTINGS
 from models.effects.input_correction import as_read
 from models.network.local_model_network import LocalModelNetwork
@@ -77,10 +77,13 @@ def trend(
         held.append(_held(network, known, (run, soc, std)))
     seen = [weighed.chances for weighed, _, _ in held]
     by_set = smoothed(seen)
+    by_way = ways_of(seen, by_set)
     borne_out = claimed(np.array([each.nothing for each in seen]), SETTINGS.nothing, SETTINGS.alarms)
     entries = tuple(
-        RunTrend(run.name, float(x), weighed.state, record.rms_mV, answer(weighed, record, chance, bool(said), begun))
-        for run, x, (weighed, record, begun), chance, said in zip(runs, at, held, by_set, borne_out, strict=True)
+        RunTrend(run.name, float(x), weighed.state, record.rms_mV, answer(weighed, record, p, bool(said), begun, q))
+        for run, x, (weighed, record, begun), p, q, said in zip(
+            runs, at, held, by_set, by_way, borne_out, strict=True
+        )
     )
     capacity_Ah = np.array([weighed.state.capacity_Ah for weighed, _, _ in held])
     ahead = forecast(at, capacity_Ah, known.cell.capacity_Ah, along.end, along.unit)

@@ -1,0 +1,79 @@
+"""What a lost capacity comes from, by the whole series: its name, its share, and what is left for a moved curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.diagnosis.evidence.parameters import Value
+from models.diagnosis.trend.estimate import Weighed
+from models.diagnosis.trend.losses import CAUSES, LITHIUM, WAYS
+from models.diagnosis.trend.settings import SETTINGS
+from models.diagnosis.trend.weighing import CAPACITY, CURVE, Changes
+
+_EFFECTS = {LITHIUM: "lithium_loss"}
+_MATERIAL = "active_material_loss"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What a lost capacity comes from.
+
+    Attributes
+    ----------
+    cause : name of the cause; "": it is not told, or several
+    way : likeliest way of it, by its number; -1: none
+    chance : probability of the cause
+    values : share that is lost
+    chances : of each cause, by what a person calls it
+    """
+
+    cause: str = ""
+    way: int = -1
+    chance: float = 0.0
+    values: dict[str, Value] = field(default_factory=dict)
+    chances: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def effect(self) -> str:
+        """Name of the effect that stands for it."""
+        return _EFFECTS.get(self.cause, _MATERIAL)
+
+    def beside(self, weighed: Weighed, changes: Changes) -> Changes:
+        """What has changed: a loss that is known brings a curve of its own, beside which none need have moved."""
+        if not self.cause or CURVE not in changes:
+            return changes
+        logs = weighed.causes[self.way].logs
+        with_it = tuple(each for each in changes if each != CAPACITY)
+        without = tuple(each for each in with_it if each != CURVE)
+        gained = SETTINGS.tempering * (logs[with_it] - logs[without]) + np.log(SETTINGS.more)
+        return changes if gained > 0.0 else tuple(each for each in changes if each != CURVE)
+
+
+def origin_of(weighed: Weighed, changes: Changes, by_way: FloatArray | None) -> Origin:
+    """Find it.
+
+    Parameters
+    ----------
+    weighed : the run
+    changes : that it shows
+    by_way : (ways + 1,) probability of each way by the whole series
+    """
+    if by_way is None or CAPACITY not in changes or not weighed.causes:
+        return Origin()
+    chances = {cause: float(sum(by_way[k] for k, way in enumerate(WAYS) if way.cause == cause)) for cause in CAUSES}
+    called = {(_EFFECTS.get(cause) or f"{_MATERIAL}, {cause}"): p for cause, p in chances.items()}
+    cause = max(chances, key=lambda each: chances[each])
+    own = {k: float(by_way[k]) for k, way in enumerate(WAYS) if way.cause == cause and k in weighed.causes}
+    if chances[cause] < SETTINGS.cause or not own:
+        return Origin(chances=called)
+    p = np.array(list(own.values())) / sum(own.values())
+    shares = np.array([weighed.causes[k].share for k in own])
+    stds = np.array([weighed.causes[k].share_std for k in own])
+    share = float(p @ shares)
+    std = float(np.sqrt(p @ (stds**2 + (shares - share) ** 2)))
+    name = "share_lost" if cause == LITHIUM else f"share_lost of the {cause} electrode"
+    way = max(own, key=lambda each: own[each])
+    return Origin(cause, way, chances[cause], {name: Value(share, std, "1")}, called)
