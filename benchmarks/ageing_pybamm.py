@@ -51,6 +51,8 @@ _MOVED = {
 _DRIVE_S, _LONGEST_S = 10, 14400
 _FRESH = {"lithium_lost": 0.0, "negative_lost": 0.0, "positive_lost": 0.0}
 _WITHIN = 0.2
+# Longer than that a simulation that goes well does not take, even on a busy machine.
+_MOST_S = 900
 
 
 def request_of(seed: int, number: int, kind: str) -> Row:
@@ -109,7 +111,9 @@ def records_of(request: Row, python: Path, kept: Path) -> dict[str, FloatArray]:
         with tempfile.TemporaryDirectory() as folder:
             asked, made = Path(folder) / "request.json", Path(folder) / "records.npz"
             asked.write_text(json.dumps(request))
-            subprocess.run([str(python), str(WORKER), str(asked), str(made)], check=True, stdout=sys.stderr)
+            subprocess.run(
+                [str(python), str(WORKER), str(asked), str(made)], check=True, stdout=sys.stderr, timeout=_MOST_S
+            )
             kept.write_bytes(made.read_bytes())
     with np.load(kept) as file:
         return dict(file)
@@ -138,9 +142,7 @@ def judged(request: Row, records: dict[str, FloatArray], seed: int, number: int,
     rng = np.random.default_rng([seed, number, 7])
     gain = 1.0 + 1e-3 * rng.standard_normal()
     runs = {
-        name: measured(columns, request, name, rng, gain)
-        for name, columns in records.items()
-        if name != "capacity_Ah"
+        name: measured(columns, request, name, rng, gain) for name, columns in records.items() if name != "capacity_Ah"
     }
     train = [name for name in runs if name.startswith(("0_0_", "0_1_"))]
     life = [name for name in runs if name not in train]
@@ -200,7 +202,7 @@ def rows_of(options: argparse.Namespace) -> Iterator[Row]:
             kept = options.keep / f"{options.seed}_{number}_{kind}.npz"
             try:
                 records = records_of(request, options.pybamm_python, kept)
-            except subprocess.CalledProcessError:
+            except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
                 print(f"{number} {kind}: the simulator found no solution; left out", file=sys.stderr)
                 continue
             if options.records_only:

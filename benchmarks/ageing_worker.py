@@ -109,7 +109,9 @@ def cycled(request: dict[str, Any], state: dict[str, float], told: dict[str, flo
     for number, cycle in enumerate(solution.cycles[1:]):
         charge, between, discharge, rest = cycle.steps[:2], cycle.steps[2], cycle.steps[3], cycle.steps[4]
         before = solution.cycles[number].steps[-1]
-        out[f"{number}_charge"] = _file([(before, -10, None), *((each, None, None) for each in charge), (between, 0, 60)])
+        out[f"{number}_charge"] = _file(
+            [(before, -10, None), *((each, None, None) for each in charge), (between, 0, 60)]
+        )
         out[f"{number}_discharge"] = _file([(between, -10, None), (discharge, None, None), (rest, 0, 60)])
     return out
 

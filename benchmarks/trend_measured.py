@@ -2,9 +2,9 @@
 
 ``python benchmarks/trend_measured.py --data FOLDER [--cells A,B0029,...] [--structure auto] [--json]``
 
-FOLDER holds `samsung30q` and `nasa`, each with `meta.json`. A model of each cell is made from the first two charges that
-begin empty and the first two discharges; all other records are followed as one series. Counted charge is the truth of
-the capacity, the step of the first second that of the resistance at the state of charge where the record begins.
+FOLDER holds `samsung30q` and `nasa`, each with `meta.json`. A model of each cell is made from the first two charges
+that begin empty and the first two discharges; all other records are followed as one series. Counted charge is the truth
+of the capacity, the step of the first second that of the resistance at the state of charge where the record begins.
 """
 
 import argparse
@@ -81,7 +81,9 @@ def _aged(path: Path, meta: Row, full_Ah: float) -> Aged:
 
 def follow(records: list[Aged], structure: str) -> list[Row]:
     """What is said of each record, beside the truth."""
-    fresh = [k for begins in (0.0, 1.0) for k in [k for k, each in enumerate(records) if each.begins == begins][:_FRESH]]
+    fresh = [
+        k for begins in (0.0, 1.0) for k in [k for k, each in enumerate(records) if each.begins == begins][:_FRESH]
+    ]
     train = [records[k] for k in fresh]
     judged = [each for k, each in enumerate(records) if k not in fresh]
     capacity_Ah = float(np.mean([each.counted_Ah for each in train if each.counted_Ah]))
@@ -109,9 +111,7 @@ def _row(record: Aged, told: RunTrend) -> Row:
         "capacity_off": state.capacity_Ah / record.counted_Ah - 1.0 if record.counted_Ah else None,
         "resistance_off": ohm / record.step_Ohm - 1.0 if record.step_Ohm else None,
         "verdict": diagnosis.verdict,
-        "named": [
-            each.effect + (f" {each.evidence['where']}" if "where" in each.evidence else "") for each in diagnosis.findings
-        ],
+        "named": [f"{each.effect} {each.evidence.get('where', '')}".strip() for each in diagnosis.findings],
         "values": [{name: value.value for name, value in each.parameters.items()} for each in diagnosis.findings],
         "error_mV": told.error_mV,
         "unexplained_mV": diagnosis.unexplained_mV,

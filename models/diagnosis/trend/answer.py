@@ -14,9 +14,9 @@ from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend import latent
 from models.diagnosis.trend.estimate import Weighed
+from models.diagnosis.trend.origin import Origin, origin_of
 from models.diagnosis.trend.prior import aged
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.origin import Origin, origin_of
 from models.diagnosis.trend.weighing import CAPACITY, CHANGES, CURVE, EVERY, RESISTANCE, Changes, Held
 from models.effects import Effect, effects
 from models.effects.view import View
@@ -98,7 +98,7 @@ def _findings(
         return [], record
     found = weighed.told(changes, origin.way)
     parts = parts_V(weighed, found, origin.way)
-    order = sorted(changes, key=lambda each: -float(np.mean(parts[each] ** 2)))
+    order = _order(record, parts, changes)
     named = {each: effect_of(each) for each in order} | ({CAPACITY: origin.effect} if origin.cause else {})
     findings: list[Finding] = []
     left = record
@@ -124,6 +124,17 @@ def _findings(
         findings.append(finding)
         left = after
     return findings, left
+
+
+def _order(record: Record, parts: dict[str, FloatArray], changes: Changes) -> list[str]:
+    """Changes, the one first that leaves least of the error, beside those before it: parts may undo each other."""
+    out, left, open_ones = list[str](), record, list(changes)
+    while open_ones:
+        best = min(open_ones, key=lambda each: left.less([parts[each]]).rms_mV)
+        left = left.less([parts[best]])
+        out.append(best)
+        open_ones.remove(best)
+    return out
 
 
 def _rivals(by_set: FloatArray, changes: tuple[str, ...], change: str) -> list[str]:

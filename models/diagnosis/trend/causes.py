@@ -15,10 +15,10 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.trend.latent import root
 from models.diagnosis.trend.losses import SHARES, WAYS, Loss, losses_of
 from models.diagnosis.trend.prior import About, Given, off
-from models.diagnosis.trend.settings import SETTINGS
+from models.diagnosis.trend.settings import SETTINGS, Sizes
 from models.diagnosis.trend.summed import Sums, White
 from models.diagnosis.trend.weighing import CAPACITY, EVERY, Caused, Changes, cause_sizes, log_sum
-from models.effects.half_cells import own_curve
+from models.effects.half_cells import apart, own_curve
 
 # What can be beside a cause.
 _BESIDE: tuple[Changes, ...] = tuple(each for each in EVERY if CAPACITY not in each)
@@ -40,14 +40,15 @@ def caused(given: Given, now: About) -> dict[int, Caused]:
     error = np.column_stack([_error(given, now, each) for each in near])
     scales = [(white, w) for white, w in zip(now.white, SETTINGS.weights, strict=True) if w > 0.0]
     whitened = [solve_triangular(white.lower, error, lower=True, check_finite=False) for white, _ in scales]
-    logs = {each: _logs(scales, whitened, each, now.change) for each in _BESIDE}
+    matched_V = apart(curve).close_V if curve else 0.0
+    logs = {each: _logs(scales, whitened, cause_sizes(each, now.change, matched_V)) for each in _BESIDE}
     out = {}
     for way in range(len(WAYS)):
         own = np.array([k for k, each in enumerate(near) if each.way == way], dtype=np.int64)
         if len(own):
             told, mean, std, best = _told([near[k] for k in own], {name: each[own] for name, each in logs.items()})
             about = replace(now.summed, change=near[own[best]].change, sums=_about(now, error[:, own[best]]))
-            out[way] = Caused(told, mean, std, near[own[best]], about)
+            out[way] = Caused(told, mean, std, near[own[best]], about, matched_V)
     return out
 
 
@@ -59,15 +60,14 @@ def _error(given: Given, now: About, loss: Loss) -> FloatArray:
     return error
 
 
-def _logs(scales: list[tuple[White, float]], whitened: list[FloatArray], beside: Changes, change: float) -> FloatArray:
-    """(M,) logarithm of the likelihood of each loss with other changes beside it."""
-    sizes = SETTINGS.sizes if beside else SETTINGS.sizes[:1]
+def _logs(scales: list[tuple[White, float]], whitened: list[FloatArray], sizes: list[Sizes]) -> FloatArray:
+    """(M,) logarithm of the likelihood of each loss with what else may differ, in each of these sizes as likely."""
     every = []
     for (white, weight), error in zip(scales, whitened, strict=True):
         inner, right = white.sums.inner, white.columns.T @ error
         own = -np.sum(np.log(np.diag(white.lower))) - 0.5 * np.sum(error**2, axis=0)
         for size in sizes:
-            spread = root(cause_sizes(beside, size, change))
+            spread = root(size)
             whole = spread.T @ inner @ spread
             whole[np.diag_indices_from(whole)] += 1.0
             lower = np.linalg.cholesky(whole)

@@ -38,6 +38,7 @@ from models.diagnosis.trend.weighing import (
     held_beside,
     mixed,
 )
+from models.effects.half_cells import half_cells
 from models.effects.view import View
 
 # How far a capacity that is no news may be off, in standard deviations: there the cell as it was is linearised.
@@ -131,7 +132,9 @@ def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Weig
     fresh = now if abs(now.change) <= near else now.at(given, float(np.clip(now.change, -near, near)))
     causes = caused(given, now)
     chance = chances(fresh.summed, now.summed, causes)
-    state = _state(known.cell, _averaged(chance, now.summed, causes), held(now.summed, CHANGES))
+    electrodes = half_cells(known.cell)
+    taken = causes if electrodes is not None and electrodes.sure else {}
+    state = _state(known.cell, _averaged(chance, now.summed, taken), held(now.summed, CHANGES))
     return Weighed(given, state, chance, now.summed, causes)
 
 
@@ -167,9 +170,7 @@ def _first_guess(cell: KnownCell, run: GridRun, soc: float, ends: Ends) -> float
 
 def _averaged(chance: Chances, now: Summed, causes: dict[int, Caused]) -> Held:
     """Weights over sets of changes with that of the capacity, which is open always, and ways to lose it, as likely."""
-    own = {
-        (each, way): p * q for each, p in chance.of.items() if CAPACITY in each for way, q in chance.way.items()
-    }
+    own = {(each, way): p * q for each, p in chance.of.items() if CAPACITY in each for way, q in chance.way.items()}
     taken = {each: p for each, p in own.items() if p >= _LEAST * max(own.values())}
     every = [held_beside(causes[way], each) if way in causes else held(now, each) for each, way in taken]
     return mixed(every, np.array(list(taken.values())), CHANGES)

@@ -36,7 +36,7 @@ class Way:
 
 
 # Lithium is lost together with the material that it is in: as much as there is in an empty, half full or full cell.
-_LOST_AT = ((0.0, 0.25), (0.5, 0.5), (1.0, 0.25))
+_LOST_AT = ((0.0, 0.2), (0.5, 0.6), (1.0, 0.2))
 CAUSES = (LITHIUM, NEGATIVE, POSITIVE)
 WAYS = (
     Way(LITHIUM, 1.0, HalfCells.less_lithium),

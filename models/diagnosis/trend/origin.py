@@ -9,12 +9,11 @@ import numpy as np
 from models.data.timeseries import FloatArray
 from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.trend.estimate import Weighed
-from models.diagnosis.trend.losses import CAUSES, LITHIUM, WAYS
+from models.diagnosis.trend.losses import CAUSES, WAYS
 from models.diagnosis.trend.settings import SETTINGS
 from models.diagnosis.trend.weighing import CAPACITY, CURVE, Changes
-
-_EFFECTS = {LITHIUM: "lithium_loss"}
-_MATERIAL = "active_material_loss"
+from models.effects import Effect, effects
+from models.effects.half_cells import half_cells
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Origin:
     @property
     def effect(self) -> str:
         """Name of the effect that stands for it."""
-        return _EFFECTS.get(self.cause, _MATERIAL)
+        return _effect(self.cause).name
 
     def beside(self, weighed: Weighed, changes: Changes) -> Changes:
         """What has changed: a loss that is known brings a curve of its own, beside which none need have moved."""
@@ -61,19 +60,29 @@ def origin_of(weighed: Weighed, changes: Changes, by_way: FloatArray | None) -> 
     changes : that it shows
     by_way : (ways + 1,) probability of each way by the whole series
     """
-    if by_way is None or CAPACITY not in changes or not weighed.causes:
+    electrodes = half_cells(weighed.given.known.cell)
+    if by_way is None or CAPACITY not in changes or electrodes is None or not electrodes.sure:
         return Origin()
     chances = {cause: float(sum(by_way[k] for k, way in enumerate(WAYS) if way.cause == cause)) for cause in CAUSES}
-    called = {(_EFFECTS.get(cause) or f"{_MATERIAL}, {cause}"): p for cause, p in chances.items()}
+    called = {_effect(cause).name + _of(cause): p for cause, p in chances.items()}
     cause = max(chances, key=lambda each: chances[each])
     own = {k: float(by_way[k]) for k, way in enumerate(WAYS) if way.cause == cause and k in weighed.causes}
     if chances[cause] < SETTINGS.cause or not own:
         return Origin(chances=called)
-    p = np.array(list(own.values())) / sum(own.values())
-    shares = np.array([weighed.causes[k].share for k in own])
-    stds = np.array([weighed.causes[k].share_std for k in own])
-    share = float(p @ shares)
-    std = float(np.sqrt(p @ (stds**2 + (shares - share) ** 2)))
-    name = "share_lost" if cause == LITHIUM else f"share_lost of the {cause} electrode"
     way = max(own, key=lambda each: own[each])
-    return Origin(cause, way, chances[cause], {name: Value(share, std, "1")}, called)
+    p = np.array(list(own.values())) / sum(own.values())
+    share = weighed.causes[way].share
+    away = np.array([weighed.causes[k].share for k in own]) - share
+    std = float(np.sqrt(p @ (np.array([weighed.causes[k].share_std for k in own]) ** 2 + away**2)))
+    return Origin(
+        cause, way, chances[cause], {_effect(cause).parameters[0].name + _of(cause): Value(share, std, "1")}, called
+    )
+
+
+def _effect(cause: str) -> Effect:
+    return next(each for each in effects().values() if cause in each.causes)
+
+
+def _of(cause: str) -> str:
+    """What the name of a share is followed by, where an effect has several causes."""
+    return f" of the {cause} electrode" if len(_effect(cause).causes) > 1 else ""

@@ -102,6 +102,7 @@ class Caused:
     share, share_std : that is lost
     loss : the likeliest one
     about : what is kept of the run about that
+    matched_V : what half-cell curves leave of that of the fresh cell
     """
 
     logs: dict[Changes, float]
@@ -109,18 +110,25 @@ class Caused:
     share_std: float
     loss: Loss
     about: Summed
+    matched_V: float
 
 
-def cause_sizes(beside: Changes, size: float, change: float) -> Sizes:
-    """What may differ beside a loss that is known with its curve.
+def cause_sizes(beside: Changes, change: float, matched_V: float) -> list[Sizes]:
+    """What may differ beside a loss that is known with its curve, from the least to the largest, as likely.
 
     Parameters
     ----------
-    beside, size : what else has changed, in units of the largest that is usual
+    beside : what else has changed
     change : of the capacity: half-cell curves are off by a part of it
+    matched_V : what half-cell curves leave of that of the fresh cell
     """
-    own = sizes_of(beside, size, change)
-    return replace(own, slip=float(np.hypot(own.slip, SETTINGS.slip_of_loss * change)))
+    out = []
+    for size in SETTINGS.sizes if beside else SETTINGS.sizes[:1]:
+        own = sizes_of(beside, size, change)
+        slip = float(np.hypot(own.slip, SETTINGS.slip_of_loss * change))
+        curve_V = float(np.sqrt(own.curve_V**2 + (SETTINGS.curve_of_loss_V * change) ** 2 + matched_V**2))
+        out.append(replace(own, slip=slip, curve_V=curve_V))
+    return out
 
 
 def chances(fresh: Summed, now: Summed, causes: dict[int, Caused]) -> Chances:
@@ -215,7 +223,7 @@ def held_beside(found: Caused, changes: Changes) -> Held:
     changes : what may be large, the capacity among them
     """
     beside = tuple(each for each in changes if each != CAPACITY)
-    own = held(found.about, changes, cause_sizes(beside, max(SETTINGS.sizes), found.about.change))
+    own = held(found.about, changes, cause_sizes(beside, found.about.change, found.matched_V)[-1])
     mean = own.mean.copy()
     mean[0] += found.about.change
     return replace(own, mean=mean)
@@ -260,6 +268,7 @@ def _one(about: Summed, changes: tuple[str, ...], scale: tuple[Sums, float], spr
 
 
 def log_sum(logs: list[float] | FloatArray) -> float:
+    """Logarithm of the sum of what logarithms stand for."""
     values = np.asarray(logs, dtype=np.float64)
     most = float(values.max())
     return most + float(np.log(np.sum(np.exp(values - most))))
