@@ -30,8 +30,8 @@ from models.pipeline.fit import fit_network
 
 Row = dict[str, Any]
 WORKER = Path(__file__).parent / "ageing_worker.py"
-PARAMETERS = ("Chen2020", "OKane2022", "Mohtat2020", "Marquis2019", "Ecker2015", "NCA_Kim2011")
-NOMINAL_AH = dict(zip(PARAMETERS, (5.0, 5.0, 5.0, 0.68, 0.156, 0.43), strict=True))
+PARAMETERS: tuple[str, ...] = ("Chen2020", "OKane2022", "Mohtat2020", "Marquis2019", "Ecker2015", "NCA_Kim2011")
+NOMINAL_AH: dict[str, float] = dict(zip(PARAMETERS, (5.0, 5.0, 5.0, 0.68, 0.156, 0.43), strict=True))
 KINDS = ("lithium", "negative", "positive", "resistance", "sei")
 # Effect and parameter that are right, of each kind.
 RIGHT = {

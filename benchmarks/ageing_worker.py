@@ -100,7 +100,8 @@ def cycled(request: dict[str, Any], state: dict[str, float], told: dict[str, flo
     capacity_Ah = (full[0] - empty[0]) * electrode_Ah(values, "Negative")
     told["capacity_Ah"] = capacity_Ah
     steps = _steps(request, values, capacity_Ah)
-    experiment = pybamm.Experiment([steps["begin"], *[steps["cycle"]] * state["cycles"]], period="1 second")
+    cycles = [steps["begin"], *(steps["cycle"] for _ in range(int(state["cycles"])))]
+    experiment = pybamm.Experiment(cycles, period="1 second")
     simulation = pybamm.Simulation(
         model, parameter_values=aged(values, state, half, capacity_Ah), experiment=experiment
     )

@@ -103,7 +103,7 @@ def _cobalt(y: FloatArray) -> FloatArray:
     y = 1.062 * y
     steps = ((0.07645, 30.834, 54.4806), (2.1581, 52.294, 50.294), (-0.14169, 11.0923, 19.8543))
     more = ((0.2051, 1.4684, 5.4888), (0.2531, 0.56478 / 0.1316, 1.0 / 0.1316), (0.02167, 0.525 / 0.006, 1.0 / 0.006))
-    return 2.16216 + sum(h * np.tanh(a - b * y) for h, a, b in (*steps, *more))
+    return np.full_like(y, 2.16216) + sum(h * np.tanh(a - b * y) for h, a, b in (*steps, *more))
 
 
 def _nickel_cobalt(y: FloatArray) -> FloatArray:

@@ -72,7 +72,8 @@ def ways_of(runs: list[Chances], by_set: FloatArray) -> FloatArray:
     prior = np.array([*((1.0 - SETTINGS.plain) * way.weight / len(CAUSES) for way in WAYS), SETTINGS.plain])
     places = [*range(len(WAYS)), -1]
     lost = by_set @ np.array([float(CAPACITY in each) for each in EVERY])
-    seen = np.array([[each.way.get(way, 0.0) for way in places] for each in runs]) / prior
+    alone = [each.way or dict(zip(places, prior.tolist(), strict=True)) for each in runs]
+    seen = np.array([[each.get(way, 0.0) for way in places] for each in alone]) / prior
     seen = lost[:, None] * np.maximum(seen, _LEAST) + (1.0 - lost[:, None])
     moves = (1.0 - SETTINGS.other_way) * np.eye(len(prior)) + SETTINGS.other_way * prior[None, :]
     return _passed(seen, moves, prior)
