@@ -24,7 +24,7 @@ from row_file import add_row, read_rows
 from threadpoolctl import threadpool_limits
 
 from models.data.timeseries import FloatArray, TimeSeries
-from models.diagnosis.trend.life import RunTrend
+from models.diagnosis.trend.life import Places, RunTrend
 from models.diagnosis.trend.trend import trend
 from models.pipeline.fit import fit_network
 
@@ -151,7 +151,10 @@ def judged(request: Row, records: dict[str, FloatArray], seed: int, number: int,
     given = [runs[name] for name in train]
     known = soc[: len(train)]
     network = fit_network(given, capacity_Ah=counted_Ah, initial_soc=known, structure=structure).network
-    found = trend(network, [runs[name] for name in life], soc[len(train) :], train=given, train_soc=known)
+    # Charge and discharge of a cycle are at one place of the life.
+    places = Places([float(number) for number in np.repeat(np.arange(len(life) // 2), 2)], "state")
+    judge = [runs[name] for name in life]
+    found = trend(network, judge, soc[len(train) :], train=given, train_soc=known, places=places)
     said = [_said(each) for each in found.runs]
     last, whole = said[-1], request["states"][-1]
     row = {

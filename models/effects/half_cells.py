@@ -25,6 +25,8 @@ _STEPS = 30
 _BEYOND = 0.35
 # How sharp a voltage and a state of charge of that curve are.
 _SHARP_V, _SHARP_SOC = 0.005, 0.005
+# Nearer to empty and full the current makes most of the curve.
+_INNER = (0.06, 0.96)
 # By how much all of it, its slope and its bend may be off, V: runs at one current tell the curve from what the current
 # makes of it by its steps alone.
 _OFF_V, _MOST_OFF_V = np.array([0.03, 0.015, 0.015]), 0.2
@@ -186,6 +188,7 @@ def _matched(soc: FloatArray, curve_V: FloatArray, negative: str, positive: str)
     curve = POSITIVES[positive]
     # Where the curve is steep it is known the less: the state of charge is not sharp itself.
     weight = 1.0 / np.hypot(1.0, _SHARP_SOC / _SHARP_V * np.gradient(curve_V, soc))
+    inner = (soc >= _INNER[0]) & (soc <= _INNER[1])
     low, high = (0.0, 0.4, curve.low + 0.25, curve.low), (0.2, 1.0, curve.high, curve.high - 0.25)
 
     smooth = np.polynomial.legendre.legvander(2.0 * soc - 1.0, len(_OFF_V) - 1)
@@ -193,13 +196,14 @@ def _matched(soc: FloatArray, curve_V: FloatArray, negative: str, positive: str)
     def left(found: FloatArray) -> FloatArray:
         (x0, x1, y0, y1), off_V = found[:4], found[4:]
         full_V = curve.potential_V(y0 + soc * (y1 - y0)) - NEGATIVES[negative](x0 + soc * (x1 - x0))
-        return np.append(weight * (full_V - curve_V + smooth @ off_V), _SHARP_V / _OFF_V * off_V)
+        left_V = weight * (full_V - curve_V + smooth @ off_V)
+        return np.append(left_V[inner], _SHARP_V / _OFF_V * off_V)
 
     none = np.zeros(len(_OFF_V))
     start = np.clip((*_USUAL_N, *curve.usual), np.array(low) + 1e-3, np.array(high) - 1e-3)
     bounds = (np.append(low, none - _MOST_OFF_V), np.append(high, none + _MOST_OFF_V))
     scale = np.append(np.full(4, 0.1), _OFF_V)
     found = least_squares(left, np.append(start, none), bounds=bounds, x_scale=scale, max_nfev=_STEPS)
-    inside, off = left(found.x)[: len(soc)], left(found.x)[len(soc) :]
+    inside, off = np.split(left(found.x), [-len(_OFF_V)])
     close_V = float(np.sqrt(np.mean(inside**2)))
     return close_V, float(np.hypot(close_V, np.linalg.norm(off))), negative, positive, tuple(found.x[:4].tolist())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,7 @@ def answer(
     borne_out: bool,
     started: float,
     by_way: FloatArray | None = None,
+    beside: Sequence[Weighed] = (),
 ) -> Diagnosis:
     """Make it.
 
@@ -57,6 +59,7 @@ def answer(
     borne_out : whether the series lets anything be said of this run
     started : reading of `time.perf_counter` when the run began
     by_way : (ways + 1,) probability of each way to lose the capacity by the whole series, last of none that is known
+    beside : other runs at the same place of the series
     """
     changes = EVERY[int(np.argmax(by_set))]
     own = weighed.chances
@@ -66,7 +69,7 @@ def answer(
     remarks = []
     if not borne_out and own.nothing < SETTINGS.claim:
         remarks.append("alone this run would say more than nothing; among so many, one that does is expected by chance")
-    origin = origin_of(weighed, changes, by_way)
+    origin = origin_of(weighed, changes, by_way, beside)
     findings, left = _findings(weighed, record, by_set, origin.beside(weighed, changes), origin)
     rivals = findings[0].confounded_with if len(findings) == 1 else ()
     return Diagnosis(

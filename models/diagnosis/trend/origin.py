@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -51,7 +52,7 @@ class Origin:
         return changes if gained > 0.0 else tuple(each for each in changes if each != CURVE)
 
 
-def origin_of(weighed: Weighed, changes: Changes, by_way: FloatArray | None) -> Origin:
+def origin_of(weighed: Weighed, changes: Changes, by_way: FloatArray | None, beside: Sequence[Weighed] = ()) -> Origin:
     """Find it.
 
     Parameters
@@ -59,6 +60,7 @@ def origin_of(weighed: Weighed, changes: Changes, by_way: FloatArray | None) -> 
     weighed : the run
     changes : that it shows
     by_way : (ways + 1,) probability of each way by the whole series
+    beside : other runs at the same place of the series, which saw the cell in the same state
     """
     electrodes = half_cells(weighed.given.known.cell)
     if by_way is None or CAPACITY not in changes or electrodes is None or not electrodes.sure:
@@ -71,12 +73,22 @@ def origin_of(weighed: Weighed, changes: Changes, by_way: FloatArray | None) -> 
         return Origin(chances=called)
     way = max(own, key=lambda each: own[each])
     p = np.array(list(own.values())) / sum(own.values())
-    share = weighed.causes[way].share
-    away = np.array([weighed.causes[k].share for k in own]) - share
-    std = float(np.sqrt(p @ (np.array([weighed.causes[k].share_std for k in own]) ** 2 + away**2)))
-    return Origin(
-        cause, way, chances[cause], {_effect(cause).parameters[0].name + _of(cause): Value(share, std, "1")}, called
-    )
+    share, std = _share([each for each in (weighed, *beside) if way in each.causes], way)
+    away = np.array([weighed.causes[k].share for k in own]) - weighed.causes[way].share
+    parameter = _effect(cause).parameters[0]
+    value = Value(share, float(np.sqrt(std**2 + p @ away**2)), parameter.unit)
+    return Origin(cause, way, chances[cause], {parameter.name + _of(cause): value}, called)
+
+
+def _share(runs: list[Weighed], way: int) -> tuple[float, float]:
+    """Share that is lost in a way by all runs that saw it, with the standard deviation of the surest one.
+
+    What the runs are off by is the model's, not chance: several are no surer than one.
+    """
+    shares, stds = np.array([(each.causes[way].share, each.causes[way].share_std) for each in runs]).T
+    weights = stds**-2.0
+    mean = float(weights @ shares / weights.sum())
+    return mean, float(np.sqrt(stds.min() ** 2 + weights @ (shares - mean) ** 2 / weights.sum()))
 
 
 def _effect(cause: str) -> Effect:

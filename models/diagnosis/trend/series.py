@@ -17,8 +17,8 @@ from models.diagnosis.trend.losses import CAUSES, WAYS
 from models.diagnosis.trend.settings import SETTINGS
 from models.diagnosis.trend.weighing import CAPACITY, CHANGES, EVERY, Chances
 
-# However unlikely one run makes a way, others may bring it back.
-_LEAST = 1e-6
+# However unlikely one run makes a way, over its prior, others may bring it back.
+_LEAST = 1e-3
 
 
 @dataclass(frozen=True)

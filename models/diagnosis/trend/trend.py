@@ -82,13 +82,14 @@ def trend(
     alone = np.array([each.nothing for each in seen])
     borne_out = claimed(alone, SETTINGS.nothing, SETTINGS.alarms)
     borne_out = lasting(borne_out, alone, by_set[:, EVERY.index(())], SETTINGS.nothing, SETTINGS.claim)
-    entries = tuple(
-        RunTrend(run.name, float(x), weighed.state, record.rms_mV, answer(weighed, record, p, bool(said), begun, q))
-        for run, x, (weighed, record, begun), p, q, said in zip(runs, at, held, by_set, by_way, borne_out, strict=True)
-    )
+    entries = []
+    for k, (run, (weighed, record, begun)) in enumerate(zip(runs, held, strict=True)):
+        beside = [held[j][0] for j in np.flatnonzero(at == at[k]) if j != k]
+        told = answer(weighed, record, by_set[k], bool(borne_out[k]), begun, by_way[k], beside)
+        entries.append(RunTrend(run.name, float(at[k]), weighed.state, record.rms_mV, told))
     capacity_Ah = np.array([weighed.state.capacity_Ah for weighed, _, _ in held])
     ahead = forecast(at, capacity_Ah, known.cell.capacity_Ah, along.end, along.unit)
-    return Trend(entries, tuple(change_points(seen)), ahead, time.perf_counter() - started)
+    return Trend(tuple(entries), tuple(change_points(seen)), ahead, time.perf_counter() - started)
 
 
 def _known(
