@@ -32,9 +32,9 @@ _INNER = (0.06, 0.96)
 _OFF_V, _MOST_OFF_V = np.array([0.03, 0.015, 0.015]), 0.2
 # A match that leaves more than this in the root mean square, V, is none: electrodes of other materials.
 _GOOD_V = 0.015
-# One that leaves less than this over so much of the state of charge, with electrodes of not more than these capacities
-# over the cell's, is hardly by chance.
-_SURE_V, _SURE_SOC, _LARGEST_N, _LARGEST_P = 0.0025, 0.8, 1.9, 2.6
+# One that leaves less than this over so much of the state of charge, where no other pair does nearly as well, with
+# electrodes of not more than these capacities over the cell's, is hardly by chance.
+_SURE_V, _NEXT, _SURE_SOC, _LARGEST_N, _LARGEST_P = 0.004, 1.3, 0.8, 1.9, 2.6
 # Fillings of graphite and of its counterpart in a usual cell, empty and full (Birkl et al. 2017).
 _USUAL_N, _USUAL_P = (0.03, 0.85), (0.93, 0.35)
 # No positive electrode is flatter than this beyond where its curve is known, V per filling.
@@ -58,6 +58,7 @@ class HalfCells:
     limits_V : of the cell at rest, empty and full
     left_V, close_V : root mean square of what published curves leave of the cell's own; the same beside what that may
         be off by as a whole, in its slope and in its bend
+    next_V : `close_V` of the next best pair of published curves
     covered : states of charge that the cell's own curve is known over
     """
 
@@ -70,6 +71,7 @@ class HalfCells:
     limits_V: tuple[float, float]
     left_V: float
     close_V: float
+    next_V: float
     covered: float
 
     def voltage_V(self, charge: FloatArray) -> FloatArray:
@@ -86,7 +88,8 @@ class HalfCells:
     def sure(self) -> bool:
         """Whether published curves make the cell's own so well, and electrodes of a usual size, that they are its."""
         usual = self.negative_Ah < _LARGEST_N and self.positive_Ah < _LARGEST_P
-        return usual and self.close_V <= _SURE_V and self.covered >= _SURE_SOC
+        alone = self.close_V * _NEXT <= self.next_V
+        return usual and alone and self.close_V <= _SURE_V and self.covered >= _SURE_SOC
 
     @cached_property
     def ends(self) -> tuple[float, float]:
@@ -152,9 +155,8 @@ def own_curve(model: OwnModel) -> Curve | None:
 def apart(curve: Curve) -> HalfCells:
     """Electrodes that make a full cell's curve."""
     at, own_V = np.array(curve[0]), np.array(curve[1])
-    close_V, left_V, negative, positive, window = min(
-        (_matched(at, own_V, n, p) for n in NEGATIVES for p in POSITIVES), key=lambda found: found[0]
-    )
+    every = sorted((_matched(at, own_V, n, p) for n in NEGATIVES for p in POSITIVES), key=lambda found: found[0])
+    (close_V, left_V, negative, positive, window), next_V = every[0], every[1][0]
     if left_V > _GOOD_V:
         negative, window = next(iter(NEGATIVES)), (*_USUAL_N, *_USUAL_P)
     x0, x1, y0, y1 = window
@@ -167,7 +169,17 @@ def apart(curve: Curve) -> HalfCells:
     negative_Ah, positive_Ah = 1.0 / (x1 - x0), 1.0 / (y0 - y1)
     lithium_Ah = x0 * negative_Ah + y0 * positive_Ah
     cell = HalfCells(
-        negative, negative_Ah, positive_Ah, lithium_Ah, filling, potential_V, (0.0, 1.0), left_V, close_V, covered
+        negative,
+        negative_Ah,
+        positive_Ah,
+        lithium_Ah,
+        filling,
+        potential_V,
+        (0.0, 1.0),
+        left_V,
+        close_V,
+        next_V,
+        covered,
     )
     ends = cell.voltage_V(np.array([x0, x1]) * negative_Ah)
     # Both are those of these electrodes themselves: what the curve is off by is the same for the aged cell.

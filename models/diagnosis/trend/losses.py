@@ -26,7 +26,7 @@ class Way:
     Attributes
     ----------
     cause : what is lost
-    weight : probability beside other ways of the same cause
+    weight : probability of it beside other ways
     without : fresh electrodes, share -> electrodes
     """
 
@@ -35,11 +35,12 @@ class Way:
     without: Callable[[HalfCells, float], HalfCells]
 
 
-# Lithium is lost together with the material that it is in: as much as there is in an empty, half full or full cell.
-_LOST_AT = ((0.0, 0.2), (0.5, 0.6), (1.0, 0.2))
+# Lithium is what most cells lose first (Birkl et al., J. Power Sources 341, 2017). With material goes the lithium that is
+# in it: as much as in an empty, half full or full cell; state of charge and weight of each.
+_LOST_AT = ((0.0, 0.05), (0.5, 0.2), (1.0, 0.05))
 CAUSES = (LITHIUM, NEGATIVE, POSITIVE)
 WAYS = (
-    Way(LITHIUM, 1.0, HalfCells.less_lithium),
+    Way(LITHIUM, 0.4, HalfCells.less_lithium),
     *(Way(NEGATIVE, weight, partial(HalfCells.less_negative, soc=soc)) for soc, weight in _LOST_AT),
     *(Way(POSITIVE, weight, partial(HalfCells.less_positive, soc=soc)) for soc, weight in _LOST_AT),
 )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.trend.losses import CAUSES, WAYS
+from models.diagnosis.trend.losses import WAYS
 from models.diagnosis.trend.settings import SETTINGS
 from models.diagnosis.trend.weighing import CAPACITY, CHANGES, EVERY, Chances
 
@@ -69,7 +69,7 @@ def ways_of(runs: list[Chances], by_set: FloatArray) -> FloatArray:
     runs : each alone
     by_set : (n, sets) of `smoothed`: a run in which no capacity is lost says nothing
     """
-    prior = np.array([*((1.0 - SETTINGS.plain) * way.weight / len(CAUSES) for way in WAYS), SETTINGS.plain])
+    prior = np.array([*((1.0 - SETTINGS.plain) * way.weight for way in WAYS), SETTINGS.plain])
     places = [*range(len(WAYS)), -1]
     lost = by_set @ np.array([float(CAPACITY in each) for each in EVERY])
     alone = [each.way or dict(zip(places, prior.tolist(), strict=True)) for each in runs]

@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.trend.latent import resistances, root
-from models.diagnosis.trend.losses import CAUSES, WAYS, Loss
+from models.diagnosis.trend.losses import WAYS, Loss
 from models.diagnosis.trend.settings import CHANGED, SETTINGS, USUAL, Sizes
 from models.diagnosis.trend.summed import Summed, Sums
 
@@ -167,7 +167,7 @@ def chances(fresh: Summed, now: Summed, causes: dict[int, Caused]) -> Chances:
 def _by_way(logs: dict[Changes, float], causes: dict[int, Caused]) -> dict[Changes, dict[int, float]]:
     """Logarithms of likelihood and prior of every way, -1 for none, by the sets of changes with a capacity."""
     plain = np.log(SETTINGS.plain) if causes else 0.0
-    share = {way: np.log((1.0 - SETTINGS.plain) * WAYS[way].weight / len(CAUSES)) for way in causes}
+    share = {way: np.log((1.0 - SETTINGS.plain) * WAYS[way].weight) for way in causes}
     out = {}
     for each in (one for one in logs if CAPACITY in one):
         beside = tuple(one for one in each if one != CAPACITY)
