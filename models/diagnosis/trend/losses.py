@@ -35,8 +35,8 @@ class Way:
     without: Callable[[HalfCells, float], HalfCells]
 
 
-# Lithium is what most cells lose first (Birkl et al., J. Power Sources 341, 2017). With material goes the lithium that is
-# in it: as much as in an empty, half full or full cell; state of charge and weight of each.
+# Lithium is what most cells lose first (Birkl et al., J. Power Sources 341, 2017). With material goes the lithium that
+# is in it: as much as in an empty, half full or full cell; state of charge and weight of each.
 _LOST_AT = ((0.0, 0.05), (0.5, 0.2), (1.0, 0.05))
 CAUSES = (LITHIUM, NEGATIVE, POSITIVE)
 WAYS = (
