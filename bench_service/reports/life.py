@@ -15,6 +15,8 @@ from bench_service.reports.drawing import BLUE, GREEN, RUST, Axis, Line, Piece, 
 # Standard deviations of the bands: 95 %.
 _BAND = 2.0
 _NEAR_SOC = 0.06
+# Name of a parameter that is a share, before what it is of.
+_SHARE = "share_lost"
 
 # Value and standard deviation of one run; None: not told.
 Told = tuple[float, float] | None
@@ -124,16 +126,21 @@ def in_words(entry: Mapping[str, Any]) -> str:
         return "nothing"
     if entry["verdict"] == "unknown_effect":
         return "something that no known effect explains"
-    found = [
-        f"resistance {words.told(finding['evidence']['where'])}"
-        if "where" in finding.get("evidence", {})
-        else words.plain(finding["effect"])
-        for finding in entry["findings"]
-    ]
+    found = [_finding_in_words(finding) for finding in entry["findings"]]
     if entry["verdict"] != "ambiguous":
         return ", then ".join(found)
     rivals = [words.plain(rival) for finding in entry["findings"] for rival in finding.get("confounded_with", ())]
     return " or ".join(dict.fromkeys([*found, *rivals]))
+
+
+def _finding_in_words(finding: Mapping[str, Any]) -> str:
+    """A resistance with its place, a loss with its share and electrode, anything else by its name."""
+    if "where" in finding.get("evidence", {}):
+        return f"resistance {words.told(finding['evidence']['where'])}"
+    for name, told in finding.get("parameters", {}).items():
+        if name.startswith(_SHARE):
+            return f"{words.plain(finding['effect'])}{name.removeprefix(_SHARE)} ({100.0 * told['value']:.0f} %)"
+    return words.plain(finding["effect"])
 
 
 def to_settle(result: Mapping[str, Any]) -> str | None:

@@ -30,4 +30,5 @@ EFFECT = Effect(
     renews=(CURVE,),
     part_of=("ocv_shape",),
     expected=Expected(width=lambda _view: _USUAL, starts=_STARTS, from_best=True, share=0.3, learned=False),
+    causes=("negative", "positive"),
 )

@@ -23,6 +23,8 @@ LINEAR = (*AT_ONCE, "low_pass", "squared_current")
 CURVE = "ocv"
 # What ages: charge that a cell holds, resistance at any state of charge, the open-circuit curve.
 Life = Literal["capacity", "resistance", "curve"]
+# What a capacity is lost by: lithium, or material of either electrode.
+Cause = Literal["lithium", "negative", "positive"]
 Variable = Literal["soc", "soc_at_rest", "since_step_s", "current_A", "throughput_Ah", "time_h", "temperature_degC"]
 
 
@@ -158,6 +160,7 @@ class Effect:
     assumption : how it is put right in what a fit is told; None: it is not in that
     expected : how large a change of it is to be expected
     life : what of a cell's life it stands for, where that is followed over many runs; None: it is nothing that ages
+    causes : of a lost capacity that it stands for there
     """
 
     name: str
@@ -193,6 +196,7 @@ class Effect:
     assumption: Assumption | None = None
     expected: Expected = Expected()
     life: Life | None = None
+    causes: tuple[Cause, ...] = ()
 
     def tells(self, views: Sequence[View]) -> bool:
         """Whether runs tell it from what a cell does anyway."""

@@ -29,4 +29,5 @@ EFFECT = Effect(
     part_of=("ocv_shape",),
     # The plain capacity is asked first: in a record that is short of rests both look alike.
     expected=Expected(width=lambda _view: _USUAL, starts=_STARTS, from_best=True, share=0.3, learned=False),
+    causes=("lithium",),
 )

@@ -6,11 +6,21 @@ import { BAND, fixed } from "./format.js";
 const EXPLAINED = ["voltage", "current", "residual", "soc"]; // colours of what explains the error, by name in order
 const plain = (effect) => effect.replaceAll("_", " ");
 
+const SHARE = "share_lost"; // name of a parameter that is a share, before what it is of
+
+/** A resistance with its place, a loss with its share and electrode, anything else by its name. */
+function findingInWords({ effect, evidence, parameters }) {
+  if (evidence?.where) return `resistance ${evidence.where}`;
+  const name = Object.keys(parameters ?? {}).find((each) => each.startsWith(SHARE));
+  if (name === undefined) return plain(effect);
+  return `${plain(effect)}${name.slice(SHARE.length)} (${(100 * parameters[name].value).toFixed(0)} %)`;
+}
+
 /** What is new in a run, in words. */
 export function inWords(run) {
   if (run.verdict === "nothing_missing") return "nothing";
   if (run.verdict === "unknown_effect") return "something that no known effect explains";
-  const names = run.findings.map(({ effect, evidence }) => (evidence?.where ? `resistance ${evidence.where}` : plain(effect)));
+  const names = run.findings.map(findingInWords);
   if (run.verdict !== "ambiguous") return names.join(", then ");
   const rivals = run.findings.flatMap((finding) => finding.confounded_with.map(plain));
   return [...new Set([...names, ...rivals])].join(" or ");

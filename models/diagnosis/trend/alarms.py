@@ -30,3 +30,23 @@ def claimed(nothing: FloatArray, prior: float, alarms: float) -> np.ndarray:
     if enough.any():
         out[order[: int(np.flatnonzero(enough)[-1]) + 1]] = True
     return out
+
+
+def lasting(said: np.ndarray, alone: FloatArray, together: FloatArray, prior: float, claim: float) -> np.ndarray:
+    """(n,) whether something may be said of a run, what lasts from earlier runs included.
+
+    What a run bears out is there in later ones as well, where the series as a whole says so and they lean to it.
+
+    Parameters
+    ----------
+    said : (n,) of `claimed`
+    alone, together : (n,) probability of "nothing new" by each run alone, and by all of them
+    prior : the same before anything was measured
+    claim : largest probability of "nothing new" by all runs of one of which something is said
+    """
+    out = said.copy()
+    first = np.flatnonzero(said)
+    if len(first):
+        later = np.arange(len(said)) > first[0]
+        out |= later & (together < claim) & (alone < prior)
+    return out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend import latent
 from models.diagnosis.trend.estimate import Weighed
+from models.diagnosis.trend.origin import Origin, origin_of
 from models.diagnosis.trend.prior import aged
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weighing import CAPACITY, CHANGES, CURVE, EVERY, RESISTANCE, Held
+from models.diagnosis.trend.weighing import CAPACITY, CHANGES, CURVE, EVERY, RESISTANCE, Changes, Held
 from models.effects import Effect, effects
 from models.effects.view import View
 
@@ -38,7 +40,15 @@ def _effect(change: str) -> Effect:
     return next(each for each in effects().values() if each.life == change)
 
 
-def answer(weighed: Weighed, record: Record, by_set: FloatArray, borne_out: bool, started: float) -> Diagnosis:
+def answer(
+    weighed: Weighed,
+    record: Record,
+    by_set: FloatArray,
+    borne_out: bool,
+    started: float,
+    by_way: FloatArray | None = None,
+    beside: Sequence[Weighed] = (),
+) -> Diagnosis:
     """Make it.
 
     Parameters
@@ -48,6 +58,8 @@ def answer(weighed: Weighed, record: Record, by_set: FloatArray, borne_out: bool
     by_set : (sets,) probability of each set of changes by the whole series, in the order of `EVERY`
     borne_out : whether the series lets anything be said of this run
     started : reading of `time.perf_counter` when the run began
+    by_way : (ways + 1,) probability of each way to lose the capacity by the whole series, last of none that is known
+    beside : other runs at the same place of the series
     """
     changes = EVERY[int(np.argmax(by_set))]
     own = weighed.chances
@@ -57,7 +69,8 @@ def answer(weighed: Weighed, record: Record, by_set: FloatArray, borne_out: bool
     remarks = []
     if not borne_out and own.nothing < SETTINGS.claim:
         remarks.append("alone this run would say more than nothing; among so many, one that does is expected by chance")
-    findings, left = _findings(weighed, record, by_set, changes)
+    origin = origin_of(weighed, changes, by_way, beside)
+    findings, left = _findings(weighed, record, by_set, origin.beside(weighed, changes), origin)
     rivals = findings[0].confounded_with if len(findings) == 1 else ()
     return Diagnosis(
         verdict="unknown_effect" if unknown else "ambiguous" if rivals else "missing" if changes else "nothing_missing",
@@ -81,14 +94,15 @@ def _settling(weighed: Weighed, first: str, second: str) -> dict[str, Any]:
 
 
 def _findings(
-    weighed: Weighed, record: Record, by_set: FloatArray, changes: tuple[str, ...]
+    weighed: Weighed, record: Record, by_set: FloatArray, changes: Changes, origin: Origin
 ) -> tuple[list[Finding], Record]:
     """The changes, that which explains most first, each with what it leaves beside those before it."""
     if not changes:
         return [], record
-    found = weighed.told(changes)
-    parts = parts_V(weighed, found)
-    order = sorted(changes, key=lambda each: -float(np.mean(parts[each] ** 2)))
+    found = weighed.told(changes, origin.way)
+    parts = parts_V(weighed, found, origin.way)
+    order = _order(record, parts, changes)
+    named = {each: effect_of(each) for each in order} | ({CAPACITY: origin.effect} if origin.cause else {})
     findings: list[Finding] = []
     left = record
     for rank, change in enumerate(order):
@@ -96,16 +110,34 @@ def _findings(
         there = sum(float(p) for p, each in zip(by_set, EVERY, strict=True) if change in each)
         rivals = tuple(effect_of(each) for each in _rivals(by_set, changes, change))
         values = _values(weighed, found, change)
-        figures: dict[str, Any] = {"beside": [effect_of(each) for each in order[:rank]]}
+        figures: dict[str, Any] = {"beside": [named[each] for each in order[:rank]]}
+        title = _effect(change).title
         if change == RESISTANCE:
             figures["where"] = where(weighed, found)
+            title = f"Resistance {figures['where']}"
+        if change == CAPACITY and origin.chances:
+            figures["causes"] = origin.chances
+        if change == CAPACITY and origin.cause:
+            there, values, rivals = there * origin.chance, origin.values | values, ()
+            title = effects()[origin.effect].title
         finding = Finding(
-            effect_of(change), rank + 1, record.rms_mV, after.rms_mV, there, values, rivals,
-            _explained(change, values, rivals, str(figures.get("where", ""))), figures,
+            named[change], rank + 1, record.rms_mV, after.rms_mV, there, values, rivals,
+            _explained(change, title, values, rivals), figures,
         )  # fmt: skip
         findings.append(finding)
         left = after
     return findings, left
+
+
+def _order(record: Record, parts: dict[str, FloatArray], changes: Changes) -> list[str]:
+    """Changes, the one first that leaves least of the error, beside those before it: parts may undo each other."""
+    out, left, open_ones = list[str](), record, list(changes)
+    while open_ones:
+        best = min(open_ones, key=lambda each: left.less([parts[each]]).rms_mV)
+        left = left.less([parts[best]])
+        out.append(best)
+        open_ones.remove(best)
+    return out
 
 
 def _rivals(by_set: FloatArray, changes: tuple[str, ...], change: str) -> list[str]:
@@ -119,8 +151,15 @@ def _rivals(by_set: FloatArray, changes: tuple[str, ...], change: str) -> list[s
     return out
 
 
-def parts_V(weighed: Weighed, found: Held) -> dict[str, FloatArray]:
-    """(n,) of the whole run, the voltage that each change stands for."""
+def parts_V(weighed: Weighed, found: Held, way: int = -1) -> dict[str, FloatArray]:
+    """(n,) of the whole run, the voltage that each change stands for.
+
+    Parameters
+    ----------
+    weighed : the run
+    found : weights
+    way : in which a capacity is lost, by its number; -1: in none that is known
+    """
     given, run = weighed.given, weighed.given.run
     index = np.unique(np.round(np.linspace(0, len(run) - 1, min(len(run), _SIMULATED))).astype(np.int64))
     index = np.union1d(index, given.index)
@@ -129,6 +168,9 @@ def parts_V(weighed: Weighed, found: Held) -> dict[str, FloatArray]:
     view = View(aged(given.known.cell, change), run, given.soc, index)
     low, high = view.soc[index] - 5e-3, view.soc[index] + 5e-3
     slope_V = (view.model.open_circuit_V(high) - view.model.open_circuit_V(low)) / 1e-2
+    bent_V = 0.0 * slope_V
+    if way in weighed.causes:
+        bent_V = weighed.causes[way].loss.curve_V(view.soc[index] + view.inputs.surface)
     columns = latent.latent(view, slope_V, weighed.now.usual_Ohm).volts
     weights = found.mean[1:]
     resistive = slice(latent.QUICK.start - 1, latent.SLOWER.stop - 1)
@@ -136,7 +178,7 @@ def parts_V(weighed: Weighed, found: Held) -> dict[str, FloatArray]:
     local = np.r_[latent.CURVE.start - 1 : latent.CURVE.stop - 1, latent.LOOP.start - 1]
     out = {
         RESISTANCE: columns[:, resistive] @ weights[resistive],
-        CAPACITY: view.voltage_V - old.voltage_V,
+        CAPACITY: view.voltage_V + bent_V - old.voltage_V,
         CURVE: columns[:, local] @ weights[local],
     }
     # What electrodes slip by as they lose capacity is part of that loss, where the curve is not named itself.
@@ -189,10 +231,10 @@ def where(weighed: Weighed, found: Held) -> str:
     return "in the middle" if low > 0.2 and high < 0.8 else "everywhere"
 
 
-def _explained(change: str, values: dict[str, Value], rivals: tuple[str, ...], place: str) -> str:
-    title = _effect(change).title if change != RESISTANCE else f"Resistance {place}"
-    parts = [(name.rsplit("_", 1)[0], each) for name, each in values.items()]
-    listed = ", ".join(f"{name} {each.value:.3g} +- {each.std or 0.0:.1g} {each.unit}" for name, each in parts)
+def _explained(change: str, title: str, values: dict[str, Value], rivals: tuple[str, ...]) -> str:
+    parts = [(name.rsplit("_", 1)[0] if change != CAPACITY else name, each) for name, each in values.items()]
+    named = ((name.removesuffix(f"_{each.unit}").replace("_", " "), each) for name, each in parts)
+    listed = ", ".join(f"{name} {each.value:.3g} +- {each.std or 0.0:.1g} {each.unit}" for name, each in named)
     against = "" if change == CAPACITY else " against the cell as it was"
     beside = f" This run cannot tell it from: {', '.join(rivals)}." if rivals else ""
     return f"{title} has changed: {listed}{against}.{beside}"

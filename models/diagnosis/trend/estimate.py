@@ -7,7 +7,7 @@ have moved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
+from models.diagnosis.trend.causes import caused
 from models.diagnosis.trend.choice import chosen, looked_at
 from models.diagnosis.trend.ends import Ends, ends_of
 from models.diagnosis.trend.latent import COUNT, LOOP, NODES, SHIFT, SLIP
@@ -24,7 +25,20 @@ from models.diagnosis.trend.prior import About, Given, about
 from models.diagnosis.trend.quick import steps_of
 from models.diagnosis.trend.settings import SETTINGS, USUAL
 from models.diagnosis.trend.summed import Summed
-from models.diagnosis.trend.weighing import CAPACITY, CHANGES, RESISTANCE, Chances, Held, chances, held, mixed
+from models.diagnosis.trend.weighing import (
+    CAPACITY,
+    CHANGES,
+    RESISTANCE,
+    Caused,
+    Chances,
+    Changes,
+    Held,
+    chances,
+    held,
+    held_beside,
+    mixed,
+)
+from models.effects.half_cells import half_cells
 from models.effects.view import View
 
 # How far a capacity that is no news may be off, in standard deviations: there the cell as it was is linearised.
@@ -71,16 +85,18 @@ class Weighed:
     state : of the cell
     chances : of what has changed
     now : what is kept of the run about the capacity that it asks for
+    causes : ways to lose a capacity that were held against it, by their numbers
     """
 
     given: Given
     state: State
     chances: Chances
     now: Summed
+    causes: dict[int, Caused] = field(default_factory=dict)
 
-    def told(self, changes: tuple[str, ...]) -> Held:
-        """Weights where just these things have changed."""
-        return held(self.now, changes)
+    def told(self, changes: Changes, way: int = -1) -> Held:
+        """Weights where just these things have changed; -1: the capacity in no way that is known."""
+        return held_beside(self.causes[way], changes) if way in self.causes else held(self.now, changes)
 
 
 def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Weighed:
@@ -114,9 +130,12 @@ def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Weig
         now = _settled(about(given, now.change), given)
     near = _NEAR * USUAL.capacity
     fresh = now if abs(now.change) <= near else now.at(given, float(np.clip(now.change, -near, near)))
-    chance = chances(fresh.summed, now.summed)
-    state = _state(known.cell, _averaged(chance, now.summed), held(now.summed, CHANGES))
-    return Weighed(given, state, chance, now.summed)
+    causes = caused(given, now)
+    chance = chances(fresh.summed, now.summed, causes)
+    electrodes = half_cells(known.cell)
+    taken = causes if electrodes is not None and electrodes.sure else {}
+    state = _state(known.cell, _averaged(chance, now.summed, taken), held(now.summed, CHANGES))
+    return Weighed(given, state, chance, now.summed, causes)
 
 
 def _settled(now: About, given: Given) -> About:
@@ -149,11 +168,12 @@ def _first_guess(cell: KnownCell, run: GridRun, soc: float, ends: Ends) -> float
     return float(shares[int(np.argmin(costs))]) - 1.0
 
 
-def _averaged(chance: Chances, now: Summed) -> Held:
-    """Weights over the sets of changes with that of the capacity, which is open always, each as likely as it is."""
-    own = {each: p for each, p in chance.of.items() if CAPACITY in each}
-    taken = [each for each, p in own.items() if p >= _LEAST * max(own.values())]
-    return mixed([held(now, each) for each in taken], np.array([own[each] for each in taken]), CHANGES)
+def _averaged(chance: Chances, now: Summed, causes: dict[int, Caused]) -> Held:
+    """Weights over sets of changes with that of the capacity, which is open always, and ways to lose it, as likely."""
+    own = {(each, way): p * q for each, p in chance.of.items() if CAPACITY in each for way, q in chance.way.items()}
+    taken = {each: p for each, p in own.items() if p >= _LEAST * max(own.values())}
+    every = [held_beside(causes[way], each) if way in causes else held(now, each) for each, way in taken]
+    return mixed(every, np.array(list(taken.values())), CHANGES)
 
 
 def _state(cell: KnownCell, found: Held, wide: Held) -> State:

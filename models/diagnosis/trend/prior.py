@@ -196,14 +196,16 @@ def _elsewhere(
 
 def _moved(given: Given, inputs: ModelInputs, change: float) -> tuple[FloatArray, FloatArray]:
     """(N,) what differs from the model of a capacity, and what it differs by for each unit of the capacity more."""
+    error, beyond = (off(given, inputs, each) for each in (change, change + _STEP))
+    return error, (error - beyond) / _STEP
+
+
+def off(given: Given, inputs: ModelInputs, change: float) -> FloatArray:
+    """(N,) by how much a run differs from the model of a capacity: V, and then SoC at its ends."""
     run, cell, ends = given.run, given.known.cell, given.ends
-    charged = run.charge_Ah / cell.capacity_Ah
-    simulated_V, moved_V = (
-        cell.voltage_V(inputs, given.soc + charged[given.index] / (1.0 + each)) for each in (change, change + _STEP)
-    )
-    counted = given.soc + charged[ends.index] / (1.0 + change)
-    slope = np.append((moved_V - simulated_V) / _STEP, -charged[ends.index] / (1.0 + change) ** 2)
-    return np.append(run.voltage_V[given.index] - simulated_V, ends.soc - counted), slope
+    counted = given.soc + run.charge_Ah / (cell.capacity_Ah * (1.0 + change))
+    simulated_V = cell.voltage_V(inputs, counted[given.index])
+    return np.append(run.voltage_V[given.index] - simulated_V, ends.soc - counted[ends.index])
 
 
 def _append(across: FloatArray, e: int) -> FloatArray:

@@ -13,8 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.data.timeseries import FloatArray
+from models.diagnosis.trend.losses import WAYS
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weighing import CHANGES, EVERY, Chances
+from models.diagnosis.trend.weighing import CAPACITY, CHANGES, EVERY, Chances
+
+# However unlikely one run makes a way, over its prior, others may bring it back.
+_LEAST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -38,10 +42,14 @@ class ChangePoint:
 
 def smoothed(runs: list[Chances]) -> FloatArray:
     """(n, sets) probability of each set of changes in each run, by all runs; sets in the order of `EVERY`."""
-    seen, moves = _seen(runs), _moves()
-    n = len(runs)
-    forward, backward = np.empty((n, len(EVERY))), np.ones((n, len(EVERY)))
-    state = np.ones(len(EVERY))
+    return _passed(_seen(runs), _moves(), np.ones(len(EVERY)))
+
+
+def _passed(seen: FloatArray, moves: FloatArray, before: FloatArray) -> FloatArray:
+    """(n, k) probability of each of k hidden states in each run, by what is seen of each, and how they follow."""
+    n = len(seen)
+    forward, backward = np.empty(seen.shape), np.ones(seen.shape)
+    state = before
     for k in range(n):
         state = (state if k == 0 else state @ moves) * seen[k]
         state /= state.sum()
@@ -51,6 +59,24 @@ def smoothed(runs: list[Chances]) -> FloatArray:
         backward[k] = after / after.sum()
     both = forward * backward
     return both / both.sum(axis=1, keepdims=True)
+
+
+def ways_of(runs: list[Chances], by_set: FloatArray) -> FloatArray:
+    """(n, ways + 1) probability of each way to lose the capacity that is lost, by all runs; last: none that is known.
+
+    Parameters
+    ----------
+    runs : each alone
+    by_set : (n, sets) of `smoothed`: a run in which no capacity is lost says nothing
+    """
+    prior = np.array([*((1.0 - SETTINGS.plain) * way.weight for way in WAYS), SETTINGS.plain])
+    places = [*range(len(WAYS)), -1]
+    lost = by_set @ np.array([float(CAPACITY in each) for each in EVERY])
+    alone = [each.way or dict(zip(places, prior.tolist(), strict=True)) for each in runs]
+    seen = np.array([[each.get(way, 0.0) for way in places] for each in alone]) / prior
+    seen = lost[:, None] * np.maximum(seen, _LEAST) + (1.0 - lost[:, None])
+    moves = (1.0 - SETTINGS.other_way) * np.eye(len(prior)) + SETTINGS.other_way * prior[None, :]
+    return _passed(seen, moves, prior)
 
 
 def change_points(runs: list[Chances]) -> list[ChangePoint]:

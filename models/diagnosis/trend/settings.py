@@ -31,7 +31,7 @@ class Sizes:
 
 # What differs from run to run of the same cell and is no news: counted charge by some parts in a thousand, resistances
 # as a clamp or a chamber makes them differ, the curve by what a converter makes of it and because full is not sharp.
-USUAL = Sizes(capacity=0.007, resistance=0.1, slower=0.1, curve_V=0.002, slip=0.003, shift=0.01, loop_V=0.002)
+USUAL = Sizes(capacity=0.007, resistance=0.1, slower=0.05, curve_V=0.002, slip=0.003, shift=0.01, loop_V=0.002)
 # What may have changed over a life.
 CHANGED = Sizes(capacity=0.2, resistance=0.7, slower=0.5, curve_V=0.02, slip=0.03, shift=0.03, loop_V=0.01)
 
@@ -49,6 +49,11 @@ class Settings:
     nodes : over the whole SoC, at which resistances and the curve are told; they change in proportion between them
     alike_soc, curve_soc, slip_soc : over how much SoC resistances, curve and slip are alike: electrodes slip as a whole
     slip_of_capacity : of a lost share of the capacity, what the curve slips by as an electrode slips against the other
+    slip_of_loss, curve_of_loss_V : the same beside a loss whose curve is known, and by how much that curve may be off,
+        because half-cell curves, and what the current makes of them, are not known quite
+    near_ends, near_none : how near the capacity of a loss has to be to that which a run asks for, relative, to be
+        tried: where the run ends full or empty, and where it does not
+    plain : probability that a lost capacity has none of the known causes, or several
     sizes : of a change, in units of the largest that is usual, equally likely
     end_soc, end_std : how near to full or empty a run ends that tells the capacity, and how surely, SoC
     sharp : what is called full and empty is not sharper than this, SoC
@@ -66,6 +71,8 @@ class Settings:
     nothing, unknown : prior probability of nothing new, and of something that none of these changes stands for
     more : of each further change, over the same without it
     begins, ends : probability that a change begins, or is gone again, from one run of a series to the next
+    other_way : probability that what is lost from one run of a series to the next is lost in another way
+    cause : probability of a cause from which on a lost capacity is called by its name
     claim : probability of nothing new below which a run alone says something
     alarms : share of false claims among all that are made over a series
     """
@@ -80,6 +87,11 @@ class Settings:
     curve_soc: float = 0.12
     slip_soc: float = 0.4
     slip_of_capacity: float = 0.15
+    slip_of_loss: float = 0.08
+    curve_of_loss_V: float = 0.05
+    near_ends: float = 0.03
+    near_none: float = 0.1
+    plain: float = 0.4
     sizes: tuple[float, ...] = (0.3, 1.0)
     end_soc: float = 0.05
     end_std: float = 0.006
@@ -101,6 +113,8 @@ class Settings:
     more: float = 0.3
     begins: float = 0.05
     ends: float = 0.01
+    other_way: float = 0.02
+    cause: float = 0.7
     claim: float = 0.05
     alarms: float = 0.05
 

@@ -15,13 +15,14 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.record import known_in
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.reference.record import Record, make_record
-from models.diagnosis.trend.alarms import claimed
+from models.diagnosis.trend.alarms import claimed, lasting
 from models.diagnosis.trend.answer import answer
 from models.diagnosis.trend.estimate import Weighed, estimate
 from models.diagnosis.trend.forecast import forecast
 from models.diagnosis.trend.life import Places, RunTrend, Trend
-from models.diagnosis.trend.series import change_points, smoothed
+from models.diagnosis.trend.series import change_points, smoothed, ways_of
 from models.diagnosis.trend.settings import SETTINGS
+from models.diagnosis.trend.weighing import EVERY
 from models.effects.input_correction import as_read
 from models.network.local_model_network import LocalModelNetwork
 
@@ -77,14 +78,18 @@ def trend(
         held.append(_held(network, known, (run, soc, std)))
     seen = [weighed.chances for weighed, _, _ in held]
     by_set = smoothed(seen)
-    borne_out = claimed(np.array([each.nothing for each in seen]), SETTINGS.nothing, SETTINGS.alarms)
-    entries = tuple(
-        RunTrend(run.name, float(x), weighed.state, record.rms_mV, answer(weighed, record, chance, bool(said), begun))
-        for run, x, (weighed, record, begun), chance, said in zip(runs, at, held, by_set, borne_out, strict=True)
-    )
+    by_way = ways_of(seen, by_set)
+    alone = np.array([each.nothing for each in seen])
+    borne_out = claimed(alone, SETTINGS.nothing, SETTINGS.alarms)
+    borne_out = lasting(borne_out, alone, by_set[:, EVERY.index(())], SETTINGS.nothing, SETTINGS.claim)
+    entries = []
+    for k, (run, (weighed, record, begun)) in enumerate(zip(runs, held, strict=True)):
+        beside = [held[j][0] for j in np.flatnonzero(at == at[k]) if j != k]
+        told = answer(weighed, record, by_set[k], bool(borne_out[k]), begun, by_way[k], beside)
+        entries.append(RunTrend(run.name, float(at[k]), weighed.state, record.rms_mV, told))
     capacity_Ah = np.array([weighed.state.capacity_Ah for weighed, _, _ in held])
     ahead = forecast(at, capacity_Ah, known.cell.capacity_Ah, along.end, along.unit)
-    return Trend(entries, tuple(change_points(seen)), ahead, time.perf_counter() - started)
+    return Trend(tuple(entries), tuple(change_points(seen)), ahead, time.perf_counter() - started)
 
 
 def _known(

@@ -7,7 +7,7 @@ as it does from run to run; a change that is not needed makes a run less likely 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -15,12 +15,14 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.trend.latent import resistances, root
+from models.diagnosis.trend.losses import WAYS, Loss
 from models.diagnosis.trend.settings import CHANGED, SETTINGS, USUAL, Sizes
 from models.diagnosis.trend.summed import Summed, Sums
 
+Changes = tuple[str, ...]
 CAPACITY, RESISTANCE, CURVE = "capacity", "resistance", "curve"
 CHANGES = (CAPACITY, RESISTANCE, CURVE)
-EVERY: tuple[tuple[str, ...], ...] = tuple(each for n in range(len(CHANGES) + 1) for each in combinations(CHANGES, n))
+EVERY: tuple[Changes, ...] = tuple(each for n in range(len(CHANGES) + 1) for each in combinations(CHANGES, n))
 
 # Scales of the error whose likelihood's logarithm is that much lower than the best say nothing.
 _UNLIKELY = 9.0
@@ -54,11 +56,13 @@ class Chances:
     ----------
     nothing, unknown : of nothing new, and of something that none of the changes stands for
     of : of each set of changes
+    way : of each way to lose a capacity, if one is lost, by its number; -1: of none of those that are known
     """
 
     nothing: float
     unknown: float
-    of: dict[tuple[str, ...], float]
+    of: dict[Changes, float]
+    way: dict[int, float] = field(default_factory=dict)
 
     def that(self, change: str) -> float:
         """Probability that one of the changes is there, alone or with others."""
@@ -88,12 +92,52 @@ def sizes_of(changes: tuple[str, ...], size: float, capacity: float) -> Sizes:
     return own
 
 
-def chances(fresh: Summed, now: Summed) -> Chances:
+@dataclass(frozen=True)
+class Caused:
+    """What a run says of one way to lose a capacity.
+
+    Attributes
+    ----------
+    logs : logarithm of its likelihood, by what has changed beside it
+    share, share_std : that is lost
+    loss : the likeliest one
+    about : what is kept of the run about that
+    matched_V : what half-cell curves leave of that of the fresh cell
+    """
+
+    logs: dict[Changes, float]
+    share: float
+    share_std: float
+    loss: Loss
+    about: Summed
+    matched_V: float
+
+
+def cause_sizes(beside: Changes, change: float, matched_V: float) -> list[Sizes]:
+    """What may differ beside a loss that is known with its curve, from the least to the largest, as likely.
+
+    Parameters
+    ----------
+    beside : what else has changed
+    change : of the capacity: half-cell curves are off by a part of it
+    matched_V : what half-cell curves leave of that of the fresh cell
+    """
+    out = []
+    for size in SETTINGS.sizes if beside else SETTINGS.sizes[:1]:
+        own = sizes_of(beside, size, change)
+        slip = float(np.hypot(own.slip, SETTINGS.slip_of_loss * change))
+        curve_V = float(np.sqrt(own.curve_V**2 + (SETTINGS.curve_of_loss_V * change) ** 2 + matched_V**2))
+        out.append(replace(own, slip=slip, curve_V=curve_V))
+    return out
+
+
+def chances(fresh: Summed, now: Summed, causes: dict[int, Caused]) -> Chances:
     """Weigh everything against everything.
 
     Parameters
     ----------
     fresh, now : the run about the capacity as it was, and about that which it asks for
+    causes : ways to lose a capacity, by their numbers
     """
     at, logs = SETTINGS, {}
     for each in EVERY:
@@ -104,17 +148,43 @@ def chances(fresh: Summed, now: Summed) -> Chances:
             for sums, w in zip(about.sums, at.weights, strict=True)
             if w > 0.0
         ]
-        logs[each] = _log_sum(several) if each else _log_sum(several[: len(several) // len(at.sizes)]) + np.log(2.0)
+        logs[each] = log_sum(several) if each else log_sum(several[: len(several) // len(at.sizes)]) + np.log(2.0)
+    by_way = _by_way(logs, causes)
+    logs |= {each: log_sum(np.array(list(own.values()))) for each, own in by_way.items()}
     own = root(USUAL)
     beyond = [log_of(sums, own) for sums in fresh.sums if sums.scale in at.unknown_scales]
-    unknown = _log_sum(beyond) - float(np.log(len(beyond)))
+    unknown = log_sum(beyond) - float(np.log(len(beyond)))
     weights = {each: at.more ** len(each) for each in EVERY if each}
     share = (1.0 - at.nothing - at.unknown) / sum(weights.values())
     prior = {(): at.nothing} | {each: share * w for each, w in weights.items()}
     posterior = [np.log(prior[each]) + at.tempering * logs[each] for each in EVERY]
     posterior.append(np.log(at.unknown) + at.tempering * unknown)
-    p = np.exp(np.array(posterior) - _log_sum(posterior))
-    return Chances(float(p[0]), float(p[-1]), dict(zip(EVERY[1:], p[1:-1].tolist(), strict=True)))
+    p = np.exp(np.array(posterior) - log_sum(posterior))
+    of = dict(zip(EVERY[1:], p[1:-1].tolist(), strict=True))
+    return Chances(float(p[0]), float(p[-1]), of, _ways(by_way, prior))
+
+
+def _by_way(logs: dict[Changes, float], causes: dict[int, Caused]) -> dict[Changes, dict[int, float]]:
+    """Logarithms of likelihood and prior of every way, -1 for none, by the sets of changes with a capacity."""
+    plain = np.log(SETTINGS.plain) if causes else 0.0
+    share = {way: np.log((1.0 - SETTINGS.plain) * WAYS[way].weight) for way in causes}
+    out = {}
+    for each in (one for one in logs if CAPACITY in one):
+        beside = tuple(one for one in each if one != CAPACITY)
+        own = {way: found.logs[beside] + float(share[way]) for way, found in causes.items()}
+        out[each] = {-1: logs[each] + float(plain), **own}
+    return out
+
+
+def _ways(by_way: dict[Changes, dict[int, float]], prior: dict[Changes, float]) -> dict[int, float]:
+    """Probability of every way if a capacity is lost, whatever has changed beside it."""
+    ways = list(next(iter(by_way.values())))
+    told = [
+        log_sum([float(np.log(prior[each])) + SETTINGS.tempering * own[way] for each, own in by_way.items()])
+        for way in ways
+    ]
+    p = np.exp(np.array(told) - log_sum(told))
+    return dict(zip(ways, p.tolist(), strict=True))
 
 
 def log_of(sums: Sums, spread: FloatArray) -> float:
@@ -126,21 +196,37 @@ def log_of(sums: Sums, spread: FloatArray) -> float:
     return sums.log + 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(lower))))
 
 
-def held(about: Summed, changes: tuple[str, ...]) -> Held:
+def held(about: Summed, changes: Changes, sizes: Sizes | None = None) -> Held:
     """Weights and resistances where some things have changed, over all scales of the model's error.
 
     Parameters
     ----------
     about : the run about the capacity that it asks for
     changes : what may be large
+    sizes : of all that differs; None: those of the changes
     """
-    spread = root(sizes_of(changes, max(SETTINGS.sizes), about.change))
+    spread = root(sizes or sizes_of(changes, max(SETTINGS.sizes), about.change))
     known = [(sums, w) for sums, w in zip(about.sums, SETTINGS.weights, strict=True) if w > 0.0]
     told = [float(np.log(w)) + log_of(sums, spread) for sums, w in known]
     likely = [each for each, log in zip(known, told, strict=True) if log > max(told) - _UNLIKELY]
     every = [_one(about, changes, each, spread) for each in likely]
     logs = np.array([each.log for each in every])
     return mixed(every, np.exp(logs - logs.max()), changes)
+
+
+def held_beside(found: Caused, changes: Changes) -> Held:
+    """The same beside a loss that is known with its curve; the capacity's weight has that of the loss in it.
+
+    Parameters
+    ----------
+    found : the loss
+    changes : what may be large, the capacity among them
+    """
+    beside = tuple(each for each in changes if each != CAPACITY)
+    own = held(found.about, changes, cause_sizes(beside, found.about.change, found.matched_V)[-1])
+    mean = own.mean.copy()
+    mean[0] += found.about.change
+    return replace(own, mean=mean)
 
 
 def mixed(every: list[Held], weights: FloatArray, changes: tuple[str, ...]) -> Held:
@@ -161,7 +247,7 @@ def mixed(every: list[Held], weights: FloatArray, changes: tuple[str, ...]) -> H
     variances = np.array([each.resistance_std_Ohm**2 for each in every])
     ohm = share @ ohms
     std = np.sqrt(np.maximum(share @ (variances + (ohms - ohm) ** 2), 1e-18))
-    return Held(changes, _log_sum(np.array([each.log for each in every])), mean, covariance, ohm, std)
+    return Held(changes, log_sum(np.array([each.log for each in every])), mean, covariance, ohm, std)
 
 
 def _one(about: Summed, changes: tuple[str, ...], scale: tuple[Sums, float], spread: FloatArray) -> Held:
@@ -181,7 +267,8 @@ def _one(about: Summed, changes: tuple[str, ...], scale: tuple[Sums, float], spr
     return Held(changes, log + float(np.log(weight)), mean, covariance, ohm, np.sqrt(np.maximum(variance, 1e-18)))
 
 
-def _log_sum(logs: list[float] | FloatArray) -> float:
+def log_sum(logs: list[float] | FloatArray) -> float:
+    """Logarithm of the sum of what logarithms stand for."""
     values = np.asarray(logs, dtype=np.float64)
     most = float(values.max())
     return most + float(np.log(np.sum(np.exp(values - most))))

@@ -48,10 +48,18 @@ def test_every_verdict_has_words() -> None:
     said = {each: in_words(entry("x", verdict=each, findings=findings)) for each in VERDICTS}
     assert said["missing"] == "capacity, then series resistance"
     assert said["ambiguous"] == "capacity or series resistance"
+
     one = [{"effect": "capacity", "confounded_with": ["ocv_shape"]}]
     assert in_words(entry("x", verdict="ambiguous", findings=one)) == "capacity or ocv shape"
     assert said["nothing_missing"] == "nothing"
     assert "no known effect" in said["unknown_effect"]
+
+
+def test_a_loss_is_told_with_its_share_and_its_electrode() -> None:
+    shares = {"share_lost of the negative electrode": {"value": 0.118, "std": 0.01, "unit": "1"}}
+    findings = [{"effect": "active_material_loss", "parameters": shares}, {"effect": "capacity", "parameters": {}}]
+    said = in_words(entry("x", verdict="missing", findings=findings))
+    assert said == "active material loss of the negative electrode (12 %), then capacity"
 
 
 def test_the_resistance_that_is_known_best_is_shown() -> None:

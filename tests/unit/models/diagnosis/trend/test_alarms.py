@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from models.diagnosis.trend.alarms import claimed
+from models.diagnosis.trend.alarms import claimed, lasting
 
 
 def test_one_run_needs_what_a_diagnosis_needs() -> None:
@@ -32,3 +32,11 @@ def test_what_was_likely_before_is_no_evidence(prior: float) -> None:
     nothing = prior / (prior + (1.0 - prior) * odds)
     assert claimed(np.array([nothing]), prior, 0.05).all()
     assert not claimed(np.array([nothing, 0.99]), prior, 0.05).any()
+
+
+def test_what_was_borne_out_once_lasts_where_later_runs_lean_to_it() -> None:
+    said = np.array([False, False, True, False, False, False])
+    alone = np.array([0.3, 0.3, 0.001, 0.3, 0.8, 0.3])
+    together = np.array([0.01, 0.01, 0.001, 0.01, 0.01, 0.4])
+    assert lasting(said, alone, together, 0.5, 0.05).tolist() == [False, False, True, True, False, False]
+    assert not lasting(np.zeros(6, dtype=bool), alone, together, 0.5, 0.05).any()

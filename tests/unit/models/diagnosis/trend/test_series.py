@@ -1,8 +1,11 @@
 """What persists over a series: neighbours bear each other out, one run alone changes nothing."""
 
-import numpy as np
+from dataclasses import replace
 
-from models.diagnosis.trend.series import change_points, smoothed
+import numpy as np
+import pytest
+
+from models.diagnosis.trend.series import change_points, smoothed, ways_of
 from models.diagnosis.trend.weighing import EVERY, Chances
 
 
@@ -46,3 +49,15 @@ def test_a_change_point_lies_where_a_change_begins() -> None:
     assert (point.change, point.first) == ("capacity", 6)
     assert point.low <= 6 <= point.high and point.high - point.low <= 2
     assert point.probability > 0.9
+
+
+def lost(first: float, other: float) -> Chances:
+    """A run that has lost capacity in the first way or in the third with probabilities, else in none that is known."""
+    return replace(run(("capacity",), 0.9), way={0: first, 2: other, -1: 1.0 - first - other})
+
+
+def test_ways_to_lose_a_capacity_are_borne_out_by_neighbours_that_have_lost_some() -> None:
+    runs = [run((), 0.9), lost(0.6, 0.2), lost(0.6, 0.2), lost(0.2, 0.5), lost(0.7, 0.1), run(("capacity",), 0.9)]
+    ways = ways_of(runs, smoothed(runs))
+    assert ways.sum(axis=1) == pytest.approx(np.ones(len(runs)))
+    assert (np.argmax(ways[1:], axis=1) == 0).all() and (ways[1:, 0] > 0.5).all()

@@ -1,0 +1,83 @@
+"""Losses that a cell may have: of lithium, or of material of either electrode, each with a curve of its own.
+
+Each makes one capacity and one open-circuit curve of every share that is lost (Dubarry, Truchot and Liaw, J. Power
+Sources 219, 2012).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache, partial
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.effects.half_cells import Curve, HalfCells, apart
+
+LITHIUM, NEGATIVE, POSITIVE = "lithium", "negative", "positive"
+SHARES = np.linspace(0.01, 0.36, 36)
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to lose something.
+
+    Attributes
+    ----------
+    cause : what is lost
+    weight : probability of it beside other ways
+    without : fresh electrodes, share -> electrodes
+    """
+
+    cause: str
+    weight: float
+    without: Callable[[HalfCells, float], HalfCells]
+
+
+# Lithium is what most cells lose first (Birkl et al., J. Power Sources 341, 2017). With material goes the lithium that
+# is in it: as much as in an empty, half full or full cell; state of charge and weight of each.
+_LOST_AT = ((0.0, 0.05), (0.5, 0.2), (1.0, 0.05))
+CAUSES = (LITHIUM, NEGATIVE, POSITIVE)
+WAYS = (
+    Way(LITHIUM, 0.4, HalfCells.less_lithium),
+    *(Way(NEGATIVE, weight, partial(HalfCells.less_negative, soc=soc)) for soc, weight in _LOST_AT),
+    *(Way(POSITIVE, weight, partial(HalfCells.less_positive, soc=soc)) for soc, weight in _LOST_AT),
+)
+# States of charge at which an aged curve is drawn.
+_DRAWN = np.linspace(-0.1, 1.1, 601)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A cell that has lost something.
+
+    Attributes
+    ----------
+    way : number of it among `WAYS`
+    share : that is lost
+    change : of the capacity, relative
+    bent_V : (601,) by how much its open-circuit curve differs from the fresh one over its own state of charge
+    """
+
+    way: int
+    share: float
+    change: float
+    bent_V: FloatArray
+
+    def curve_V(self, soc: FloatArray) -> FloatArray:
+        """(n,) by how much the open-circuit voltage differs from that of the fresh cell."""
+        return np.interp(soc, _DRAWN, self.bent_V)
+
+
+@lru_cache(maxsize=4)
+def losses_of(curve: Curve) -> tuple[Loss, ...]:
+    """All losses that are tried of a cell."""
+    fresh = apart(curve)
+    fresh_V, out = fresh.open_circuit_V(_DRAWN), list[Loss]()
+    for number, way in enumerate(WAYS):
+        for share in SHARES.tolist():
+            aged = way.without(fresh, share)
+            change = aged.capacity / fresh.capacity - 1.0
+            out.append(Loss(number, share, change, aged.open_circuit_V(_DRAWN) - fresh_V))
+    return tuple(out)

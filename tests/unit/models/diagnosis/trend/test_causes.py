@@ -1,0 +1,130 @@
+"""A lost capacity is called by its cause where the electrodes of the cell are known."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.data.resampling import GridRun
+from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.reference.record import Record
+from models.diagnosis.trend.answer import answer
+from models.diagnosis.trend.estimate import Weighed, estimate
+from models.diagnosis.trend.losses import LITHIUM, NEGATIVE, POSITIVE, SHARES, WAYS, losses_of
+from models.diagnosis.trend.series import ways_of
+from models.diagnosis.trend.weighing import EVERY
+from models.effects.half_cell_curves import NEGATIVES, POSITIVES
+from models.effects.half_cells import HalfCells, half_cells, own_curve
+from models.effects.view import View
+from tests.unit.models.diagnosis.hand_reference import EMPTY_V, SLOPE_V
+from tests.unit.models.diagnosis.known.hand_cell import known_runs, true_run
+from tests.unit.models.hand_network import CAPACITY_AH
+
+# Fillings of either electrode, empty and full.
+X0, X1, Y0, Y1 = 0.02, 0.83, 0.90, 0.27
+LOST = 0.12
+
+
+@pytest.fixture(scope="module")
+def known() -> KnownRuns:
+    """As if a cell of graphite against an oxide had been known from empty to full."""
+    known = known_runs()
+    cell, coefficients = known.cell, known.cell.coefficients.copy()
+    knots = np.linspace(0.0, 1.0, cell.layout.n_curve)
+    layout = replace(cell.layout, knots=replace(cell.layout.knots, soc=knots))
+    potential = POSITIVES["nmc532"].potential_V
+    coefficients[: len(knots)] = potential(Y0 + knots * (Y1 - Y0)) - NEGATIVES["graphite"](X0 + knots * (X1 - X0))
+    domain = cell.domain | {"soc": (0.0, 1.0)}
+    return replace(known, cell=replace(cell, layout=layout, domain=domain, coefficients=coefficients))
+
+
+@pytest.fixture(scope="module")
+def electrodes(known: KnownRuns) -> HalfCells:
+    found = half_cells(known.cell)
+    assert found is not None and found.sure
+    return found
+
+
+def discharge(known: KnownRuns, fresh: HalfCells, aged: HalfCells) -> GridRun:
+    """From full to empty at 1C of the fresh cell, after a short rest."""
+    capacity_Ah = CAPACITY_AH * aged.capacity / fresh.capacity
+    current_A = np.full(int(3600 * capacity_Ah / CAPACITY_AH) + 20, -CAPACITY_AH)
+    current_A[:20] = 0.0
+    soc = 1.0 + np.cumsum(current_A) / 3600.0 / capacity_Ah
+    own_V = known.cell.open_circuit_V(soc) + aged.open_circuit_V(soc) - fresh.open_circuit_V(soc)
+    added_V = own_V - EMPTY_V - SLOPE_V * soc
+    return true_run(current_A, soc=1.0, capacity_Ah=capacity_Ah, added_V=added_V, noise_V=2e-4, seed=3)
+
+
+def weighed(known: KnownRuns, fresh: HalfCells, aged: HalfCells) -> Weighed:
+    return estimate(known, discharge(known, fresh, aged), 1.0, 0.005)
+
+
+def by_cause(found: Weighed) -> dict[str, float]:
+    return {
+        cause: sum(p for way, p in found.chances.way.items() if way >= 0 and WAYS[way].cause == cause)
+        for cause in (LITHIUM, NEGATIVE, POSITIVE)
+    }
+
+
+def told(found: Weighed, changes: tuple[str, ...] = ("capacity",)):  # noqa: ANN201
+    run, soc = found.given.run, found.given.soc
+    view = View(found.given.known.cell, run, soc, np.arange(len(run)))
+    by_set = np.array([0.97 if each == changes else 0.03 / (len(EVERY) - 1) for each in EVERY])
+    by_way = ways_of([found.chances], by_set[None, :])[0]
+    return answer(found, Record([run], [soc], [view.residual_V]), by_set, True, time.perf_counter(), by_way)
+
+
+def test_losses_make_one_capacity_and_one_curve_of_every_share(known: KnownRuns, electrodes: HalfCells) -> None:
+    curve = own_curve(known.cell)
+    assert curve is not None
+    losses = losses_of(curve)
+    assert len(losses) == len(WAYS) * len(SHARES)
+    first = losses[9]
+    aged = electrodes.less_lithium(first.share)
+    assert WAYS[first.way].cause == LITHIUM and first.share == pytest.approx(0.1)
+    assert first.change == pytest.approx(aged.capacity / electrodes.capacity - 1.0)
+    at = np.array([0.2, 0.5, 0.9])
+    bent_V = aged.open_circuit_V(at) - electrodes.open_circuit_V(at)
+    np.testing.assert_allclose(first.curve_V(at), bent_V, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("cause", "loss", "effect", "name"),
+    [
+        (LITHIUM, HalfCells.less_lithium, "lithium_loss", "share_lost"),
+        (NEGATIVE, HalfCells.less_negative, "active_material_loss", "share_lost of the negative electrode"),
+        (POSITIVE, HalfCells.less_positive, "active_material_loss", "share_lost of the positive electrode"),
+    ],
+)
+def test_a_loss_is_named_with_its_share(
+    known: KnownRuns, electrodes: HalfCells, cause: str, loss: object, effect: str, name: str
+) -> None:
+    assert callable(loss)
+    found = weighed(known, electrodes, loss(electrodes, LOST))
+    chances = by_cause(found)
+    assert max(chances, key=lambda each: chances[each]) == cause and chances[cause] > 0.7
+    (finding,) = told(found).findings
+    assert finding.effect == effect and finding.evidence["causes"]
+    share = finding.parameters[name]
+    assert share.value == pytest.approx(LOST, rel=0.2) and share.unit == "1"
+    assert finding.parameters["capacity_Ah"].value < CAPACITY_AH
+    assert finding.error_after_mV < 0.3 * finding.error_before_mV
+    assert "share lost" in finding.explanation
+
+
+def test_a_moved_curve_that_the_loss_explains_is_not_named_beside_it(known: KnownRuns, electrodes: HalfCells) -> None:
+    found = weighed(known, electrodes, electrodes.less_lithium(LOST))
+    assert [each.effect for each in told(found, ("capacity", "curve")).findings] == ["lithium_loss"]
+
+
+def test_a_cell_that_published_curves_do_not_make_has_lost_capacity_and_no_more(known: KnownRuns) -> None:
+    cell, coefficients = known.cell, known.cell.coefficients.copy()
+    knots = cell.layout.knots.soc
+    coefficients[: len(knots)] = EMPTY_V + SLOPE_V * knots + 0.05 * np.sin(25.0 * knots)
+    odd = replace(known, cell=replace(cell, coefficients=coefficients))
+    electrodes = half_cells(odd.cell)
+    assert electrodes is not None and not electrodes.sure
+    found = weighed(odd, electrodes, electrodes.less_lithium(LOST))
+    assert [each.effect for each in told(found).findings] == ["capacity"]
