@@ -20,8 +20,8 @@ _BLOCK = 8192
 _LEAST_SHARE = 0.3
 # The temperature of which the open-circuit curve is that of the network's offset.
 REFERENCE_DEGC = 25.0
-# A cell under load drifts by a kelvin or two, slowly, as do other errors of a model, and what these are would be put down
-# to the curve's change with temperature: believed as far as the temperature varied by more than this beside all else.
+# A cell under load drifts by a kelvin or two, slowly, as do other errors of a model, and these would be put down to the
+# curve's change with temperature: it is believed as far as the temperature varied by more than this beside all else.
 _WARMTH_K = 0.3
 
 
