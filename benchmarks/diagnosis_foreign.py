@@ -36,7 +36,7 @@ from foreign_cells import (
     true_size,
 )
 from foreign_measured import Records, measured_records, pybamm_records
-from foreign_summary import show, summary
+from foreign_summary import THERMAL, show, summary
 from row_file import add_row, read_rows
 from threadpoolctl import threadpool_limits
 
@@ -50,7 +50,6 @@ from models.pipeline.fit import fit_network
 SIMULATED, RECORDED = ("particle", "spread"), ("measured", "pybamm")
 BASES, TRAIN_RUNS = 5, 3
 TARGETS_MV, TARGETS_K = (3.0, 6.0, 12.0), (0.5, 1.0, 2.0)
-_THERMAL = ("heat_transfer", "temperature_sensor")
 _EITHER_WAY = ("entropic_voltage", "voltage_offset", "current_gain", "voltage_gain")
 _NUMBER_OF = {name: number for number, name in enumerate((*SIMULATED, *RECORDED))}
 _STRIDE = 7
@@ -117,11 +116,11 @@ def _with_effect(
     for k in range(len(names)):
         # Numbers go through all effects before one comes again, and then with another size.
         name = names[(number * _STRIDE + k) % len(names)]
-        target = (TARGETS_K if name in _THERMAL else TARGETS_MV)[(number + number // len(names)) % 3]
+        target = (TARGETS_K if name in THERMAL else TARGETS_MV)[(number + number // len(names)) % 3]
         shown = 0.0
         x = 0.3 * float(rng.choice([-1.0, 1.0]) if name in _EITHER_WAY else 1.0)
         for _ in range(_ROUNDS):
-            shown = _shown(before, changed(before, name, x), plan, name in _THERMAL)
+            shown = _shown(before, changed(before, name, x), plan, name in THERMAL)
             if abs(shown - target) <= _CLOSE * target:
                 break
             x *= float(np.clip(target / max(shown, 1e-9), 0.1, 10.0))
@@ -251,10 +250,9 @@ def _sized(answer: Diagnosis, truth: list[str], size: float | None) -> dict[str,
     return None if value.std is None else {"true": size, "value": value.value, "std": value.std}
 
 
-def _power(answer: Diagnosis, truth: list[str]) -> float | None:
-    """Smallest size of the true effect that these data would have shown with 90 %, where the answer says so."""
-    stated = answer.to_json().get("power") or []
-    return next((each["size"] for each in stated if each["effect"] in truth), None)
+def _power(answer: Diagnosis, truth: list[str]) -> dict[str, Any] | None:
+    """Smallest true effect that these data would have shown with 90 %; None where the answer does not say so."""
+    return next((each._asdict() for each in answer.power if each.effect in truth), None)
 
 
 def _known(path: Path | None) -> dict[str, Row]:

@@ -274,7 +274,6 @@ def true_size(name: str, before: Rig, after: Rig, true_soc: float) -> float | No
         "initial_soc": true_soc,
         "self_discharge": after.constants.leakage_A,
         "series_resistance": getattr(after.constants, "series_Ohm", None),
-        "temperature_sensor": after.kelvins[0] - before.kelvins[0],
         "voltage_offset": after.volts[0] - before.volts[0],
     }
     return values.get(name)

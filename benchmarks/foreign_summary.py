@@ -8,6 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 SURE, MOST_RIVALS = 0.9, 3
+# What shows in the temperature.
+THERMAL = ("heat_transfer", "temperature_sensor")
 _EDGES = (0.0, 0.5, 0.7, 0.9, 1.01)
 
 
@@ -65,9 +67,19 @@ def wrong_and_sure(row: Row) -> bool:
 
 
 def _above_power(row: Row) -> bool:
-    if row["power"] is None or row["change"] is None:
+    """Whether what was changed is larger than what is said to be seen: by its size, else by what it shows, in mV or K.
+
+    Where neither is known the effect was not asked for, or nobody knows how large it is: it counts as large.
+    """
+    stated, shows = row["power"], row["shows"]
+    if stated is None:
         return True
-    return abs(row["change"]) >= row["power"]
+    if stated["size"] is None:
+        return False
+    if row["change"] is not None:
+        return abs(row["change"]) >= stated["size"]
+    least = stated["rms_K"] if set(row["truth"]) & set(THERMAL) else stated["rms_mV"]
+    return not shows or shows >= least
 
 
 def _reliability(rows: list[Row]) -> list[dict[str, Any]]:

@@ -97,7 +97,7 @@ def _told(answer: dict[str, Any], data: Path, mode: str) -> Row:
     }
     added = [version for version in chain if version["effect"] is not None]
     row |= {"parameters": {name: each["value"] for version in added for name, each in version["parameters"].items()}}
-    with connected_to_store(ServiceConfig(data_dir=data)) as client:
+    with connected_to_store(ServiceConfig(data_dir=data, worker_nice=0)) as client:
         result = client.campaigns()[0]["result"] or {}
         findings = (result.get("diagnosis") or {}).get("findings") or [{}]
         row |= {"confidence": findings[0].get("confidence"), "rivals": findings[0].get("confounded_with")}

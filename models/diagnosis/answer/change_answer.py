@@ -10,7 +10,7 @@ import numpy as np
 from models.data.timeseries import FloatArray
 from models.diagnosis.answer.confidence import AS_NOISE, SURE_ELSEWHERE
 from models.diagnosis.answer.explanation import explain, explain_power
-from models.diagnosis.answer.findings import Diagnosis, Finding
+from models.diagnosis.answer.findings import Diagnosis, Finding, Shown
 from models.diagnosis.answer.next_experiment import discriminating_request
 from models.diagnosis.answer.unknown import depends_on
 from models.diagnosis.likelihood.analysis import Analysis
@@ -50,7 +50,16 @@ def change_answer(
     views = tuple(run.points for run in analysis.sight.runs)
     depends = depends_on(views, analysis.back.error[: analysis.sight.n_voltage]) if unknown else ()
     shown = analysis.power if with_power else []
-    power = tuple((each.effect.name, size if np.isfinite(size) else None, unit) for each, size, unit in shown)
+    power = tuple(
+        Shown(
+            each.tried.effect.name,
+            each.size if np.isfinite(each.size) else None,
+            each.unit,
+            1e3 * each.rms_V if np.isfinite(each.rms_V) else None,
+            each.rms_K if each.rms_K is not None and np.isfinite(each.rms_K) else None,
+        )
+        for each in shown
+    )
     hides = () if verdict.something or not with_power else analysis.hides_best
     return Diagnosis(
         verdict="unknown_effect" if unknown else "ambiguous" if rivals else "missing" if named else "nothing_missing",
@@ -153,7 +162,8 @@ def _remarks(analysis: Analysis, record: Record, has_train: bool, with_power: bo
             f"{rms_mV:.1f} mV: most of it is the network's own; ask what its structure lacks"
         )
     if with_power and not analysis.verdict.something:
-        hidden = [(each.effect, size) for each, size, _ in analysis.power if each.effect.name in analysis.hides_best]
+        every = [(each.tried.effect, each.size) for each in analysis.power]
+        hidden = [(one, size) for one, size in every if one.name in analysis.hides_best]
         remarks.append(explain_power(hidden))
     if not has_train:
         remarks.append("without the training runs a change is held against the network's own voltage, errors included")

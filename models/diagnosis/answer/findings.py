@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from models.diagnosis.evidence.parameters import Value
 
@@ -64,6 +64,22 @@ class Finding:
         }
 
 
+class Shown(NamedTuple):
+    """The smallest size of an effect that would have been seen with 90 %, as it is told.
+
+    Attributes
+    ----------
+    effect, size, unit : of its first parameter; None: no size would
+    rms_mV, rms_K : what that makes of the runs' voltage, and of their temperature where that is looked at
+    """
+
+    effect: str
+    size: float | None
+    unit: str
+    rms_mV: float | None = None
+    rms_K: float | None = None
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """The answer.
@@ -78,7 +94,7 @@ class Diagnosis:
     next_experiment : request for a profile that would settle what is open
     seconds : time it took
     remarks : what a person should know
-    power : effect, the smallest size that would have been seen with 90 % (None: none), and its unit
+    power : the smallest size of each effect that would have been seen with 90 %
     hides_best : the effects that could hide best where nothing was found
     """
 
@@ -91,7 +107,7 @@ class Diagnosis:
     next_experiment: dict[str, Any] | None
     seconds: float
     remarks: tuple[str, ...] = ()
-    power: tuple[tuple[str, float | None, str], ...] = ()
+    power: tuple[Shown, ...] = ()
     hides_best: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
@@ -104,7 +120,7 @@ class Diagnosis:
             "unexplained_mV": self.unexplained_mV,
             "depends_on": [{"variable": name, "strength": strength} for name, strength in self.depends_on],
             "next_experiment": self.next_experiment,
-            "power": [{"effect": name, "size": size, "unit": unit} for name, size, unit in self.power],
+            "power": [each._asdict() for each in self.power],
             "hides_best": list(self.hides_best),
             "seconds": self.seconds,
             "remarks": list(self.remarks),

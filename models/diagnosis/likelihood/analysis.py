@@ -15,7 +15,7 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.likelihood.background import Background, Weighed
 from models.diagnosis.likelihood.granted import granted
-from models.diagnosis.likelihood.power import first_direction, smallest_shown
+from models.diagnosis.likelihood.power import Power, change_at, first_direction, smallest_shown
 from models.diagnosis.likelihood.shapes import Moving, shapes_of
 from models.diagnosis.likelihood.sight import Sight, background, look
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
@@ -133,24 +133,23 @@ class Analysis:
         return out
 
     @cached_property
-    def power(self) -> list[tuple[Tried, float, str]]:
-        """Each effect with the smallest size that would have been seen, and its unit."""
-        priors = prior_alone(list(self.tried))
-        return [
-            (each, smallest_shown(self.back, each, prior, self.explained), first_direction(each)[2])
-            for each, prior in zip(self.tried, priors.tolist(), strict=True)
-        ]
+    def power(self) -> list[Power]:
+        """Each effect with the smallest size that would have been seen."""
+        found = []
+        for each, prior in zip(self.tried, prior_alone(list(self.tried)).tolist(), strict=True):
+            size = smallest_shown(self.back, each, prior, self.explained)
+            shown = change_at(each, size) if np.isfinite(size) else np.full(len(self.back.error), np.inf)
+            volts, kelvins = np.split(shown, [self.sight.n_voltage])
+            rms_K = float(np.sqrt(np.mean(kelvins**2))) if len(kelvins) else None
+            rms_V = float(np.sqrt(np.mean(volts**2)))
+            found.append(Power(each, size, first_direction(each)[2], rms_V, rms_K))
+        return found
 
     @property
     def hides_best(self) -> tuple[str, ...]:
         """The three effects that could hide best: those that make most voltage at the smallest size that is seen."""
-
-        def hidden_V(each: Tried, size: float) -> float:
-            column = each.columns[: self.sight.n_voltage] @ first_direction(each)[0]
-            return float(np.sqrt(np.mean(column**2))) * size
-
-        order = sorted(self.power, key=lambda each: -hidden_V(each[0], each[1]))
-        return tuple(each.effect.name for each, _, _ in order[:3])
+        order = sorted(self.power, key=lambda each: -each.rms_V)
+        return tuple(each.tried.effect.name for each in order[:3])
 
 
 def analyse(

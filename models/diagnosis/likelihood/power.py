@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.special import ndtri
 
@@ -13,6 +15,25 @@ from models.diagnosis.likelihood.tried import Tried
 
 # Sizes, in units of the usual one, that are looked through.
 _SEARCH, _CLOSE = (1e-3, 1e3), 0.02
+_ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Power:
+    """The smallest size of an effect that would have been seen.
+
+    Attributes
+    ----------
+    tried : the effect
+    size, unit : of its first figure; infinite: none would
+    rms_V, rms_K : what it makes of the voltage, and of the temperature where that is looked at
+    """
+
+    tried: Tried
+    size: float
+    unit: str
+    rms_V: float
+    rms_K: float | None
 
 
 def first_direction(tried: Tried) -> tuple[FloatArray, str, str]:
@@ -28,6 +49,14 @@ def first_direction(tried: Tried) -> tuple[FloatArray, str, str]:
     return weights / max(float(weights @ weights), 1e-300), name, unit
 
 
+def change_at(tried: Tried, size: float) -> FloatArray:
+    """(N,) what an effect whose first figure has a size makes of both channels: simulated where it bends."""
+    sizes = size * first_direction(tried)[0]
+    if isinstance(tried.shape, Moving):
+        return tried.shape.simulate(np.clip(sizes, *tried.shape.limits))
+    return tried.columns @ sizes
+
+
 def smallest_shown(back: Background, tried: Tried, prior: float, explained: FloatArray) -> float:
     """Size in the unit of the effect's first figure that would have been told from nothing; infinite where none is.
 
@@ -38,8 +67,24 @@ def smallest_shown(back: Background, tried: Tried, prior: float, explained: Floa
     prior : its probability
     explained : (N,) part of the error that another effect is named for
     """
+    size = _along(back, tried, tried.columns @ first_direction(tried)[0], prior, explained)
+    if not isinstance(tried.shape, Moving):
+        return size
+    # What bends shows at its own size, up and down, not by its slope somewhere; said is the larger of the two.
+    up, down = size, size
+    for _ in range(_ROUNDS):
+        up, down = (
+            _along(back, tried, change_at(tried, sign * each) / (sign * each), prior, explained)
+            if np.isfinite(each)
+            else each
+            for sign, each in ((1.0, up), (-1.0, down))
+        )
+    return max(up, down)
+
+
+def _along(back: Background, tried: Tried, column: FloatArray, prior: float, explained: FloatArray) -> float:
+    """The smallest size of an effect that makes (N,) of one unit of its first figure."""
     at = THRESHOLDS
-    column = tried.columns @ first_direction(tried)[0]
     unlucky = float(ndtri(at.power))
     usual = 1.0 / max(float(np.linalg.norm(first_direction(tried)[0])), 1e-300)
     inner, nothing = [], []

@@ -9,6 +9,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background, Weighed, Whitened, log_sum
+from models.diagnosis.likelihood.profile import profile
 from models.diagnosis.likelihood.shapes import Linear, Moving
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.effects import Effect
@@ -62,9 +63,22 @@ def _linear(back: Background, one: Effect, shape: Linear) -> Tried:
 
 
 def _moving(back: Background, one: Effect, shape: Moving) -> Tried:
+    return _profiled(back, one, shape) if shape.size == 1 else _searched(back, one, shape)
+
+
+def _profiled(back: Background, one: Effect, shape: Moving) -> Tried:
+    """One size: all of them are simulated."""
+    found = profile(back, shape)
+    moved = found.at - found.size * found.columns[:, 0]
+    whitened = back.whiten(found.columns, moved)
+    broken = _broken(back, shape, back.weigh_whitened(whitened), whitened)
+    return Tried(one, shape, found.columns, moved, found.weighed, broken)
+
+
+def _searched(back: Background, one: Effect, shape: Moving) -> Tried:
     """Simulate again about what the runs ask for, from each start; the likeliest of what was simulated is taken."""
     seen: list[Tried] = []
-    for start in (_best_start(back, shape),) if shape.from_best else shape.starts:
+    for start in shape.starts:
         sizes = np.array(start)
         for _ in range(_STEPS):
             at, columns = shape.columns(sizes)
@@ -80,12 +94,6 @@ def _moving(back: Background, one: Effect, shape: Moving) -> Tried:
             if settled:
                 break
     return max(seen, key=lambda each: each.weighed.log_likelihood)
-
-
-def _best_start(back: Background, shape: Moving) -> tuple[float, ...]:
-    """The start that leaves least."""
-    left = np.column_stack([back.error - shape.simulate(np.array(start)) for start in shape.starts])
-    return shape.starts[int(np.argmin(np.sum(back.white(left, 1.0) ** 2, axis=0)))]
 
 
 def _broken(back: Background, shape: Moving, weighed: Weighed, whitened: list[Whitened]) -> float:

@@ -66,6 +66,7 @@ def row(truth: str | None, named: str, **more: object) -> dict[str, object]:
         "size": None,
         "change": None,
         "power": None,
+        "shows": 0.0,
         "diagnosis_s": 1.0,
     }
     return given | more
@@ -95,5 +96,18 @@ def test_four_names_are_as_good_as_none() -> None:
 
 
 def test_sizes_below_the_stated_power_are_told_apart() -> None:
-    rows = [row("a", "a", change=0.001, power=0.01), row("a", "none", change=-0.001, power=0.0001), row("a", "a")]
-    assert figures(rows)["above_power"] == {"cases": 2, "named_first": 1, "not_misled": 1}
+    seen = {"size": 0.003, "rms_mV": 5.0, "rms_K": 0.8}
+    below = [
+        row("a", "a", change=0.001, power=seen),
+        row("a", "a", shows=4.0, power=seen),
+        row("heat_transfer", "a", shows=0.7, power=seen),
+        row("a", "a", shows=20.0, power=seen | {"size": None, "rms_mV": None}),
+    ]
+    above = [
+        row("a", "none", change=-0.004, power=seen),
+        row("a", "none", shows=6.0, power=seen),
+        row("heat_transfer", "a", shows=0.9, power=seen),
+        row("a", "a"),
+    ]
+    assert figures(below)["above_power"] == {"cases": 0, "named_first": 0, "not_misled": 0}
+    assert figures([*above, *below])["above_power"] == {"cases": 4, "named_first": 1, "not_misled": 1}

@@ -57,8 +57,8 @@ def test_a_named_effect_is_missing_with_its_figures(new_contact: tuple[Analysis,
 def test_nothing_new_is_nothing_missing_and_says_what_could_hide(as_before: tuple[Analysis, Record]) -> None:
     answer = answered(*as_before)
     assert (answer.verdict, answer.findings, answer.next_experiment) == ("nothing_missing", (), None)
-    assert {name for name, _, _ in answer.power} == set(NAMES)
-    assert all(size is not None and size > 0.0 for _, size, _ in answer.power)
+    assert {each.effect for each in answer.power} == set(NAMES)
+    assert all(each.size is not None and each.size > 0.0 for each in answer.power)
     assert len(answer.hides_best) == 3
     assert "could hide best" in answer.remarks[-1]
 

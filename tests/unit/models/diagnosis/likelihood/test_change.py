@@ -186,7 +186,12 @@ def test_a_log_may_begin_anywhere(memory: KnownRuns) -> None:
         cut = TimeSeries(*(getattr(after, name)[first:] for name in COLUMNS), name="cut")
         answer = diagnosed(memory, cut, SOC + float(charge_Ah[first]) / CELL.capacity_Ah)
         assert answer.verdict == "nothing_missing"
-        assert len(answer.hides_best) == 3 and {"effect", "size", "unit"} == set(answer.to_json()["power"][0])
+        told = answer.to_json()["power"]
+        assert len(answer.hides_best) == 3 and {"effect", "size", "unit", "rms_mV", "rms_K"} == set(told[0])
+        shown = {each["effect"]: each for each in told}
+        # A volt more is a volt more, everywhere.
+        offset = shown["voltage_offset"]
+        assert offset["rms_mV"] == pytest.approx(1e3 * offset["size"])
 
 
 def test_a_wrong_temperature_reading_is_seen_in_the_temperature(memory: KnownRuns) -> None:
@@ -273,4 +278,4 @@ def test_in_one_discharge_growth_is_not_claimed_but_told_as_what_it_may_be_as_we
     chance = {each.effect: each.confidence for each in answer.findings}
     assert 0.0 < chance["resistance_growth"] <= 0.5
     assert answer.next_experiment is not None and "resistance_growth" in answer.next_experiment["rivals"]
-    assert "resistance_growth" not in {name for name, _, _ in answer.power}
+    assert "resistance_growth" not in {each.effect for each in answer.power}
