@@ -16,8 +16,8 @@ from models.network.regression import SignalBank, delayed
 _BLOCK = 8192
 # The temperature of which the open-circuit curve is that of the network's offset.
 REFERENCE_DEGC = 25.0
-# A cell under load drifts by a kelvin or two, slowly, as do other errors of a model, and what these are would be put down
-# to the curve's change with temperature: believed as far as the temperature varied by more than this beside all else.
+# A cell under load drifts by a kelvin or two, slowly, as do other errors of a model, and those would be put down to the
+# curve's change with temperature: believed as far as the temperature varied by more than this beside all else.
 _WARMTH_K = 0.3
 
 
