@@ -47,6 +47,9 @@ _CARRIED = 0.8
 # How far a block may leave the way that it carries the charge along. Wider loops would undo the branch of hysteresis
 # that the sequence is on, and on such branches a cell is used.
 _BESIDE_SOC, _LEVEL_S = 0.015, 30.0
+# Currents of every second block, of the others'. A cell that is under the same load all along is as warm all along, and
+# what the warmth does cannot be told from what else comes with it. Of two levels two blocks in three would be gentle.
+_GENTLE, _GENTLE_LEVELS = 0.5, 3
 
 
 @dataclass(frozen=True)
@@ -174,6 +177,7 @@ def plan_of(experiment: Experiment, request: DesignRequest) -> SequencePlan:
         ends=_ends(request, reached),
         end_rest_s=min(_END_REST_SHARE * request.active_s, _FINAL_REST_S),
         carry_share=_CARRIED * float(np.mean(request.amplitude_levels)),
+        gentle_share=_GENTLE if request.cycle_A is None and len(request.soc_levels) >= _GENTLE_LEVELS else 1.0,
         mean_A=_mean_A(request),
     )
     return fitted_to(plan, request.active_s)
@@ -238,7 +242,8 @@ def block_designer(
         if bounds is not None:
             return bounds
         rng = np.random.default_rng([request.seed, number])
-        return amplitude_bounds(request.amplitude_levels, n_samples, plan.dt_s, request.limits.current_A, rng)
+        levels = tuple(plan.share_of(number) * level for level in request.amplitude_levels)
+        return amplitude_bounds(levels, n_samples, plan.dt_s, request.limits.current_A, rng)
 
     def near(soc: float, change: float) -> Limits:
         # The block moves the charge as asked: the duration is the plan's.

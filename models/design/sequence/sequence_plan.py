@@ -38,6 +38,7 @@ class SequencePlan:
         levels are all
     end_rest_s : rest at these ends: the cell cools and comes to rest where its open-circuit curve is to begin
     carry_share : largest mean current of a block, of the limits', that carries the charge on to the next level
+    gentle_share : currents of every second block, of the others'
     mean_A : range of the mean current of a block, where its bounds leave no more; None: whatever the limits do
     conditioning, repeat : whether the short-time history is cleared first, and one block repeated at the end
     """
@@ -54,6 +55,7 @@ class SequencePlan:
     ends: Window | None = None
     end_rest_s: float = 0.0
     carry_share: float = _CARRY_SHARE
+    gentle_share: float = 1.0
     mean_A: Window | None = None
     conditioning: bool = True
     repeat: bool = True
@@ -99,7 +101,8 @@ class SequencePlan:
         if change * (target - soc) <= 0.0:
             return self._possible(0.0)
         low_A, high_A = self.limits.current_A
-        most = self.carry_share * (high_A if change > 0.0 else -low_A) * self.block_s / 3600.0 / self.capacity_Ah
+        most_A = self.share_of(number) * self.carry_share * (high_A if change > 0.0 else -low_A)
+        most = most_A * self.block_s / 3600.0 / self.capacity_Ah
         return self._possible(float(np.clip(change, -most, most)))
 
     def _possible(self, change: float) -> float:
@@ -108,6 +111,11 @@ class SequencePlan:
             return change
         per_A = self.block_s / 3600.0 / self.capacity_Ah
         return float(np.clip(change, self.mean_A[0] * per_A, self.mean_A[1] * per_A))
+
+    def share_of(self, number: int) -> float:
+        """Of the usual currents in a block: less in every second one, on the way back in those that had all."""
+        down = number < len(self.soc_levels)
+        return self.gentle_share if (number % 2 == 1) == down else 1.0
 
     def direction(self, number: int) -> float:
         """Sign of the current with which a visit's level is reached."""

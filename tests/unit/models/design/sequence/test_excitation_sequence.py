@@ -50,6 +50,22 @@ def test_each_level_is_reached_from_above_on_the_way_down_and_from_below_on_the_
         assert np.sign(before[before != 0.0][-1]) == direction
 
 
+@pytest.mark.parametrize("levels", [(0.2, 0.5, 0.8), (0.2, 0.4, 0.6, 0.8)])
+def test_every_second_block_is_gentle_and_no_level_but_the_turning_point_both_times(levels: tuple[float, ...]) -> None:
+    wanted = plan(soc_levels=levels, gentle_share=0.5, block_s=60.0)
+    visits = wanted.visits()[:-1]
+    shares = {level: [] for level in levels}
+    for number, level in enumerate(visits):
+        shares[level].append(wanted.share_of(number))
+    assert all(sorted(both) == [0.5, 1.0] for level, both in shares.items() if level != levels[0])
+    assert [wanted.share_of(number) for number in range(len(levels))] == [1.0, 0.5, 1.0, 0.5][: len(levels)]
+    full = plan(soc_levels=levels, block_s=60.0)
+    for number in range(len(visits)):
+        carried, usual = (abs(each.carried_soc(number, 0.5)) for each in (wanted, full))
+        assert carried <= wanted.share_of(number) * full.carry_share * 4.0 * 60.0 / 3600.0 / CAPACITY_AH + 1e-12
+        assert carried <= usual
+
+
 def test_pulses_before_and_after_are_followed_by_rests_of_their_ratio() -> None:
     wanted = plan()
     sequence = build_sequence(wanted, drifting)
