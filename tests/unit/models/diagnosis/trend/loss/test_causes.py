@@ -12,7 +12,7 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend.answer import answer
 from models.diagnosis.trend.estimate import Weighed, estimate
-from models.diagnosis.trend.losses import LITHIUM, NEGATIVE, POSITIVE, SHARES, WAYS, losses_of
+from models.diagnosis.trend.loss.losses import LITHIUM, NEGATIVE, POSITIVE, SHARES, WAYS, losses_of
 from models.diagnosis.trend.series import ways_of
 from models.diagnosis.trend.weighing import EVERY
 from models.effects.half_cell_curves import NEGATIVES, POSITIVES
