@@ -164,11 +164,11 @@ def judged(request: Row, records: dict[str, FloatArray], seed: int, number: int,
         "said": said,
         "first": last["named"][0] if last["named"] else last["verdict"],
     }
-    return row | (_held(row, last, whole, request) if request["kind"] != "none" else {})
+    return row | (beside_truth(row, last, whole, request) if request["kind"] != "none" else {})
 
 
-def _held(row: Row, last: Row, whole: Row, request: Row) -> Row:
-    """What is named last beside the truth."""
+def beside_truth(row: Row, last: Row, whole: Row, request: Row) -> Row:
+    """What is named last beside the truth, and whether it is right and close."""
     kind = request["kind"]
     effect, parameter = RIGHT[kind]
     truth = whole[{"sei": "lithium_lost"}.get(kind, f"{kind}_lost")] if kind != "resistance" else None

@@ -15,7 +15,7 @@ from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend import latent
 from models.diagnosis.trend.estimate import Weighed
-from models.diagnosis.trend.origin import Origin, origin_of
+from models.diagnosis.trend.loss.origin import Origin, origin_of
 from models.diagnosis.trend.prior import aged
 from models.diagnosis.trend.settings import SETTINGS
 from models.diagnosis.trend.weighing import CAPACITY, CHANGES, CURVE, EVERY, RESISTANCE, Changes, Held

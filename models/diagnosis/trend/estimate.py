@@ -17,10 +17,10 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
-from models.diagnosis.trend.causes import caused
 from models.diagnosis.trend.choice import chosen, looked_at
 from models.diagnosis.trend.ends import Ends, ends_of
 from models.diagnosis.trend.latent import COUNT, LOOP, NODES, SHIFT, SLIP
+from models.diagnosis.trend.loss.causes import caused
 from models.diagnosis.trend.prior import About, Given, about
 from models.diagnosis.trend.quick import steps_of
 from models.diagnosis.trend.settings import SETTINGS, USUAL

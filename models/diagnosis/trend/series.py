@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.trend.losses import WAYS
+from models.diagnosis.trend.loss.losses import WAYS
 from models.diagnosis.trend.settings import SETTINGS
 from models.diagnosis.trend.weighing import CAPACITY, CHANGES, EVERY, Chances
 

@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.trend.latent import resistances, root
-from models.diagnosis.trend.losses import WAYS, Loss
+from models.diagnosis.trend.loss.losses import WAYS, Loss
 from models.diagnosis.trend.settings import CHANGED, SETTINGS, USUAL, Sizes
 from models.diagnosis.trend.summed import Summed, Sums
 

@@ -13,7 +13,7 @@ from scipy.linalg import solve_triangular
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.trend.latent import root
-from models.diagnosis.trend.losses import SHARES, WAYS, Loss, losses_of
+from models.diagnosis.trend.loss.losses import SHARES, WAYS, Loss, losses_of
 from models.diagnosis.trend.prior import About, Given, off
 from models.diagnosis.trend.settings import SETTINGS, Sizes
 from models.diagnosis.trend.summed import Sums, White

@@ -10,7 +10,7 @@ import numpy as np
 from models.data.timeseries import FloatArray
 from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.trend.estimate import Weighed
-from models.diagnosis.trend.losses import CAUSES, WAYS
+from models.diagnosis.trend.loss.losses import CAUSES, WAYS
 from models.diagnosis.trend.settings import SETTINGS
 from models.diagnosis.trend.weighing import CAPACITY, CURVE, Changes
 from models.effects import Effect, effects

@@ -1,6 +1,7 @@
 """A lost capacity is called by its cause where the electrodes of the cell are known."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend.answer import answer
 from models.diagnosis.trend.estimate import Weighed, estimate
-from models.diagnosis.trend.losses import LITHIUM, NEGATIVE, POSITIVE, SHARES, WAYS, losses_of
+from models.diagnosis.trend.loss.losses import LITHIUM, NEGATIVE, POSITIVE, SHARES, WAYS, losses_of
 from models.diagnosis.trend.series import ways_of
 from models.diagnosis.trend.weighing import EVERY
 from models.effects.half_cell_curves import NEGATIVES, POSITIVES
@@ -99,9 +100,13 @@ def test_losses_make_one_capacity_and_one_curve_of_every_share(known: KnownRuns,
     ],
 )
 def test_a_loss_is_named_with_its_share(
-    known: KnownRuns, electrodes: HalfCells, cause: str, loss: object, effect: str, name: str
+    known: KnownRuns,
+    electrodes: HalfCells,
+    cause: str,
+    loss: Callable[[HalfCells, float], HalfCells],
+    effect: str,
+    name: str,
 ) -> None:
-    assert callable(loss)
     found = weighed(known, electrodes, loss(electrodes, LOST))
     chances = by_cause(found)
     assert max(chances, key=lambda each: chances[each]) == cause and chances[cause] > 0.7

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 
@@ -35,14 +35,13 @@ class Way:
     without: Callable[[HalfCells, float], HalfCells]
 
 
-# Lithium is what most cells lose first (Birkl et al., J. Power Sources 341, 2017). With material goes the lithium that
-# is in it: as much as in an empty, half full or full cell; state of charge and weight of each.
-_LOST_AT = ((0.0, 0.05), (0.5, 0.2), (1.0, 0.05))
 CAUSES = (LITHIUM, NEGATIVE, POSITIVE)
+# Lithium is what most cells lose first (Birkl et al., J. Power Sources 341, 2017). With material goes the lithium that
+# is in it, as much as when the cell is half full: material that is lost full or empty of it is that and lost lithium.
 WAYS = (
     Way(LITHIUM, 0.4, HalfCells.less_lithium),
-    *(Way(NEGATIVE, weight, partial(HalfCells.less_negative, soc=soc)) for soc, weight in _LOST_AT),
-    *(Way(POSITIVE, weight, partial(HalfCells.less_positive, soc=soc)) for soc, weight in _LOST_AT),
+    Way(NEGATIVE, 0.3, HalfCells.less_negative),
+    Way(POSITIVE, 0.3, HalfCells.less_positive),
 )
 # States of charge at which an aged curve is drawn.
 _DRAWN = np.linspace(-0.1, 1.1, 601)
