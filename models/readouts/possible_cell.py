@@ -79,7 +79,8 @@ def _conditions(network: LocalModelNetwork) -> tuple[FloatArray, FloatArray, Flo
     over_gradient = sign[..., None] * (loaded.gradient_V.reshape(*over_V.shape, -1) - curve_gradient[branch])
     size = np.abs(current_A)[:, None, None]
     resistance = over_V / size
-    usual = float(np.nanmedian(np.abs(resistance))) if resistance.size else 0.0
+    settled = resistance[~np.isnan(resistance)]
+    usual = float(np.median(np.abs(settled))) if settled.size else 0.0
     least = np.broadcast_to(_LEAST_SHARE * usual * size, over_V.shape)
     rise_V = np.diff(curve, axis=-1)
     value = np.concatenate([over_V.ravel(), rise_V.ravel()])

@@ -17,7 +17,7 @@ export function liveChart(state, traces, name) {
   const trace = traces.get(name);
   // In lock-step an hour of test time passes in seconds: a window of minutes would only flicker.
   const view = { window_s: state.benches.get(name).lock_step ? Infinity : 600, dirty: true };
-  const title = el("h3", { class: "chart-title" });
+  const title = el("h3", { class: "chart-title", text: name });
   const empty = el("p", { class: "empty over", text: "No run yet. Start a test or a campaign below: voltage, current and state of charge appear here." });
   const whole = el("a", { class: "run-link", hidden: true, text: "Open the run" });
   const plot = el("div", { class: "plot", role: "img", "aria-label": `Voltage, current and state of charge of ${name} over test time` });

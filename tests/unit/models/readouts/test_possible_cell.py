@@ -54,3 +54,9 @@ def test_where_nothing_can_give_way_the_network_stays_and_its_tables_say_so() ->
     model = cell((0.7, 0.7, 0.7), (0.02, -0.01, 0.02))
     assert made_possible(model, np.zeros((9, 9))) is model
     assert "not positive" in " ".join(resistance_table(model).reservations)
+
+
+def test_a_network_that_nowhere_settles_stays_as_it_is() -> None:
+    fed_back = Structure(1, _STRUCTURE.inputs, _STRUCTURE.axes, 1.0)
+    model = network(fed_back, np.array([[1.1, 0.07, 0.002, -0.34]] * 3))
+    assert made_possible(model, np.eye(12)) is model
