@@ -154,7 +154,7 @@ def _off(truth: str, before: Rig, after: Rig, size: float, values: dict[str, flo
             true = size * np.exp(-soc / SOC_SCALE)
         return float(np.sqrt(np.mean((np.array(list(values.values())) - true) ** 2) / np.mean(true**2)))
     true = true_parameter(truth, before, after, size)
-    found = values["offset_K"] if truth == "temperature_sensor" else next(iter(values.values()))
+    found = next(iter(values.values()))
     if truth in ("capacity", "heat_transfer", "initial_soc"):
         # Judged on the change, not on the value itself.
         was = {

@@ -12,7 +12,7 @@ _LEAST_GAIN = 0.02
 
 
 def _temperature(view: ThermalView, values: tuple[float, ...]) -> FloatArray:
-    gain, offset_K = max(values[0], _LEAST_GAIN), values[1]
+    offset_K, gain = values[0], max(values[1], _LEAST_GAIN)
     rise_K = view.simulated(initial_rise_K=(view.initial_rise_K - offset_K) / gain) - view.ambient_degC
     return view.ambient_degC + gain * rise_K + offset_K
 
@@ -29,12 +29,12 @@ EFFECT = Effect(
     "voltage stays as it was",
     source="sensor model, constant error and gain against ambient",
     parameters=(
-        Parameter("gain", "1", "reading over true rise above ambient"),
         Parameter("offset_K", "K", "what the sensor reads too much"),
+        Parameter("gain", "1", "reading over true rise above ambient"),
     ),
     shows_over=("temperature_degC",),
-    warmth=Warmth(_temperature, (1.0, 0.0), (0.02, 0.1), lambda _view, values: values),
+    warmth=Warmth(_temperature, (0.0, 1.0), (0.1, 0.02), lambda _view, values: values),
     absorbed=True,
     correction=InputCorrection(_without, needs_ambient=True, possible=lambda values: values["gain"] > 0.0),
-    expected=Expected(warmth=(0.5, 3.0)),
+    expected=Expected(warmth=(3.0, 0.5)),
 )

@@ -147,10 +147,11 @@ def test_cooling_moves_height_and_speed_together() -> None:
 
 
 def test_a_sensor_gain_scales_the_rise_only() -> None:
+    assert effect("temperature_sensor").parameters[0].name == "offset_K", "what its power is told by"
     warmth = effect("temperature_sensor").warmth
     assert warmth is not None
     view = thermal_view()
-    read = warmth.temperature(view, (0.5, 1.0))
+    read = warmth.temperature(view, (1.0, 0.5))
     np.testing.assert_allclose(read[100:] - 21.0, 0.5 * (view.simulated()[100:] - 20.0), atol=1.5)
     assert read[-1] == pytest.approx(26.0, abs=1e-2)
 
