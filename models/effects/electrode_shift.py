@@ -12,6 +12,8 @@ from models.effects.view import View
 
 # Of a share that is lost; a little less than nothing, so that a search may begin on either side of it.
 _STEP, _LIMITS = 2e-3, (-0.02, 0.4)
+# Of the fresh capacity. Electrodes whose curves meet the cell's limits no more have none, and no run is of such.
+_LEAST_CAPACITY = 0.05
 
 Loss = Callable[[HalfCells, float], HalfCells]
 
@@ -30,7 +32,7 @@ def loss_shift(loss: Loss, of: str = "") -> Shift:
         fresh = half_cells(view.model)
         if fresh is None:
             return view.soc
-        return view.initial_soc + (view.soc - view.initial_soc) * (fresh.capacity / loss(fresh, share).capacity)
+        return view.initial_soc + (view.soc - view.initial_soc) * _shrinks(fresh, loss(fresh, share))
 
     def voltage(view: View, share: float) -> FloatArray:
         fresh = half_cells(view.model)
@@ -39,12 +41,17 @@ def loss_shift(loss: Loss, of: str = "") -> Shift:
         aged = loss(fresh, share)
         counted = soc(view, share)[view.index]
         # By as much charge as before the surface of the particles runs ahead: more of what is left.
-        inputs = replace(view.inputs, surface=view.inputs.surface * (fresh.capacity / aged.capacity))
+        inputs = replace(view.inputs, surface=view.inputs.surface * _shrinks(fresh, aged))
         at = counted + inputs.surface
         bent_V = aged.open_circuit_V(at) - fresh.open_circuit_V(at)
         return view.model.voltage_V(inputs, counted) - view.voltage_V + bent_V
 
     return Shift(voltage, lambda _view: _STEP, lambda _view: _LIMITS, soc=soc, of=of)
+
+
+def _shrinks(fresh: HalfCells, aged: HalfCells) -> float:
+    """By how much a charge is more of the cell than it was."""
+    return fresh.capacity / max(aged.capacity, _LEAST_CAPACITY * fresh.capacity)
 
 
 def regressor(shift: Shift) -> Callable[[View], FloatArray]:

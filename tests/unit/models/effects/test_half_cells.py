@@ -1,13 +1,14 @@
 """Electrodes found in a full cell's curve, and what it is like when they have aged."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from models.data.timeseries import FloatArray
 from models.effects import effect
+from models.effects.electrode_shift import loss_shift
 from models.effects.half_cell_curves import NEGATIVES, POSITIVES
 from models.effects.half_cells import HalfCells, half_cells
 from tests.unit.models.effects.linear_cell import LinearCell, linear_view
@@ -109,6 +110,16 @@ def test_a_loss_moves_charge_and_curve_together() -> None:
     np.testing.assert_allclose(soc - 0.5, (view.soc - 0.5) / aged.capacity * fresh.capacity, atol=1e-12)
     bent_V = (aged.open_circuit_V(soc) - fresh.open_circuit_V(soc))[view.index]
     np.testing.assert_allclose(shift.voltage(view, 0.1), view.moved(soc=soc) + bent_V, atol=1e-9)
+
+
+def test_electrodes_that_reach_the_limits_no_more_are_no_division_by_zero() -> None:
+    def gone(fresh: HalfCells, _share: float) -> HalfCells:
+        return replace(fresh, limits_V=(9.0, 9.5))
+
+    made = cell(("graphite", "nmc532"))
+    fresh = half_cells(made)
+    assert fresh is not None and gone(fresh, 0.1).capacity == 0.0
+    assert np.isfinite(loss_shift(gone).voltage(linear_view(made), 0.1)).all()
 
 
 def test_either_electrode_is_told_by_its_name() -> None:
