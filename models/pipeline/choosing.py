@@ -4,8 +4,8 @@ Of searched networks only those count that are physical wherever they are read o
 curve between trained points is a sign that other points are worse. A bounded network is physical wherever it is asked,
 and simple: it is taken unless another is better by more than the standard error of the difference between outer folds
 (Breiman et al., "Classification and Regression Trees", 1984, ch. 3.4.3), of 1.5 of them for one or two runs. A
-network that a search has found among many was chosen on folds of the same runs, so its error is stated a little too
-low; the rule makes up for that, too.
+network that a search has found among many was chosen on folds of the same runs, so its error is stated too low, and
+elsewhere it may be anything: fewer than five runs speak for one only where it leaves little but the noise.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from models.effects.bounded_parts import parts_of, resolved_parts
 from models.identification.bounded.variants import Trials, Variant, best_variant, clearly_better
 from models.identification.progress import Progress, part_of
 from models.identification.search.search import Search
-from models.network.folds import WHOLE_RUNS
+from models.network.folds import N_FOLDS, WHOLE_RUNS
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
 from models.network.regression import SignalBank
@@ -37,6 +37,8 @@ _SEARCHED = ("searched", "full", "minimal")
 _SEARCHED_COLD = ("searched", "minimal")
 # Where the bounded network is as near to the noise as this, nothing better can be found.
 _AT_NOISE = 1.02
+# What leaves no more than so many times the noise of samples that it did not see describes the cell, by whatever runs.
+_NEAR_NOISE = 2.0
 _ROUNDING_V = 1e-9
 # Blocks of one or two runs share what a run has in common, and are few: there the difference has to be as large as only
 # one in ten would be by chance (Student's t of five folds).
@@ -130,12 +132,19 @@ def _automatic(data: Training, report: Progress, bounded: Chosen | None) -> Chos
         plan = SearchedPlan(search, search.best(family))
         others.append(_built(plan, data, part_of(report, begin + 0.8 * width, 0.2 * width)))
     tried = [_row(each) for each in (found, *others)]
-    others = [each for each in others if is_physical(each.built.network)]
+    others = [each for each in others if is_physical(each.built.network) and _is_proven(each, data)]
     best = min(others, key=lambda each: each.held_out.rmse_V, default=found)
     errors = 1.0 if len(data.grid) >= WHOLE_RUNS else _ERRORS_OF_BLOCKS
     if clearly_better(best.held_out.mse, found.held_out.mse, found.held_out.count, errors):
         found = best
     return replace(found, compared=tried)
+
+
+def _is_proven(searched: Chosen, data: Training) -> bool:
+    """Whether runs have shown that a network which is held by nothing but them can be trusted on others."""
+    noise_mV = data.noise_floor_mV
+    near = noise_mV is not None and 1e3 * searched.held_out.rmse_V <= _NEAR_NOISE * noise_mV
+    return near or len(data.grid) >= N_FOLDS
 
 
 def is_physical(network: LocalModelNetwork) -> bool:

@@ -161,7 +161,7 @@ def _placed(request: FitRequest, report: Progress) -> tuple[Training, Chosen, Bu
         return first.plan.build(placed, silent)
 
     stated = data.starts
-    data, built = with_starts(data, first.built, again, lambda made: made.network, request.initial_soc_std)
+    data, built = with_starts(data, first.built, again, request.initial_soc_std)
     placed = first if data.starts == stated else None
     if request.initial_soc_std > 0.0 and isinstance(built, BoundedNetwork):
         likely = _likely_placed(data, placed or Chosen(first.plan, built, built.held_out()), request, report)

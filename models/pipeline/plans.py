@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.bounded_parts import effects_of, parts_of, resolved_parts
-from models.identification.bounded.fitted import BoundedFit, fit_variant, network_parts
+from models.identification.bounded.fitted import BoundedFit, fit_variant, network_parts, theta_of
+from models.identification.bounded.open_starts import with_open_starts
 from models.identification.bounded.problem import groups_of, make_sums, run_index
 from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.variants import Trials, Variant
@@ -23,7 +24,7 @@ from models.identification.stored_sums import StoredSums
 from models.network.folds import N_FOLDS, WHOLE_RUNS, outer_folds
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json, ModelRecord
-from models.network.regression import SignalBank
+from models.network.regression import VOLTAGE, SignalBank
 from models.pipeline.training import Training
 from models.uncertainty.bounded import bounded_uncertainty
 from models.uncertainty.held_out import fit_uncertainty, held_out_error
@@ -86,6 +87,10 @@ class Built(Protocol):
     @property
     def network(self) -> LocalModelNetwork:
         """With a record of its data and choices."""
+        ...
+
+    def with_open_starts(self) -> LocalModelNetwork:
+        """The network as the same runs have it whatever flowed before them, where its kind can tell."""
         ...
 
     def held_out(self) -> HeldOutError:
@@ -152,6 +157,10 @@ class SearchedNetwork:
     network: LocalModelNetwork
     fitted: Fitted
     refined: Refined
+
+    def with_open_starts(self) -> LocalModelNetwork:
+        """The network itself: its search takes each run from where it is said to begin."""
+        return self.network
 
     def held_out(self) -> HeldOutError:
         """Errors on outer folds by shared-pole fits that did not see them."""
@@ -239,6 +248,12 @@ class BoundedNetwork:
 
     network: LocalModelNetwork
     fit: BoundedFit
+
+    def with_open_starts(self) -> LocalModelNetwork:
+        """The network as the same runs have it whatever flowed before them."""
+        fit = with_open_starts(self.fit)
+        theta = theta_of(fit.layout, fit.coefficients, fit.bank.bounds(VOLTAGE))
+        return replace(self.network, theta=theta)
 
     def held_out(self) -> HeldOutError:
         """Errors on outer folds by fits that did not see them."""

@@ -66,10 +66,14 @@ def fit_variant(trials: Trials, variant: Variant) -> BoundedFit:
     kept = [b for b in range(len(layout.basis.terms)) if np.abs(solved[_part(layout, b)]).max() > _NEGLIGIBLE_V]
     if len(kept) < len(layout.basis.terms):
         held = HeldOut(_restricted(held.sums, kept))
-    degC = np.concatenate([run.temperature_degC for run in trials.bank.runs])
+    return solved_fit(trials.bank, variant, held, logs)
+
+
+def solved_fit(bank: SignalBank, variant: Variant, held: HeldOut, logs: tuple[float, ...]) -> BoundedFit:
+    """Solve a form's sums, with a curve that rises at every temperature of the runs."""
+    degC = np.concatenate([run.temperature_degC for run in bank.runs])
     span = (REFERENCE_DEGC, REFERENCE_DEGC) if np.isnan(degC).any() else (float(degC.min()), float(degC.max()))
-    solved = rising(held, logs, span)
-    return BoundedFit(trials.bank, variant, held, logs, curve_by_values(held.sums.layout, solved))
+    return BoundedFit(bank, variant, held, logs, curve_by_values(held.sums.layout, rising(held, logs, span)))
 
 
 def curve_by_values(layout: Layout, x: FloatArray) -> FloatArray:
@@ -151,6 +155,7 @@ def _restricted(sums: Sums, kept: list[int]) -> Sums:
         layout.knots,
         layout.scale[kept],
         np.concatenate([[layout.n_curve], layout.n_curve + np.cumsum(sizes, dtype=np.int64)]).astype(np.int64),
+        layout.warmth_K,
     )
     grid = np.ix_(places, places)
     xx = np.array([matrix[grid] for matrix in sums.xx])

@@ -22,7 +22,7 @@ _LEAST_SHARE = 0.3
 REFERENCE_DEGC = 25.0
 # A cell under load drifts by a kelvin or two, slowly, as do other errors of a model, and these would be put down to the
 # curve's change with temperature: it is believed as far as the temperature varied by more than this beside all else.
-_WARMTH_K = 0.3
+WARMTH_K = 0.3
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,14 @@ class Layout:
     scale : (B,) largest magnitude of each term's signal, of one direction's that of the other too; of the temperature
         its distance from 25 degC
     first : (B + 1,) place of each term's first coefficient; the last: number of all
+    warmth_K : the curve's change with temperature is held to nothing by what it makes over so many kelvin
     """
 
     basis: Basis
     knots: Knots
     scale: FloatArray
     first: np.ndarray
+    warmth_K: float = WARMTH_K
 
     @property
     def size(self) -> int:
@@ -77,7 +79,7 @@ class Sums:
     layout : of the coefficients
     xx : (folds, P, P), xy : (folds, P), yy, count : (folds,)
     penalties : (5, P, P) forms in V^2: bend of the curve, differences of gains, their size, those of the temperature's,
-        and the curve's change over `_WARMTH_K`
+        and the curve's change over `warmth_K`
     """
 
     layout: Layout
@@ -120,7 +122,7 @@ def soc_over(bank: SignalBank, axis: str) -> list[FloatArray]:
     return [delayed(values, 1) for values in bank.values(axis)]
 
 
-def make_layout(bank: SignalBank, basis: Basis, knots: Knots) -> Layout:
+def make_layout(bank: SignalBank, basis: Basis, knots: Knots, warmth_K: float = WARMTH_K) -> Layout:
     """Lay the coefficients out, with scales from the runs."""
     scale, first = [], [len(knots.soc)]
     for term in basis.terms:
@@ -128,7 +130,7 @@ def make_layout(bank: SignalBank, basis: Basis, knots: Knots) -> Layout:
         largest = max(float(np.abs(values - offset).max()) for values in _either_way(bank, term))
         scale.append(max(largest, 1e-9))
         first.append(first[-1] + len(knots.gain if term.bounded else knots.slope))
-    return Layout(basis, knots, np.array(scale), np.array(first))
+    return Layout(basis, knots, np.array(scale), np.array(first), warmth_K)
 
 
 def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.ndarray | None = None) -> Sums:
@@ -144,9 +146,7 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
     voltage = np.concatenate([run.voltage_V for run in bank.runs])
     own = fold_of(bank) if fold is None else fold
     n_folds, size = int(own.max()) + 1, layout.size
-    counted = np.zeros(len(voltage), dtype=bool)
-    counted[::keep_every] = True
-    chosen = np.flatnonzero(counted & ~np.isnan(voltage))
+    chosen = counted(voltage, keep_every)
     rows = regressors(bank, layout.basis, layout.scale, chosen)
     soc = np.concatenate(soc_over(bank, layout.basis.axis))[chosen]
     voltage, own = voltage[chosen], own[chosen]
@@ -161,6 +161,12 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
             count[fold_number] += len(y)
     rms = [max(_rms(rows[:, b]), _LEAST_SHARE * _mirrored_rms(bank, layout, b)) for b in range(len(layout.basis.terms))]
     return Sums(layout, xx, xy, yy, count, penalty_forms(layout, np.array(rms)))
+
+
+def counted(voltage_V: FloatArray, keep_every: int) -> np.ndarray:
+    """Which of the samples of all runs are counted: every n-th, where it has a voltage."""
+    place = np.arange(0, len(voltage_V), keep_every)
+    return place[~np.isnan(voltage_V[place])]
 
 
 def _either_way(bank: SignalBank, term: Term) -> list[FloatArray]:
@@ -265,5 +271,5 @@ def penalty_forms(layout: Layout, rms: FloatArray) -> FloatArray:
             forms[2, part, part] = term.held * rms[b] ** 2 * np.eye(count) / count
         else:
             forms[3, part, part] = differences + 1e-2 * rms[b] ** 2 * np.eye(count) / count
-            forms[4, part, part] = (_WARMTH_K / layout.scale[b]) ** 2 * np.eye(count) / count
+            forms[4, part, part] = (layout.warmth_K / layout.scale[b]) ** 2 * np.eye(count) / count
     return forms

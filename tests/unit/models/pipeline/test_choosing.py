@@ -62,7 +62,7 @@ class Noise:
     """Stands for training data of which only the noise, the number of runs and the temperature are asked."""
 
     noise_floor_mV: float | None
-    grid: tuple[int, ...] = (0, 1, 2)
+    grid: tuple[int, ...] = (0, 1, 2, 3, 4)
     has_temperature: bool = True
 
 
@@ -87,8 +87,18 @@ def test_beyond_it_the_better_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> N
 def test_of_blocks_more_is_asked_than_of_whole_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     bounded, others = [5.0, 5.0, 5.0, 5.0, 5.0], [4.0, 5.4, 3.6, 5.4, 4.6]
     assert name_of(automatic(monkeypatch, bounded, others)) == "searched"
-    two_runs = Noise(0.5, (0, 1))
+    two_runs = Noise(3.0, (0, 1))
     assert name_of(choose(two_runs, "auto", (), silent)) == "bounded"  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("noise_mV, taken", [(None, "bounded"), (0.5, "bounded"), (3.0, "searched")])
+def test_few_runs_speak_for_a_searched_network_only_where_it_leaves_little_but_noise(
+    monkeypatch: pytest.MonkeyPatch, noise_mV: float | None, taken: str
+) -> None:
+    bounded, others = [5.0, 5.0, 5.0, 5.0, 5.0], [4.0, 4.2, 3.8, 4.1, 3.9]
+    assert name_of(automatic(monkeypatch, bounded, others)) == "searched"
+    three_runs = Noise(noise_mV, (0, 1, 2))
+    assert name_of(choose(three_runs, "auto", (), silent)) == taken  # pyright: ignore[reportArgumentType]
 
 
 def test_what_is_not_physical_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
