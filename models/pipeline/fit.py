@@ -22,9 +22,9 @@ from models.network.lineage import document_sha256, with_version
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
 from models.pipeline.choosing import Chosen, choose
-from models.pipeline.lost_current import with_lost_currents
 from models.pipeline.plans import BoundedNetwork, Built, expected_V
 from models.pipeline.request import FitOptions, FitRequest, in_step, without_repeats
+from models.pipeline.request.lost_current import with_lost_currents
 from models.pipeline.run_starts import likely_starts, with_starts
 from models.pipeline.training import Training, training
 from models.pipeline.usability.judge import judged_model

@@ -11,8 +11,8 @@ from models.data.timeseries import FloatArray, TimeSeries
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.structure import InputChannel, PartitionAxis, Structure
-from models.pipeline.lost_current import with_lost_currents
 from models.pipeline.plans import HeldOutError
+from models.pipeline.request.lost_current import with_lost_currents
 from models.pipeline.training import Training, training
 from tests.unit.models.hand_network import CAPACITY_AH, SCALING, grid_run, network
 
