@@ -7,7 +7,7 @@ current to an earlier time; the mean of the neighbours halves the error of the c
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,19 @@ _LONGEST_USUAL = 3.5
 _INDEPENDENT = 0.3
 # A logger that skips a beat now and then moves the charge by nothing that counts.
 _LEAST_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class LostSpan:
+    """Samples that are missing in a row: places of their neighbours in the run with all samples put back."""
+
+    before: int
+    after: int
+
+    @property
+    def lost(self) -> int:
+        """How many are missing."""
+        return self.after - self.before - 1
 
 
 def tick_s(time_s: FloatArray) -> float | None:
@@ -58,8 +71,7 @@ def with_lost_samples(run: TimeSeries) -> TimeSeries:
     tick = tick_s(run.time_s)
     if tick is None:
         return run
-    ticks = np.round(np.diff(run.time_s) / tick)
-    lost = np.where((ticks > 1.5) & (ticks <= _LONGEST), ticks - 1.0, 0.0).astype(np.int64)
+    lost = _lost(run.time_s, tick)
     before = np.repeat(np.arange(len(lost)), lost)
     number = np.arange(len(before)) - np.repeat(np.cumsum(lost) - lost, lost) + 1
     share = number / (lost[before] + 1.0)
@@ -77,3 +89,19 @@ def with_lost_samples(run: TimeSeries) -> TimeSeries:
         name: put(getattr(run, name), nothing) for name in ("voltage_V", "temperature_degC", "ambient_degC", "soc_ref")
     }
     return replace(run, **known, **unknown)
+
+
+def lost_spans(run: TimeSeries) -> list[LostSpan]:
+    """Where samples are missing, in the run that `with_lost_samples` makes of this one."""
+    tick = tick_s(run.time_s)
+    if tick is None:
+        return []
+    lost = _lost(run.time_s, tick)
+    place = np.arange(len(lost)) + np.cumsum(lost) - lost
+    return [LostSpan(int(k), int(k + n + 1)) for k, n in zip(place[lost > 0], lost[lost > 0], strict=True)]
+
+
+def _lost(time_s: FloatArray, tick: float) -> np.ndarray:
+    """(n - 1,) samples that are missing in each interval."""
+    ticks = np.round(np.diff(time_s) / tick)
+    return np.where((ticks > 1.5) & (ticks <= _LONGEST), ticks - 1.0, 0.0).astype(np.int64)

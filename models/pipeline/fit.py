@@ -24,6 +24,7 @@ from models.network.model_record import Json
 from models.pipeline.choosing import Chosen, choose
 from models.pipeline.plans import BoundedNetwork, Built, expected_V
 from models.pipeline.request import FitOptions, FitRequest, in_step, without_repeats
+from models.pipeline.request.lost_current import with_lost_currents
 from models.pipeline.run_starts import likely_starts, with_starts
 from models.pipeline.training import Training, training
 from models.pipeline.usability.judge import judged_model
@@ -154,12 +155,18 @@ def _placed(request: FitRequest, report: Progress) -> tuple[Training, Chosen, Bu
     data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s, request.coulombic_efficiency)
     automatic = request.structure == "auto"
     without, finer = request.without, request.finer
-    first = choose(data, "bounded" if automatic else request.structure, without, part_of(report, 0.0, 0.3), finer=finer)
-    report(0.3, "looking where the runs begin")
+    simplest = "bounded" if automatic else request.structure
+    first = choose(data, simplest, without, part_of(report, 0.0, 0.3), finer=finer)
 
     def again(placed: Training) -> Built:
         return first.plan.build(placed, silent)
 
+    logged = data
+    data, _ = with_lost_currents(data, first.built, again)
+    if data is not logged:
+        # What was chosen with currents that are wrong here and there may be richer, or poorer, than the cell.
+        first = choose(data, simplest, without, silent, finer=finer)
+    report(0.3, "looking where the runs begin")
     stated = data.starts
     data, built = with_starts(data, first.built, again, request.initial_soc_std)
     placed = first if data.starts == stated else None

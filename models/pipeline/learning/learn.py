@@ -105,7 +105,7 @@ def learn_from_run(
     """Learn from one run; see `learn_from_runs`."""
     (seen,) = place_runs(network, [run], [initial_soc])
     before = _figures(seen)
-    capacity = capacity_from(network, seen.run, seen.start)
+    capacity = capacity_from(network, seen.run, seen.start, SETTINGS[0])
     holding = with_capacity(network, capacity.value_Ah)
     for settings in SETTINGS:
         made = _updated(holding, seen, settings)

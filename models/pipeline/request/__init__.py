@@ -1,4 +1,4 @@
-"""What is asked of a fit, and the runs as they are taken: each once, voltage and current in step."""
+"""What is asked of a fit, and the runs as they are taken: each once, in step, lost currents told."""
 
 from models.pipeline.request.fit_request import FitOptions, FitRequest
 from models.pipeline.request.in_step import in_step

@@ -58,10 +58,19 @@ def _at_rest_A(grid: list[GridRun]) -> float | None:
     # Readings within a rest hang together: each rest counts once. A median, because a small load may be among them.
     means = np.array([float(part.mean()) for part in readings])
     middle = float(np.median(means))
+    # An offset is there in the long rests as well: fifty minutes of small currents are no offset where a night reads 0.
+    by_length = _weighted_median(means, np.array([len(part) for part in readings]))
+    middle = min(middle, by_length, key=abs) if middle * by_length > 0.0 else 0.0
     within = np.concatenate([part - part.mean() for part in readings])
     between = _SIGMA_OF_MAD * float(np.median(np.abs(means - middle)))
     error = float(np.hypot(np.std(within), between)) / np.sqrt(len(readings))
     return middle if abs(middle) > _CERTAIN * error else None
+
+
+def _weighted_median(values: FloatArray, weight: np.ndarray) -> float:
+    order = np.argsort(values)
+    share = np.cumsum(weight[order])
+    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
 def _rests(run: GridRun, most_A: float) -> list[FloatArray]:

@@ -70,6 +70,20 @@ def test_a_log_on_change_holds_until_the_next_row() -> None:
     assert typical_interval_s([held]) == 1.0
 
 
+def test_a_log_on_change_of_a_flat_curve_is_known_as_well() -> None:
+    """The row after a change comes late where the voltage hardly moves."""
+    current = np.repeat(np.tile([2.0, -2.0], 40), 13)
+    run = log(current)
+    flat = part(run, np.isin(np.arange(len(run)) % 13, (0, 4)))
+    assert "written on change" in with_stamps_put_right(flat)[1][0]
+    assert moved_Ah(held_until_next(flat)) == pytest.approx(moved_Ah(run), abs=2e-3)
+
+
+def test_half_of_the_samples_lost_is_no_log_on_change() -> None:
+    half = part(RUN, np.random.default_rng(4).random(len(RUN)) < 0.5)
+    assert held_until_next(half) is half
+
+
 def test_a_sparse_log_with_a_row_at_the_end_of_each_step_holds_backward() -> None:
     edge = np.flatnonzero(np.diff(RUN.current_A) != 0.0)
     kept = np.zeros(len(RUN), bool)

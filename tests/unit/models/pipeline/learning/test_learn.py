@@ -13,7 +13,7 @@ from models.network.lineage import chain, version_of
 from models.network.local_model_network import LocalModelNetwork
 from models.pipeline.fit import fit_network
 from models.pipeline.learning.capacity import capacity_from
-from models.pipeline.learning.learn import learn_from_run, learn_from_runs
+from models.pipeline.learning.learn import SETTINGS, learn_from_run, learn_from_runs
 from tests.unit.models import synthetic
 
 N, NOISE_V, START = 2400, 1e-3, 0.6
@@ -81,5 +81,14 @@ def test_a_run_under_rest_tells_no_capacity(new: LocalModelNetwork) -> None:
     run = replace(
         aged(50, 0.9, 1.0), current_A=np.zeros(N), voltage_V=np.full(N, float(synthetic.ocv_V(np.array(START))))
     )
-    found = capacity_from(new, to_grid(run, 1.0), Start(START))
+    found = capacity_from(new, to_grid(run, 1.0), Start(START), SETTINGS[0])
     assert found.std_Ah == 0.0 and found.value_Ah == new.cell.capacity_Ah
+
+
+def test_the_capacity_is_as_sure_as_it_says(new: LocalModelNetwork) -> None:
+    """The model's own curve is off by some tenths of a millivolt: the charge alone would be told far too surely."""
+    found = [capacity_from(new, to_grid(aged(60 + k, 0.97, 1.03), 1.0), Start(START), SETTINGS[0]) for k in range(4)]
+    off_Ah = np.array([each.value_Ah for each in found]) - 0.97 * synthetic.CAPACITY_AH
+    std_Ah = np.array([each.std_Ah for each in found])
+    assert (std_Ah > 0.0).all() and (std_Ah < 0.02 * synthetic.CAPACITY_AH).all()
+    assert np.sqrt(np.mean((off_Ah / std_Ah) ** 2)) < 2.0

@@ -128,6 +128,15 @@ def test_an_offset_is_suspected_where_the_sensor_reads_something_at_rest() -> No
     assert "reads +20 mA with the output off" in texts(suspected_offset(taken(off)))
 
 
+def test_small_currents_are_no_offset_where_a_long_rest_reads_nothing() -> None:
+    rng = np.random.default_rng(5)
+    loads = pulses(1440, rest=60)
+    small = np.where((loads == 0.0) & (np.arange(1440) >= 60), 0.02, loads)
+    night = np.concatenate([np.zeros(4000), small]) + 2e-3 * rng.standard_normal(5440)
+    assert suspected_offset(taken(run(night, 0.6))) == []
+    assert "offset" in texts(suspected_offset(taken(run(night + 0.02, 0.6))))
+
+
 def test_an_offset_is_suspected_where_the_count_drifts_from_a_reference() -> None:
     never_at_rest = run(np.where(pulses() == 0.0, -0.3, pulses()), 0.9)
     true = 0.9 + np.concatenate([[0.0], np.cumsum(never_at_rest.current_A[1:])]) * 10.0 / 3600.0 / 2.0
