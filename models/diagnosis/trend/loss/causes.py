@@ -40,8 +40,9 @@ def caused(given: Given, now: About) -> dict[int, Caused]:
     error = np.column_stack([_error(given, now, each) for each in near])
     scales = [(white, w) for white, w in zip(now.white, SETTINGS.weights, strict=True) if w > 0.0]
     whitened = [solve_triangular(white.lower, error, lower=True, check_finite=False) for white, _ in scales]
-    matched_V = apart(curve).close_V if curve else 0.0
-    logs = {each: _logs(scales, whitened, cause_sizes(each, now.change, matched_V)) for each in _BESIDE}
+    matched_V = apart(curve).left_V if curve else 0.0
+    chance = np.log([each.chance for each in near])
+    logs = {each: chance + _logs(scales, whitened, cause_sizes(each, now.change, matched_V)) for each in _BESIDE}
     out = {}
     for way in range(len(WAYS)):
         own = np.array([k for k, each in enumerate(near) if each.way == way], dtype=np.int64)
