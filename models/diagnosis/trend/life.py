@@ -10,7 +10,7 @@ from models.diagnosis.trend.answer import effect_of
 from models.diagnosis.trend.estimate import State
 from models.diagnosis.trend.forecast import Forecast
 from models.diagnosis.trend.series import ChangePoint
-from models.diagnosis.trend.stages import Stages
+from models.readouts.stages import Stages
 
 
 @dataclass(frozen=True)

@@ -3,22 +3,21 @@
 import numpy as np
 import pytest
 
-from models.data.resampling import to_grid
-from models.data.timeseries import TimeSeries
-from models.diagnosis.reference.record import Record
-from models.diagnosis.trend.stages import stages_of
+from models.data.resampling import GridRun, to_grid
+from models.data.timeseries import FloatArray, TimeSeries
+from models.readouts.stages import stages_of
 
 CAPACITY_AH, ERROR_V = 2.0, 0.03
 
 
-def record(number: int, sign: float = -1.0, c_rate: float = 0.5) -> Record:
+def record(number: int, sign: float = -1.0, c_rate: float = 0.5) -> tuple[GridRun, FloatArray]:
     """A charge or discharge along a curve with one step, which the model has 30 mV higher."""
     n = int(3600 / c_rate * 0.9)
     soc = 0.5 + sign * (np.arange(n) / n - 0.5) * 0.9
     voltage_V = 3.3 + 0.5 * soc + 0.1 * np.tanh((soc - 0.6) / 0.03)
     current_A = np.full(n, sign * c_rate * CAPACITY_AH)
     run = to_grid(TimeSeries(np.arange(n) * 1.0, current_A, voltage_V, np.full(n, 25.0), name=f"run {number}"), 1.0)
-    return Record([run], [float(soc[0])], [np.full(len(run), -ERROR_V)])
+    return run, np.full(len(run), -ERROR_V)
 
 
 def test_measured_and_model_are_told_on_the_same_axes() -> None:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
-from models.diagnosis.reference.record import Record
 from models.readouts.incremental_beside import Beside, beside
 
 # Runs that are looked at, spread over the life, and those of either direction that are told.
@@ -49,18 +49,18 @@ class Stages:
         } | sources
 
 
-def stages_of(records: Sequence[Record], at: FloatArray, capacity_Ah: float) -> tuple[Stages, ...]:
+def stages_of(runs: Sequence[tuple[GridRun, FloatArray]], at: FloatArray, capacity_Ah: float) -> tuple[Stages, ...]:
     """Curves of some runs, spread over the life; of none that is too short or too fast to show stages.
 
     Parameters
     ----------
-    records : of one run each, in the order of the life
+    runs : in the order of the life, each with the error of the model of the cell as it was, measured less simulated
     at : (n,) their places
     capacity_Ah : of the fresh cell
     """
     found: dict[str, list[Stages]] = {}
-    for k in _spread(len(records), _LOOKED_AT):
-        run, error_V = records[k].runs[0], records[k].error_V[0]
+    for k in _spread(len(runs), _LOOKED_AT):
+        run, error_V = runs[k]
         voltages_V = (run.voltage_V, run.voltage_V - error_V)
         for each in beside(run.time_s, run.current_A, run.charge_Ah, voltages_V, capacity_Ah):
             found.setdefault(each.way, []).append(Stages(run.name, float(at[k]), each))
