@@ -21,6 +21,7 @@ from simulators.spread_cells import SPREAD_EFFECTS, random_spread_cell
 KINDS = ("pulses", "drive", "cycles", "multisine", "stages")
 LOG_S, SOC = 6000, (0.12, 0.88)
 TRAIN_S = 10_000
+_OUTSIDE = 0.06
 _STATED_STD = 0.005
 
 
@@ -142,10 +143,12 @@ def profile_A(kind: str, capacity_Ah: float, soc: float, rng: np.random.Generato
     while length < n:
         falling = False if soc < SOC[0] + 0.1 else True if soc > SOC[1] - 0.1 else falling
         part = capacity_Ah * _SEGMENTS[kind](-1.0 if falling else 1.0, rng)
-        # A segment that would leave the window is cut where it does.
+        # A segment that would leave the window is cut where it does; one that begins far outside leads back as a whole,
+        # for its first seconds alone may lead on.
         counted = soc + np.cumsum(part) / (3600.0 * capacity_Ah)
         inside = (counted > SOC[0]) & (counted < SOC[1])
-        part = part[: max(30, len(part) if inside.all() else int(np.argmin(inside)))]
+        if SOC[0] - _OUTSIDE < soc < SOC[1] + _OUTSIDE:
+            part = part[: max(30, len(part) if inside.all() else int(np.argmin(inside)))]
         parts.append(part)
         soc += float(part.sum()) / (3600.0 * capacity_Ah)
         length += len(part)

@@ -169,7 +169,9 @@ class SpreadCell:
         open_V += self._entropy() * (self._core_degC - _REFERENCE_DEGC)
         # Relays far from where the cell is have switched long ago and say only what is the same everywhere. Those near
         # it lag behind: while charge goes in, more of them are still down than up, and the voltage stands higher.
-        weight = self._weight * np.exp(-(((self._centre - self._soc) / p.loop_wide) ** 2))
+        away = ((self._centre - self._soc) / p.loop_wide) ** 2
+        # The nearest count however far they are: beyond empty or full all weights would vanish.
+        weight = self._weight * np.exp(float(away.min()) - away)
         loop_V = -p.loop_V * float(weight @ self._relays) / float(weight.sum())
         ohmic = p.ohmic_Ohm / math.sqrt(1.0 + abs(inner_A) / p.knee_A) + p.ohmic_at_empty_Ohm * max(
             0.0, 1.0 - self._soc / 0.25

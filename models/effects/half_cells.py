@@ -14,35 +14,47 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from models.data.timeseries import FloatArray
+from models.effects.electrode_match import USUAL_NEGATIVE, Loaded, Match, loaded, matches
 from models.effects.half_cell_curves import NEGATIVES, POSITIVES
 from models.effects.view import OwnModel
 
-# Points of the full cell's curve that the electrodes are matched to, and of the charge on which it is drawn.
-_MATCHED, _DRAWN, _TABLE = 40, 2401, 600
-# Evaluations of a match.
-_STEPS = 30
+# Points of the charge on which the full cell's curve is drawn, and of a table of an electrode's.
+_DRAWN, _TABLE = 2401, 600
 # Charge beyond empty and full that is drawn.
 _BEYOND = 0.35
-# How sharp a voltage and a state of charge of that curve are.
-_SHARP_V, _SHARP_SOC = 0.005, 0.005
-# Nearer to empty and full the current makes most of the curve.
-_INNER = (0.06, 0.96)
-# By how much all of it, its slope and its bend may be off, V: runs at one current tell the curve from what the current
-# makes of it by its steps alone.
-_OFF_V, _MOST_OFF_V = np.array([0.03, 0.015, 0.015]), 0.2
-# A match that leaves more than this in the root mean square, V, is none: electrodes of other materials.
-_GOOD_V = 0.015
-# One that leaves less than this over so much of the state of charge, where no other pair does nearly as well, with
-# electrodes of not more than these capacities over the cell's, is hardly by chance.
-_SURE_V, _NEXT, _SURE_SOC, _LARGEST_N, _LARGEST_P = 0.004, 1.3, 0.8, 1.9, 2.6
-# Fillings of graphite and of its counterpart in a usual cell, empty and full (Birkl et al. 2017).
-_USUAL_N, _USUAL_P = (0.03, 0.85), (0.93, 0.35)
+# Points of the full cell's curve that an electrode is learned from.
+_LEARNED = 40
+# A match that is off by more than this, V, is none: electrodes of other materials.
+_GOOD_V, _NONE_V = 0.004, 1.0
+# One that is off by less than this over so much of the state of charge is hardly by chance: of 18 simulated cells of
+# PyBaMM the right pairs are off by 0.5 to 3.5 mV.
+_SURE_V, _SURE_SOC, _SURE_CHANCE = 0.0037, 0.8, 0.7
+# No cell has larger electrodes than these over its own capacity; a small part of a curve makes many others.
+_LARGEST_N, _LARGEST_P = 1.9, 2.6
+# How far a right pair is off is not known: the likelihood of each is a power of its cost, by the independent points of
+# a curve (Jeffreys' prior for the scale), above a cost that noise alone makes; and the least probability looked at.
+_INDEPENDENT, _NOISE, _LEAST_CHANCE = 12, 10.0, 0.02
+# Fillings of the counterpart of graphite in a usual cell, empty and full (Birkl et al. 2017).
+_USUAL_P = (0.93, 0.35)
 # No positive electrode is flatter than this beyond where its curve is known, V per filling.
 _STEEP_V = 1.0
 # Lithium cells against graphite rest above this when half full; no other cell's curve is taken apart.
 _LEAST_V = 2.8
 
-Curve = tuple[tuple[float, ...], tuple[float, ...]]
+
+@dataclass(frozen=True)
+class Curve:
+    """What a model says of its cell, as far as electrodes are found in it.
+
+    Attributes
+    ----------
+    soc, voltage_V : its open-circuit curve
+    loaded : its voltage under constant currents
+    """
+
+    soc: tuple[float, ...]
+    voltage_V: tuple[float, ...]
+    loaded: Loaded
 
 
 @dataclass(frozen=True)
@@ -56,10 +68,9 @@ class HalfCells:
         capacity
     filling, potential_V : (k,) curve of the positive electrode, by falling potential
     limits_V : of the cell at rest, empty and full
-    left_V, close_V : root mean square of what published curves leave of the cell's own; the same beside what that may
-        be off by as a whole, in its slope and in its bend
-    next_V : `close_V` of the next best pair of published curves
+    left_V : by how much these curves are off the cell's voltage under constant currents
     covered : states of charge that the cell's own curve is known over
+    chance : how likely these two curves are the cell's, of all that are published
     """
 
     negative: str
@@ -70,9 +81,8 @@ class HalfCells:
     potential_V: FloatArray
     limits_V: tuple[float, float]
     left_V: float
-    close_V: float
-    next_V: float
     covered: float
+    chance: float
 
     def voltage_V(self, charge: FloatArray) -> FloatArray:
         """(n,) of the cell at rest for a charge in the negative electrode."""
@@ -86,10 +96,8 @@ class HalfCells:
 
     @property
     def sure(self) -> bool:
-        """Whether published curves make the cell's own so well, and electrodes of a usual size, that they are its."""
-        usual = self.negative_Ah < _LARGEST_N and self.positive_Ah < _LARGEST_P
-        alone = self.close_V * _NEXT <= self.next_V
-        return usual and alone and self.close_V <= _SURE_V and self.covered >= _SURE_SOC
+        """Whether published curves make the cell's own so well that they are its."""
+        return self.left_V <= _SURE_V and self.covered >= _SURE_SOC and self.chance >= _SURE_CHANCE
 
     @cached_property
     def ends(self) -> tuple[float, float]:
@@ -142,80 +150,69 @@ def half_cells(model: OwnModel) -> HalfCells | None:
 
 
 def own_curve(model: OwnModel) -> Curve | None:
-    """States of charge and voltages by which a model's cell is taken apart; None: it is none that could be."""
+    """What a model's cell is taken apart by; None: it is none that could be."""
     low, high = model.soc_range
-    soc = np.linspace(max(low, 0.0), min(high, 1.0), _MATCHED)
+    soc = np.linspace(max(low, 0.0), min(high, 1.0), _LEARNED)
     curve_V = model.open_circuit_V(soc)
     if float(np.median(curve_V)) < _LEAST_V:
         return None
-    return tuple(soc.tolist()), tuple(np.maximum.accumulate(curve_V).tolist())
+    return Curve(tuple(soc.tolist()), tuple(np.maximum.accumulate(curve_V).tolist()), loaded(model))
+
+
+def apart(curve: Curve) -> HalfCells:
+    """Electrodes that make a full cell's curve: the likeliest."""
+    return likely(curve)[0]
 
 
 @lru_cache(maxsize=16)
-def apart(curve: Curve) -> HalfCells:
-    """Electrodes that make a full cell's curve."""
-    at, own_V = np.array(curve[0]), np.array(curve[1])
-    every = sorted((_matched(at, own_V, n, p) for n in NEGATIVES for p in POSITIVES), key=lambda found: found[0])
-    (close_V, left_V, negative, positive, window), next_V = every[0], every[1][0]
-    if left_V > _GOOD_V:
-        negative, window = next(iter(NEGATIVES)), (*_USUAL_N, *_USUAL_P)
+def likely(curve: Curve) -> tuple[HalfCells, ...]:
+    """Electrodes that may make a full cell's curve, the likeliest first."""
+    covered = curve.soc[-1] - curve.soc[0]
+    every = [each for each in matches(curve.loaded) if _usual(each)]
+    if not every or every[0].left_V > _GOOD_V:
+        return (_learned(curve, every[0].left_V if every else _NONE_V),)
+    costs = np.array([each.cost for each in every]) + _NOISE
+    weights = (costs[0] / costs) ** (0.5 * _INDEPENDENT)
+    chances = zip(every, (weights / weights.sum()).tolist(), strict=True)
+    return tuple(_published(each, covered, chance) for each, chance in chances if chance > _LEAST_CHANCE)
+
+
+def _usual(found: Match) -> bool:
+    x0, x1, y0, y1 = found.window
+    return (x1 - x0) * _LARGEST_N > 1.0 and (y0 - y1) * _LARGEST_P > 1.0
+
+
+def _published(found: Match, covered: float, chance: float) -> HalfCells:
+    curve = POSITIVES[found.positive]
+    filling = np.linspace(curve.low, curve.high, _TABLE)
+    return _cell(found.negative, found.window, filling, curve.potential_V(filling), found.left_V, covered, chance)
+
+
+def _learned(curve: Curve, left_V: float) -> HalfCells:
+    """Graphite in a usual cell, and the positive electrode that the curve asks for: one that falls as it is filled."""
+    at, own_V = np.array(curve.soc), np.array(curve.voltage_V)
+    negative, window = next(iter(NEGATIVES)), (*USUAL_NEGATIVE, *_USUAL_P)
     x0, x1, y0, y1 = window
-    if left_V > _GOOD_V:
-        filling, potential_V = _learned(y0 + at * (y1 - y0), own_V + NEGATIVES[negative](x0 + at * (x1 - x0)))
-    else:
-        filling = np.linspace(POSITIVES[positive].low, POSITIVES[positive].high, _TABLE)
-        potential_V = POSITIVES[positive].potential_V(filling)
-    close_V, covered = close_V if left_V <= _GOOD_V else left_V, float(at[-1] - at[0])
+    filling, potential_V = y0 + at * (y1 - y0), own_V + NEGATIVES[negative](x0 + at * (x1 - x0))
+    order = np.argsort(filling)
+    falling_V = np.minimum.accumulate(potential_V[order])
+    return _cell(negative, window, filling[order], falling_V, left_V, float(at[-1] - at[0]), 1.0)
+
+
+def _cell(
+    negative: str,
+    window: tuple[float, float, float, float],
+    filling: FloatArray,
+    potential_V: FloatArray,
+    left_V: float,
+    covered: float,
+    chance: float,
+) -> HalfCells:
+    x0, x1, y0, y1 = window
     negative_Ah, positive_Ah = 1.0 / (x1 - x0), 1.0 / (y0 - y1)
     lithium_Ah = x0 * negative_Ah + y0 * positive_Ah
-    cell = HalfCells(
-        negative,
-        negative_Ah,
-        positive_Ah,
-        lithium_Ah,
-        filling,
-        potential_V,
-        (0.0, 1.0),
-        left_V,
-        close_V,
-        next_V,
-        covered,
-    )
+    electrodes = (negative, negative_Ah, positive_Ah, lithium_Ah, filling, potential_V)
+    cell = HalfCells(*electrodes, (0.0, 1.0), left_V, covered, chance)
     ends = cell.voltage_V(np.array([x0, x1]) * negative_Ah)
     # Both are those of these electrodes themselves: what the curve is off by is the same for the aged cell.
     return replace(cell, limits_V=(float(ends[0]), float(ends[1])))
-
-
-def _learned(filling: FloatArray, potential_V: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The positive electrode that the cell's own curve asks for: one that falls as it is filled."""
-    order = np.argsort(filling)
-    return filling[order], np.minimum.accumulate(potential_V[order])
-
-
-def _matched(soc: FloatArray, curve_V: FloatArray, negative: str, positive: str) -> tuple:
-    """What two published curves leave of a full cell's (`close_V`, `left_V`), their names, and their fillings."""
-    # Lazy: 100 ms that only a diagnosis of a lithium cell needs.
-    from scipy.optimize import least_squares
-
-    curve = POSITIVES[positive]
-    # Where the curve is steep it is known the less: the state of charge is not sharp itself.
-    weight = 1.0 / np.hypot(1.0, _SHARP_SOC / _SHARP_V * np.gradient(curve_V, soc))
-    inner = (soc >= _INNER[0]) & (soc <= _INNER[1])
-    low, high = (0.0, 0.4, curve.low + 0.25, curve.low), (0.2, 1.0, curve.high, curve.high - 0.25)
-
-    smooth = np.polynomial.legendre.legvander(2.0 * soc - 1.0, len(_OFF_V) - 1)
-
-    def left(found: FloatArray) -> FloatArray:
-        (x0, x1, y0, y1), off_V = found[:4], found[4:]
-        full_V = curve.potential_V(y0 + soc * (y1 - y0)) - NEGATIVES[negative](x0 + soc * (x1 - x0))
-        left_V = weight * (full_V - curve_V + smooth @ off_V)
-        return np.append(left_V[inner], _SHARP_V / _OFF_V * off_V)
-
-    none = np.zeros(len(_OFF_V))
-    start = np.clip((*_USUAL_N, *curve.usual), np.array(low) + 1e-3, np.array(high) - 1e-3)
-    bounds = (np.append(low, none - _MOST_OFF_V), np.append(high, none + _MOST_OFF_V))
-    scale = np.append(np.full(4, 0.1), _OFF_V)
-    found = least_squares(left, np.append(start, none), bounds=bounds, x_scale=scale, max_nfev=_STEPS)
-    inside, off = np.split(left(found.x), [-len(_OFF_V)])
-    close_V = float(np.sqrt(np.mean(inside**2)))
-    return close_V, float(np.hypot(close_V, np.linalg.norm(off))), negative, positive, tuple(found.x[:4].tolist())

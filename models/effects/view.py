@@ -42,6 +42,16 @@ class OwnModel(Protocol):
         ...
 
     @property
+    def dt_s(self) -> float:
+        """Step of the model's grid."""
+        ...
+
+    @property
+    def usual_A(self) -> float:
+        """Current of the runs that the model was made from, as it usually is."""
+        ...
+
+    @property
     def soc_range(self) -> tuple[float, float]:
         """Range of SoC that the model was made from."""
         ...

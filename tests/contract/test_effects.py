@@ -31,6 +31,7 @@ FRAMEWORK = {
     "bounded_parts",
     "contact_intervals",
     "effect",
+    "electrode_match",
     "electrode_shift",
     "expected",
     "half_cell_curves",

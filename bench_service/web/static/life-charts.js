@@ -2,6 +2,7 @@
 import { Chart, band, line } from "./charts.js";
 import { el } from "./dom.js";
 import { BAND, fixed } from "./format.js";
+import { stagePlots } from "./life-stages.js";
 
 const EXPLAINED = ["voltage", "current", "residual", "soc"]; // colours of what explains the error, by name in order
 const plain = (effect) => effect.replaceAll("_", " ");
@@ -36,12 +37,14 @@ export function drawLife(node, life, nameOf) {
     ["Error before and after", `Error of the model over the ${unit}s before and after what was found`, (colours) => errorOption(colours, life, unit)],
   ];
   const plots = shown.map(([, label]) => el("div", { class: "plot life-plot", role: "img", "aria-label": label }));
+  const stages = stagePlots(life, nameOf);
   node.replaceChildren(
     el("p", { class: "life-words", text: life.forecast ? `${life.forecast.explanation}.` : "When the end is reached is not told: too few runs." }),
     el("ul", { class: "life-words" }, life.change_points.map((point) => el("li", { text: `${plain(point.effect)} since ${nameOf(point.run)}, between ${point.between.map(nameOf).join(" and ")}` }))),
     life.next_experiment ? el("p", { class: "life-words", text: `Next experiment: a profile of ${(life.next_experiment.duration_s / 3600).toFixed(0)} h that tells ${life.next_experiment.rivals.map(plain).join(" from ")}.` }) : "",
-    ...shown.flatMap(([title], k) => [el("h3", { text: title }), plots[k]]), table(life, nameOf));
+    ...shown.flatMap(([title], k) => [el("h3", { text: title }), plots[k]]), ...stages.nodes, table(life, nameOf));
   shown.forEach(([, , option], k) => new Chart(plots[k], option));
+  stages.draw();
 }
 
 function table(life, nameOf) {

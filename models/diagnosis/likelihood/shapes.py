@@ -199,6 +199,9 @@ def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width
     """(w,) K that an effect of usual size makes of a run's temperature."""
     if run.warm is None:
         return np.zeros(0)
+    if one.warmth is not None:
+        warmed = one.warmth.temperature(run.warm, (one.warmth.start[0] + width,))
+        return (warmed - run.warm.simulated())[run.warm_place]
     view, cell = run.every, sight.known.cell
     current_A = view.run.current_A[view.index]
     if one.inner_heat_W is not None:

@@ -80,6 +80,11 @@ class Reference:
         return float(np.mean(self.coefficients[self.layout.blocks[1].part]))
 
     @property
+    def usual_A(self) -> float:
+        """Current of the training runs, as it usually is: half of the largest."""
+        return 0.5 * max(abs(each) for each in self.domain["current_A"])
+
+    @property
     def trained_degC(self) -> float:
         """Middle of the temperatures that the model was made from."""
         low, high = self.domain.get("temperature_degC", (25.0, 25.0))

@@ -80,9 +80,16 @@ def _shrunk(columns: FloatArray, error: FloatArray, alike: float) -> FloatArray:
 
 
 def fit_views(views: list[ThermalView]) -> HeatBalance | None:
-    """Fit the heat balance to runs with their heat; None where the cell hardly warmed up."""
+    """Fit the heat balance to runs with their heat; None where the cell hardly warmed up.
+
+    None as well where it does not become warmer by its heat: what moves its temperature then is something else, a
+    chamber that swings as a rule, and a balance would explain anything.
+    """
     rise = np.concatenate([view.temperature_degC - view.ambient_degC for view in views])
-    return _fitted(views) if float(np.percentile(np.abs(rise), 99.0)) >= _LEAST_RISE_K else None
+    if float(np.percentile(np.abs(rise), 99.0)) < _LEAST_RISE_K:
+        return None
+    found = _fitted(views)
+    return found if found.resistance_K_per_W > _LEAST_RESISTANCE_K_PER_W else None
 
 
 def has_temperature(run: GridRun) -> bool:

@@ -10,6 +10,7 @@ from models.diagnosis.trend.answer import effect_of
 from models.diagnosis.trend.estimate import State
 from models.diagnosis.trend.forecast import Forecast
 from models.diagnosis.trend.series import ChangePoint
+from models.readouts.stages import Stages
 
 
 @dataclass(frozen=True)
@@ -76,12 +77,14 @@ class Trend:
     changes : where what lasts to the end began
     forecast : of the capacity; None: too few runs
     seconds : time it took
+    stages : dQ/dV and dV/dQ of some runs
     """
 
     runs: tuple[RunTrend, ...]
     changes: tuple[ChangePoint, ...]
     forecast: Forecast | None
     seconds: float
+    stages: tuple[Stages, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the `trend` object of the public contract."""
@@ -101,6 +104,7 @@ class Trend:
             # What the last run leaves open is open today.
             "next_experiment": self.runs[-1].diagnosis.next_experiment,
             "change_points": changes,
+            "stages": [each.to_json() for each in self.stages],
             "forecast": None if self.forecast is None else self.forecast.to_json(),
             "seconds": self.seconds,
         }

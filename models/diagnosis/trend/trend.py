@@ -25,6 +25,7 @@ from models.diagnosis.trend.settings import SETTINGS
 from models.diagnosis.trend.weighing import EVERY
 from models.effects.input_correction import as_read
 from models.network.local_model_network import LocalModelNetwork
+from models.readouts.stages import stages_of
 
 # Runs that stand for the cell as it was, where nothing is known of those that the model was made from.
 _STAND_IN = 3
@@ -89,7 +90,8 @@ def trend(
         entries.append(RunTrend(run.name, float(at[k]), weighed.state, record.rms_mV, told))
     capacity_Ah = np.array([weighed.state.capacity_Ah for weighed, _, _ in held])
     ahead = forecast(at, capacity_Ah, known.cell.capacity_Ah, along.end, along.unit)
-    return Trend(tuple(entries), tuple(change_points(seen)), ahead, time.perf_counter() - started)
+    stages = stages_of([(rec.runs[0], rec.error_V[0]) for _, rec, _ in held], at, known.cell.capacity_Ah)
+    return Trend(tuple(entries), tuple(change_points(seen)), ahead, time.perf_counter() - started, stages)
 
 
 def _known(

@@ -157,8 +157,8 @@ def chances(fresh: Summed, now: Summed, causes: dict[int, Caused]) -> Chances:
     weights = {each: at.more ** len(each) for each in EVERY if each}
     share = (1.0 - at.nothing - at.unknown) / sum(weights.values())
     prior = {(): at.nothing} | {each: share * w for each, w in weights.items()}
-    posterior = [np.log(prior[each]) + at.tempering * logs[each] for each in EVERY]
-    posterior.append(np.log(at.unknown) + at.tempering * unknown)
+    posterior = [np.log(prior[each]) + logs[each] for each in EVERY]
+    posterior.append(np.log(at.unknown) + unknown)
     p = np.exp(np.array(posterior) - log_sum(posterior))
     of = dict(zip(EVERY[1:], p[1:-1].tolist(), strict=True))
     return Chances(float(p[0]), float(p[-1]), of, _ways(by_way, prior))
@@ -179,21 +179,24 @@ def _by_way(logs: dict[Changes, float], causes: dict[int, Caused]) -> dict[Chang
 def _ways(by_way: dict[Changes, dict[int, float]], prior: dict[Changes, float]) -> dict[int, float]:
     """Probability of every way if a capacity is lost, whatever has changed beside it."""
     ways = list(next(iter(by_way.values())))
-    told = [
-        log_sum([float(np.log(prior[each])) + SETTINGS.tempering * own[way] for each, own in by_way.items()])
-        for way in ways
-    ]
+    told = [log_sum([float(np.log(prior[each])) + own[way] for each, own in by_way.items()]) for way in ways]
     p = np.exp(np.array(told) - log_sum(told))
     return dict(zip(ways, p.tolist(), strict=True))
 
 
 def log_of(sums: Sums, spread: FloatArray) -> float:
-    """Logarithm of the likelihood for a root of the covariance of the weights."""
-    whole = spread.T @ sums.inner @ spread
+    """Logarithm of the likelihood for a root of the covariance of the weights.
+
+    What is tempered is what the samples say, not how large a usual difference is: a change that is many times larger
+    than those is none of them, however little is believed of the samples (Grünwald and van Ommen, Bayesian Analysis 12,
+    2017, on such posteriors).
+    """
+    power = SETTINGS.tempering
+    whole = power * (spread.T @ sums.inner @ spread)
     whole[np.diag_indices_from(whole)] += 1.0
     lower = np.linalg.cholesky(whole)
-    turned = np.linalg.solve(lower, spread.T @ sums.right)
-    return sums.log + 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(lower))))
+    turned = power * np.linalg.solve(lower, spread.T @ sums.right)
+    return power * sums.log + 0.5 * float(turned @ turned) - float(np.sum(np.log(np.diag(lower))))
 
 
 def held(about: Summed, changes: Changes, sizes: Sizes | None = None) -> Held:

@@ -40,8 +40,9 @@ def caused(given: Given, now: About) -> dict[int, Caused]:
     error = np.column_stack([_error(given, now, each) for each in near])
     scales = [(white, w) for white, w in zip(now.white, SETTINGS.weights, strict=True) if w > 0.0]
     whitened = [solve_triangular(white.lower, error, lower=True, check_finite=False) for white, _ in scales]
-    matched_V = apart(curve).close_V if curve else 0.0
-    logs = {each: _logs(scales, whitened, cause_sizes(each, now.change, matched_V)) for each in _BESIDE}
+    matched_V = apart(curve).left_V if curve else 0.0
+    chance = np.log([each.chance for each in near])
+    logs = {each: chance + _logs(scales, whitened, cause_sizes(each, now.change, matched_V)) for each in _BESIDE}
     out = {}
     for way in range(len(WAYS)):
         own = np.array([k for k, each in enumerate(near) if each.way == way], dtype=np.int64)
@@ -62,16 +63,16 @@ def _error(given: Given, now: About, loss: Loss) -> FloatArray:
 
 def _logs(scales: list[tuple[White, float]], whitened: list[FloatArray], sizes: list[Sizes]) -> FloatArray:
     """(M,) logarithm of the likelihood of each loss with what else may differ, in each of these sizes as likely."""
-    every = []
+    every, power = [], SETTINGS.tempering
     for (white, weight), error in zip(scales, whitened, strict=True):
         inner, right = white.sums.inner, white.columns.T @ error
-        own = -np.sum(np.log(np.diag(white.lower))) - 0.5 * np.sum(error**2, axis=0)
+        own = power * (-np.sum(np.log(np.diag(white.lower))) - 0.5 * np.sum(error**2, axis=0))
         for size in sizes:
             spread = root(size)
-            whole = spread.T @ inner @ spread
+            whole = power * (spread.T @ inner @ spread)
             whole[np.diag_indices_from(whole)] += 1.0
             lower = np.linalg.cholesky(whole)
-            turned = solve_triangular(lower, spread.T @ right, lower=True, check_finite=False)
+            turned = power * solve_triangular(lower, spread.T @ right, lower=True, check_finite=False)
             gained = 0.5 * np.sum(turned**2, axis=0) - np.sum(np.log(np.diag(lower)))
             every.append(own + gained + np.log(weight / len(sizes)))
     return np.logaddexp.reduce(np.array(every), axis=0)
@@ -80,7 +81,7 @@ def _logs(scales: list[tuple[White, float]], whitened: list[FloatArray], sizes: 
 def _told(losses: list[Loss], logs: dict[Changes, FloatArray]) -> tuple[dict[Changes, float], float, float, int]:
     """Logarithm of the likelihood of one way, the share that is lost with its standard deviation, the best loss."""
     whole = np.logaddexp.reduce(np.array(list(logs.values())), axis=0)
-    chance = np.exp(SETTINGS.tempering * (whole - whole.max()))
+    chance = np.exp(whole - whole.max())
     chance /= chance.sum()
     shares = np.array([each.share for each in losses])
     mean = float(chance @ shares)

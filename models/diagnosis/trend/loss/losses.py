@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.half_cells import Curve, HalfCells, apart
+from models.effects.half_cells import Curve, HalfCells, likely
 
 LITHIUM, NEGATIVE, POSITIVE = "lithium", "negative", "positive"
 SHARES = np.linspace(0.01, 0.36, 36)
@@ -57,12 +57,14 @@ class Loss:
     share : that is lost
     change : of the capacity, relative
     bent_V : (601,) by how much its open-circuit curve differs from the fresh one over its own state of charge
+    chance : how likely its electrodes are those of the cell
     """
 
     way: int
     share: float
     change: float
     bent_V: FloatArray
+    chance: float
 
     def curve_V(self, soc: FloatArray) -> FloatArray:
         """(n,) by how much the open-circuit voltage differs from that of the fresh cell."""
@@ -71,12 +73,13 @@ class Loss:
 
 @lru_cache(maxsize=4)
 def losses_of(curve: Curve) -> tuple[Loss, ...]:
-    """All losses that are tried of a cell."""
-    fresh = apart(curve)
-    fresh_V, out = fresh.open_circuit_V(_DRAWN), list[Loss]()
-    for number, way in enumerate(WAYS):
-        for share in SHARES.tolist():
-            aged = way.without(fresh, share)
-            change = aged.capacity / fresh.capacity - 1.0
-            out.append(Loss(number, share, change, aged.open_circuit_V(_DRAWN) - fresh_V))
+    """All losses that are tried of a cell, by each pair of electrodes that it may have."""
+    out = list[Loss]()
+    for fresh in likely(curve):
+        fresh_V = fresh.open_circuit_V(_DRAWN)
+        for number, way in enumerate(WAYS):
+            for share in SHARES.tolist():
+                aged = way.without(fresh, share)
+                change = aged.capacity / fresh.capacity - 1.0
+                out.append(Loss(number, share, change, aged.open_circuit_V(_DRAWN) - fresh_V, fresh.chance))
     return tuple(out)

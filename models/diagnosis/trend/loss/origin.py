@@ -48,7 +48,7 @@ class Origin:
         logs = weighed.causes[self.way].logs
         with_it = tuple(each for each in changes if each != CAPACITY)
         without = tuple(each for each in with_it if each != CURVE)
-        gained = SETTINGS.tempering * (logs[with_it] - logs[without]) + np.log(SETTINGS.more)
+        gained = logs[with_it] - logs[without] + np.log(SETTINGS.more)
         return changes if gained > 0.0 else tuple(each for each in changes if each != CURVE)
 
 

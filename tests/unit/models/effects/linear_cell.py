@@ -21,6 +21,13 @@ class LinearCell:
     soc_range: tuple[float, float] = (0.1, 0.9)
     activation_K: float = 0.0
     typical_Ohm: float = RESISTANCE_OHM
+    dt_s: float = 1.0
+    usual_A: float = 1.0
+    trained_degC: float = 25.0
+
+    @property
+    def domain(self) -> dict[str, tuple[float, float]]:
+        return {"soc": self.soc_range, "current_A": (-2.0, 2.0)}
 
     def inputs(self, run, index, current_A, temperature_degC):
         warmer_K = temperature_degC - run.temperature_degC

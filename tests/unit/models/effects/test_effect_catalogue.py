@@ -171,3 +171,13 @@ def test_bumps_add_up_to_one_and_go_on_straight() -> None:
     np.testing.assert_allclose(values.sum(axis=1), 1.0, atol=1e-6)
     line = values @ basis.centres
     np.testing.assert_allclose(line, x, atol=1e-3)
+
+
+def test_a_core_that_passes_its_heat_on_worse_warms_the_case_as_much_but_later() -> None:
+    warmth = effect("core_temperature").warmth
+    assert warmth is not None
+    view = thermal_view(n=20000)
+    was, now = view.simulated(), warmth.temperature(view, (3.0,))
+    assert now[600] < was[600] - 0.5
+    assert now[-1] == pytest.approx(was[-1], abs=0.05)
+    np.testing.assert_allclose(warmth.temperature(view, (0.0,)), was)

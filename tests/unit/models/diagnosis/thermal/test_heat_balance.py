@@ -43,6 +43,10 @@ def test_a_cell_that_hardly_warms_up_says_nothing() -> None:
     assert fit_views([view_of(warm_run(resistance_K_per_W=1.0))]) is None
 
 
+def test_a_cell_that_its_heat_does_not_warm_says_nothing() -> None:
+    assert fit_views([view_of(warm_run(resistance_K_per_W=-RESISTANCE_K_PER_W))]) is None
+
+
 def test_a_temperature_is_known_throughout_or_not_at_all() -> None:
     run = warm_run(600)
     assert has_temperature(run)
