@@ -37,6 +37,10 @@ _GOOD_V = 0.015
 _SURE_V, _NEXT, _SURE_SOC, _LARGEST_N, _LARGEST_P = 0.004, 1.3, 0.8, 1.9, 2.6
 # Fillings of graphite and of its counterpart in a usual cell, empty and full (Birkl et al. 2017).
 _USUAL_N, _USUAL_P = (0.03, 0.85), (0.93, 0.35)
+# By how much a window of filling is usually another one, where a flat curve does not tell.
+_UNUSUAL = 0.2
+# Least part of its filling that a positive electrode goes through from full to empty.
+_LEAST_P = 0.25
 # No positive electrode is flatter than this beyond where its curve is known, V per filling.
 _STEEP_V = 1.0
 # Lithium cells against graphite rest above this when half full; no other cell's curve is taken apart.
@@ -201,21 +205,29 @@ def _matched(soc: FloatArray, curve_V: FloatArray, negative: str, positive: str)
     # Where the curve is steep it is known the less: the state of charge is not sharp itself.
     weight = 1.0 / np.hypot(1.0, _SHARP_SOC / _SHARP_V * np.gradient(curve_V, soc))
     inner = (soc >= _INNER[0]) & (soc <= _INNER[1])
-    low, high = (0.0, 0.4, curve.low + 0.25, curve.low), (0.2, 1.0, curve.high, curve.high - 0.25)
+    low, high = (0.0, 0.4, curve.low + _LEAST_P, 0.0), (0.2, 1.0, curve.high, 1.0)
 
     smooth = np.polynomial.legendre.legvander(2.0 * soc - 1.0, len(_OFF_V) - 1)
 
+    def windows(found: FloatArray) -> tuple[float, ...]:
+        """Fillings; a flat positive electrode would as soon be filled while the cell is charged, which none is."""
+        x0, x1, y0, share = found[:4].tolist()
+        return x0, x1, y0, curve.low + share * (y0 - _LEAST_P - curve.low)
+
     def left(found: FloatArray) -> FloatArray:
-        (x0, x1, y0, y1), off_V = found[:4], found[4:]
+        (x0, x1, y0, y1), off_V = windows(found), found[4:]
         full_V = curve.potential_V(y0 + soc * (y1 - y0)) - NEGATIVES[negative](x0 + soc * (x1 - x0))
         left_V = weight * (full_V - curve_V + smooth @ off_V)
-        return np.append(left_V[inner], _SHARP_V / _OFF_V * off_V)
+        unusual = _SHARP_V / _UNUSUAL * (np.array([x0, x1, y0, y1]) - (*_USUAL_N, *curve.usual))
+        return np.concatenate([left_V[inner], _SHARP_V / _OFF_V * off_V, unusual])
 
     none = np.zeros(len(_OFF_V))
-    start = np.clip((*_USUAL_N, *curve.usual), np.array(low) + 1e-3, np.array(high) - 1e-3)
+    empty, full = curve.usual
+    usual = (*_USUAL_N, empty, (full - curve.low) / (empty - _LEAST_P - curve.low))
+    start = np.clip(usual, np.array(low) + 1e-3, np.array(high) - 1e-3)
     bounds = (np.append(low, none - _MOST_OFF_V), np.append(high, none + _MOST_OFF_V))
     scale = np.append(np.full(4, 0.1), _OFF_V)
     found = least_squares(left, np.append(start, none), bounds=bounds, x_scale=scale, max_nfev=_STEPS)
-    inside, off = np.split(left(found.x), [-len(_OFF_V)])
+    inside, off, _ = np.split(left(found.x), [-len(_OFF_V) - 4, -4])
     close_V = float(np.sqrt(np.mean(inside**2)))
-    return close_V, float(np.hypot(close_V, np.linalg.norm(off))), negative, positive, tuple(found.x[:4].tolist())
+    return close_V, float(np.hypot(close_V, np.linalg.norm(off))), negative, positive, windows(found.x)
