@@ -132,6 +132,23 @@ def test_a_curve_that_two_errors_bend_together_is_told_beside_them_and_nobody_is
     assert both.confidence == THRESHOLDS.sure_of_curve
 
 
+def test_a_free_curve_is_not_sure_where_an_electrode_of_unknown_material_may_have_bent_it() -> None:
+    names = ("ocv_shape", "lithium_loss")
+    run: GridRun = true_run(CURRENT_A, noise_V=5e-4)
+    analysis = analyse(known_runs(), [run], [SOC], None, [effect(name) for name in names])
+    curve, lithium = (next(each for each in analysis.tried if each.effect.name == name) for name in names)
+    verdict = replace(analysis.verdict, nothing=0.0, single=((0.99, curve), (0.01, lithium)), pairs=())
+
+    def confidence(log_likelihood: float) -> float:
+        own = replace(lithium, weighed=replace(lithium.weighed, log_likelihood=log_likelihood))
+        free = replace(curve, weighed=replace(curve.weighed, log_likelihood=100.0))
+        found = replace(verdict, single=((0.99, free), (0.01, own)))
+        return replace(analysis, tried=(free, own), verdict=found).confidence
+
+    assert confidence(0.5 * THRESHOLDS.asked) == 0.99
+    assert confidence(1.5 * THRESHOLDS.asked) == THRESHOLDS.sure_of_curve
+
+
 def test_errors_that_are_not_white_are_not_known_to_the_noise(new_contact: tuple[Analysis, Record]) -> None:
     analysis, record = new_contact
     known = analysis.sight.known
