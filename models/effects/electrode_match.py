@@ -33,6 +33,8 @@ USUAL_NEGATIVE = (0.03, 0.85)
 _LEAST_WINDOW, _MOST_EMPTY = 0.25, 0.2
 # Beyond these fillings formulas rise out of all bounds, and further off a voltage is as wrong as it can be.
 _FILLINGS, _FAR_V = (0.0, 1.1), 5.0
+# By how much a filling, empty or full, is usually another one, where a flat curve does not tell.
+_UNUSUAL = 0.2
 # Where a search begins, in SoC per C-rate, and the evaluations that it has.
 _STARTS, _EVALUATIONS = (0.02, 0.12), 40
 # Pairs whose cost is that much above the best one's are not looked for a second time.
@@ -141,22 +143,29 @@ def _matched(cell: _Cell, negative: str, positive: str, lead: float) -> Match:
 
     curve, other = POSITIVES[positive], NEGATIVES[negative]
 
+    def window(found: FloatArray) -> tuple[float, float, float, float]:
+        """Fillings; a flat positive electrode would as soon be filled while the cell is charged, which none is."""
+        x0, x1, y0, share = found[:4].tolist()
+        return x0, x1, y0, curve.low + share * (y0 - _LEAST_WINDOW - curve.low)
+
     def off(found: FloatArray) -> FloatArray:
-        x0, x1, y0, y1, ahead_n, ahead_p = found
+        (x0, x1, y0, y1), (ahead_n, ahead_p) = window(found), found[4:]
         in_positive = np.clip(y0 + (cell.soc + ahead_p * cell.rate) * (y1 - y0), *_FILLINGS)
         in_negative = np.clip(x0 + (cell.soc + ahead_n * cell.rate) * (x1 - x0), *_FILLINGS)
         off_V = cell.voltage_V - curve.potential_V(in_positive) + other(in_negative)
         return cell.weight * np.clip(off_V, -_FAR_V, _FAR_V)
 
     def costs(found: FloatArray) -> FloatArray:
-        return np.append(cell.whiten @ off(found), found[4:] / _LEAD)
+        unusual = (np.array(window(found)) - (*USUAL_NEGATIVE, *curve.usual)) / _UNUSUAL
+        return np.concatenate([cell.whiten @ off(found), unusual, found[4:] / _LEAD])
 
-    low = np.array([0.0, 0.4, curve.low + _LEAST_WINDOW, curve.low, 0.0, 0.0])
-    high = np.array([_MOST_EMPTY, 1.0, curve.high, curve.high - _LEAST_WINDOW, _MOST_LEAD, _MOST_LEAD])
-    start = np.clip((*USUAL_NEGATIVE, *curve.usual, lead, lead), low + 1e-3, high - 1e-3)
+    low = np.array([0.0, 0.4, curve.low + _LEAST_WINDOW, 0.0, 0.0, 0.0])
+    high = np.array([_MOST_EMPTY, 1.0, curve.high, 1.0, _MOST_LEAD, _MOST_LEAD])
+    empty, full = curve.usual
+    share = (full - curve.low) / (empty - _LEAST_WINDOW - curve.low)
+    start = np.clip((*USUAL_NEGATIVE, empty, share, lead, lead), low + 1e-3, high - 1e-3)
     scale = np.array([0.1, 0.1, 0.1, 0.1, 0.05, 0.05])
     with np.errstate(over="ignore"):
         found = least_squares(costs, start, bounds=(low, high), x_scale=scale, max_nfev=_EVALUATIONS)
     cost = 2.0 * float(found.cost)
-    x0, x1, y0, y1 = found.x[:4].tolist()
-    return Match(negative, positive, (x0, x1, y0, y1), cost, _SHARP_V * float(np.sqrt(cost / len(cell.soc))))
+    return Match(negative, positive, window(found.x), cost, _SHARP_V * float(np.sqrt(cost / len(cell.soc))))

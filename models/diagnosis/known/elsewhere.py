@@ -107,6 +107,13 @@ class Elsewhere:
     noise_V2: float = 0.0
     own_V2: float = 0.0
 
+    @property
+    def white_share(self) -> float:
+        """Share of the squared error on unseen runs that hangs together with nothing: noise, no error of the model."""
+        usual_V2 = float(np.mean(self.unseen_V**2))
+        white_V2 = self.variances[len(PLACES) + len(TIMES)] * usual_V2 + self.noise_V2
+        return float(white_V2 / (self.variances.sum() * usual_V2 + self.noise_V2 + self.own_V2))
+
     def conditional(self, points: Points) -> tuple[FloatArray, FloatArray]:
         """Mean (n,) in V and (n, n) covariance in V^2 of the process over operating points, given what is known."""
         across = self._places(points, self.known)

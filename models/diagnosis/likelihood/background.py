@@ -60,11 +60,13 @@ class Background:
     error : (N,) measured less simulated, the voltage in V and then the temperature in K
     fixed : (N, N) covariance of what is known as it is
     elsewhere : (N, N) covariance of the model's own error, which may be larger or smaller than was learned
+    tempering : power of the likelihood beside that of nothing
     """
 
     error: FloatArray
     fixed: FloatArray
     elsewhere: FloatArray
+    tempering: float = THRESHOLDS.tempering
 
     def white(self, columns: FloatArray, scale: float) -> FloatArray:
         """(N, k) or (N,) columns by a root of the covariance, the error elsewhere `scale` times as large as learned."""

@@ -93,7 +93,7 @@ def _along(back: Background, tried: Tried, column: FloatArray, prior: float, exp
         inner.append(float(white[:, 0] @ white[:, 0]))
         base = float(np.log(weight)) - back.log_root(scale)
         nothing.append(base - 0.5 * float(white[:, 1] @ white[:, 1]))
-    needed = float(np.log(at.nothing * (1.0 / at.claim - 1.0) / prior)) / at.tempering
+    needed = float(np.log(at.nothing * (1.0 / at.claim - 1.0) / prior)) / back.tempering
 
     def surplus(log_size: float) -> float:
         size = float(np.exp(log_size))

@@ -176,7 +176,9 @@ def background(sight: Sight, soc_std: list[float] | None, granted: FloatArray) -
     fixed, elsewhere = np.zeros((size, size)), np.zeros((size, size))
     fixed[:n, :n], fixed[n:, n:] = fixed_V2, fixed_K2
     elsewhere[:n, :n], elsewhere[n:, n:] = elsewhere_V2, elsewhere_K2
-    return Background(np.concatenate([error_V, error_K]), fixed + granted @ granted.T, elsewhere)
+    share = known.elsewhere.white_share
+    tempering = (1.0 - share) * THRESHOLDS.tempering + share * THRESHOLDS.tempering_white
+    return Background(np.concatenate([error_V, error_K]), fixed + granted @ granted.T, elsewhere, tempering)
 
 
 def _temperature(sight: Sight) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -22,12 +22,17 @@ class Thresholds:
     unknown_scales : the same where something is there that no effect stands for
     sizes : of an effect, in units of its usual size
     tempering : power of the likelihood: neither equations nor errors are quite those that were assumed
+    tempering_white : the same against nothing, of a cell whose errors on unseen runs all are white noise: they are what
+        was assumed. Of 22 logs without an effect of such cells (in class, seed 901, and many branches, seed 52) no
+        effect raised the logarithm by more than 4.7
     nothing, unknown, pairs : prior probabilities; the rest is shared by the effects
     twins : weight of a pair that one log can hardly tell apart, beside that of any other
     claim : probability of "nothing" below which something is said to be there
     worse : factor by which an explanation may raise the voltage's error, start and all that is open left aside: more is
         an explanation by what nobody knows, which only its opposite hides
     as_good : part of a free curve's gain of the logarithm with which a special case of one size stands in its place
+    one_curve : the same with which it is told as a rival
+    sure_of_curve : most confidence beside such a rival
     in_question : difference of logarithms to the likeliest, within which pairs are asked for that
     rival : factor of the probability within which two effects cannot be told apart
     power : share of cases in which an effect of the stated size is seen
@@ -51,6 +56,7 @@ class Thresholds:
     unknown_scales: tuple[float, ...] = (3.0, 6.0, 12.0)
     sizes: tuple[float, ...] = (0.3, 1.0, 3.0)
     tempering: float = 0.35
+    tempering_white: float = 0.7
     nothing: float = 0.5
     unknown: float = 0.05
     pairs: float = 0.1
@@ -58,6 +64,8 @@ class Thresholds:
     claim: float = 0.05
     worse: float = 1.2
     as_good: float = 0.85
+    one_curve: float = 0.5
+    sure_of_curve: float = 0.6
     in_question: float = 8.0
     rival: float = 10.0
     power: float = 0.9

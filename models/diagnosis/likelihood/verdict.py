@@ -27,12 +27,14 @@ class Verdict:
     nothing, unknown : of nothing new, and of something that no effect stands for
     single : of each effect alone, the likeliest first
     pairs : of two effects at once, the likeliest first
+    sharper : by how much the logarithm of nothing was lowered beside those of effects
     """
 
     nothing: float
     unknown: float
     single: tuple[tuple[float, Tried], ...]
     pairs: tuple[tuple[float, Tried, Tried], ...]
+    sharper: float = 0.0
 
     @property
     def something(self) -> bool:
@@ -60,7 +62,7 @@ def chances_of(
     """
     alone = np.log(prior_alone([*tried, *others]))[len(tried) :]
     logs = alone + THRESHOLDS.tempering * np.array([each.weighed.log_likelihood for each in others])
-    logs += np.log(max(verdict.nothing, _LEAST)) - np.log(THRESHOLDS.nothing)
+    logs += np.log(max(verdict.nothing, _LEAST)) - np.log(THRESHOLDS.nothing) + verdict.sharper
     worse = [worsens(back, each.contribution, n_voltage) for each in others]
     return np.where(worse, 0.0, np.exp(np.minimum(logs, 0.0)))
 
@@ -100,6 +102,11 @@ def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
             joint_logs[c] = -np.inf
         else:
             least = max(least, float(joint_logs[c]) - at.in_question)
+    # Which effect it is rests on the effects' equations, too; whether there is one on the known errors alone.
+    gain = np.concatenate([[each.weighed.log_likelihood for each in tried], np.array(gains) - broken])
+    likeliest = int(np.argmax(np.concatenate([single_logs, joint_logs])))
+    sharper = (back.tempering - at.tempering) * max(float(gain[likeliest]), 0.0)
+    nothing_logs[0] -= sharper
     logs = np.concatenate([nothing_logs, single_logs, joint_logs])
     posterior = np.exp(logs - log_sum(logs))
     single = sorted(zip(posterior[2 : 2 + len(tried)].tolist(), tried, strict=True), key=lambda pair: -pair[0])
@@ -107,4 +114,4 @@ def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
         ((float(p), tried[i], tried[j]) for p, (i, j) in zip(posterior[2 + len(tried) :], couples, strict=True)),
         key=lambda each: -each[0],
     )
-    return Verdict(float(posterior[0]), float(posterior[1]), tuple(single), tuple(pairs))
+    return Verdict(float(posterior[0]), float(posterior[1]), tuple(single), tuple(pairs), sharper)

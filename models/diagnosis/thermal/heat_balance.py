@@ -17,6 +17,8 @@ from models.effects.thermal_view import ThermalView
 
 _TIME_CONSTANT_S = (20.0, 20_000.0)
 _GRID = 24
+# Places of the grid about which a time constant is looked for: the lowest need not lead to the best.
+_LOWEST = 2
 _LEAST_RISE_K = 0.5
 _LEAST_RESISTANCE_K_PER_W = 1e-6
 # A sensor that was put on with care, and what a skin of a small cell may do sooner.
@@ -54,29 +56,38 @@ def _fitted(views: list[ThermalView]) -> HeatBalance:
         still = [replace(view, heat_W=0.0 * view.heat_W, time_constant_s=tau_s, **_NONE).simulated() for view in views]
         error = np.concatenate([view.temperature_degC - quiet for view, quiet in zip(views, still, strict=True)])
         columns = np.vstack([view.responses(tau_s) for view in views])
-        found = _shrunk(columns, error, tau_s / views[0].dt_s)
+        found, unusual_K2 = _shrunk(columns, error, tau_s / views[0].dt_s)
         mse = float(np.mean((error - columns @ found) ** 2))
         gain, reversible, offset_K, heat, quick_chamber = found.tolist()
         gain = max(gain, _LEAST_RESISTANCE_K_PER_W)
         known[log_tau] = HeatBalance(gain, tau_s, reversible / gain, mse, offset_K, heat / gain, quick_chamber)
-        return mse
+        # Several times the time constant with a skin that all follows sooner is nearly the same for heat and chamber,
+        # but not for what else goes by it.
+        return mse + unusual_K2
 
     grid = np.linspace(float(np.log(_TIME_CONSTANT_S[0])), float(np.log(_TIME_CONSTANT_S[1])), _GRID)
-    best = int(np.argmin([judged(float(each)) for each in grid]))
-    bounds = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)]))
-    log_tau = float(minimize_scalar(judged, bounds=bounds, method="bounded").x)  # pyright: ignore[reportAttributeAccessIssue]
-    judged(log_tau)
-    return known[log_tau]
+    costs = np.pad([judged(float(each)) for each in grid], 1, constant_values=np.inf)
+    lowest = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:]))
+    found = []
+    for best in lowest[np.argsort(costs[1 + lowest])][:_LOWEST]:
+        bounds = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)]))
+        log_tau = float(minimize_scalar(judged, bounds=bounds, method="bounded").x)  # pyright: ignore[reportAttributeAccessIssue]
+        found.append((judged(log_tau), log_tau))
+    return known[min(found)[1]]
 
 
-def _shrunk(columns: FloatArray, error: FloatArray, alike: float) -> FloatArray:
-    """(5,) least squares; the last three are held to what is usual, for `alike` samples together tell one thing."""
+def _shrunk(columns: FloatArray, error: FloatArray, alike: float) -> tuple[FloatArray, float]:
+    """(5,) least squares, and in K^2 of the mean square how unusual the last three are.
+
+    These are held to what is usual, for `alike` samples together tell one thing.
+    """
     n = len(error)
     first = np.linalg.lstsq(columns, error, rcond=None)[0]
     mse = float(np.mean((error - columns @ first) ** 2))
     usual = np.array([_USUAL_OFFSET_K, _USUAL_QUICK * max(abs(first[0]), _LEAST_RESISTANCE_K_PER_W), _USUAL_QUICK])
     held = np.concatenate([np.zeros(2), max(alike, 1.0) * mse / usual**2])
-    return np.linalg.solve(columns.T @ columns + np.diag(held) + 1e-12 * n * np.eye(5), columns.T @ error)
+    found = np.linalg.solve(columns.T @ columns + np.diag(held) + 1e-12 * n * np.eye(5), columns.T @ error)
+    return found, float(held @ found**2) / n
 
 
 def fit_views(views: list[ThermalView]) -> HeatBalance | None:

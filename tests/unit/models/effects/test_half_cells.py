@@ -96,6 +96,15 @@ def test_a_curve_that_no_published_ones_make_is_learned_with_graphite() -> None:
     np.testing.assert_allclose(found.open_circuit_V(inner), LinearCell().open_circuit_V(inner), atol=0.05)
 
 
+def test_a_flat_positive_electrode_is_taken_as_filled_as_usual() -> None:
+    # The plateau's slope is not quite the published one: alone it asks for one that is filled the other way round.
+    made = cell(("graphite", "olivine"))
+    found = half_cells(Made(curve=lambda soc: made.curve(soc) - 0.06 * soc, soc_range=(0.1, 0.8)))
+    assert found is not None
+    assert 1.0 < found.positive_Ah < 1.5
+    assert found.less_lithium(0.1).capacity == pytest.approx(0.9, abs=0.02)
+
+
 def test_cells_without_lithium_have_no_such_electrodes() -> None:
     nimh = Made(curve=lambda soc: 1.25 + 0.1 * soc)
     assert half_cells(nimh) is None

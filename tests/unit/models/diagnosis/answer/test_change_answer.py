@@ -8,8 +8,10 @@ import pytest
 
 from models.data.resampling import GridRun
 from models.diagnosis.answer.change_answer import change_answer
+from models.diagnosis.answer.confidence import SURE_ELSEWHERE
 from models.diagnosis.answer.findings import Diagnosis
 from models.diagnosis.likelihood.analysis import Analysis, analyse
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.reference.record import Record
 from models.effects import effect
 from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, steps_A, true_run
@@ -114,3 +116,44 @@ def test_a_network_far_coarser_than_what_is_known_is_told_so(as_before: tuple[An
     analysis, record = as_before
     coarse = replace(record, error_V=[record.error_V[0] + 0.05])
     assert any("most of it is the network's own" in each for each in answered(analysis, coarse).remarks)
+
+
+def test_a_curve_that_two_errors_bend_together_is_told_beside_them_and_nobody_is_sure() -> None:
+    names = ("ocv_shape", "voltage_offset", "initial_soc")
+    run: GridRun = true_run(CURRENT_A, added_V=0.01, noise_V=5e-4)
+    analysis = analyse(known_runs(), [run], [SOC], None, [effect(name) for name in names])
+    curve, offset, start = (next(each for each in analysis.tried if each.effect.name == name) for name in names)
+    curve = replace(curve, weighed=replace(curve.weighed, log_likelihood=2.0 * THRESHOLDS.asked))
+    pairs = ((0.99, offset, start),)
+    verdict = replace(analysis.verdict, nothing=0.0, single=((0.01, offset),), pairs=pairs)
+    both = replace(analysis, tried=(curve, offset, start), verdict=verdict)
+    assert {each.effect.name for each in both.named} == {"voltage_offset", "initial_soc"}
+    assert "ocv_shape" in {each.effect.name for each in both.rivals}
+    assert both.confidence == THRESHOLDS.sure_of_curve
+
+
+def test_a_free_curve_is_not_sure_where_an_electrode_of_unknown_material_may_have_bent_it() -> None:
+    names = ("ocv_shape", "lithium_loss")
+    run: GridRun = true_run(CURRENT_A, noise_V=5e-4)
+    analysis = analyse(known_runs(), [run], [SOC], None, [effect(name) for name in names])
+    curve, lithium = (next(each for each in analysis.tried if each.effect.name == name) for name in names)
+    verdict = replace(analysis.verdict, nothing=0.0, single=((0.99, curve), (0.01, lithium)), pairs=())
+
+    def confidence(log_likelihood: float) -> float:
+        own = replace(lithium, weighed=replace(lithium.weighed, log_likelihood=log_likelihood))
+        free = replace(curve, weighed=replace(curve.weighed, log_likelihood=100.0))
+        found = replace(verdict, single=((0.99, free), (0.01, own)))
+        return replace(analysis, tried=(free, own), verdict=found).confidence
+
+    assert confidence(0.5 * THRESHOLDS.asked) == 0.99
+    assert confidence(1.5 * THRESHOLDS.asked) == THRESHOLDS.sure_of_curve
+
+
+def test_errors_that_are_not_white_are_not_known_to_the_noise(new_contact: tuple[Analysis, Record]) -> None:
+    analysis, record = new_contact
+    known = analysis.sight.known
+    share = known.elsewhere.white_share
+    off = replace(known, elsewhere=replace(known.elsewhere, own_V2=float(np.mean(known.elsewhere.unseen_V**2))))
+    assert 0.0 < off.elsewhere.white_share < 0.5 * (1.0 + share)
+    doubtful = replace(analysis, sight=replace(analysis.sight, known=off))
+    assert answered(doubtful, record).findings[0].confidence <= SURE_ELSEWHERE

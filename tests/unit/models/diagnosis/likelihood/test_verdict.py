@@ -41,6 +41,18 @@ def test_an_effect_that_lowers_it_is() -> None:
     assert verdict.single[0][0] > 0.9
 
 
+def test_a_cell_known_to_white_noise_shows_smaller_effects_but_not_which_of_two_it_is() -> None:
+    back = against(1e-4 * TIME, 1.5e-3 * np.sin(9.0 * TIME))
+    shapes = {"capacity": 0.02 * np.sin(9.0 * TIME), "relaxation": 0.02 * np.sin(9.5 * TIME)}
+    tried = [try_shapes(back, effect(name), (Linear(each[:, None], (), (), 0),)) for name, each in shapes.items()]
+    careful, known = (judge(replace(back, tempering=each), tried, N) for each in (0.35, 0.7))
+    assert 0.0 < known.nothing < careful.nothing
+    best = max(each.weighed.log_likelihood for each in tried)
+    np.testing.assert_allclose(known.sharper, (0.7 - THRESHOLDS.tempering) * best)
+    among = [[p / sum(p for p, _ in verdict.single) for p, _ in verdict.single] for verdict in (careful, known)]
+    np.testing.assert_allclose(among[0], among[1])
+
+
 def curve_against_a_loss(extra_V: float) -> tuple[Background, list[Tried]]:
     """A moved curve that can be anything, beside lost lithium, which is nearly all of it."""
     bumps = np.stack([np.exp(-0.5 * ((TIME - each) / 0.1) ** 2) for each in np.linspace(0.0, 1.0, 8)], axis=1)

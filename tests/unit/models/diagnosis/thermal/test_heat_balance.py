@@ -9,8 +9,10 @@ from models.data.resampling import GridRun
 from models.diagnosis.thermal.heat_balance import fit_views, has_temperature
 from models.effects.thermal_view import ThermalView
 from models.network.signals import KELVIN
+from models.network.signals.filters import low_pass
 from tests.unit.models.diagnosis.hand_reference import RESISTANCE_OHM
 from tests.unit.models.diagnosis.thermal.warm_runs import AMBIENT_DEGC, RESISTANCE_K_PER_W, TIME_CONSTANT_S, warm_run
+from tests.unit.models.hand_network import DT_S
 
 
 def view_of(run: GridRun) -> ThermalView:
@@ -37,6 +39,24 @@ def test_reversible_heat_is_told_from_the_losses() -> None:
     assert found is not None
     assert found.dU_dT_V_per_K == pytest.approx(1e-4, rel=0.05)
     assert found.resistance_K_per_W == pytest.approx(RESISTANCE_K_PER_W, rel=0.05)
+
+
+def test_a_skin_that_all_follows_sooner_is_no_slow_cell() -> None:
+    # Between two places of the grid, while four times as much lies on one.
+    time_constant_s = 335.0
+    plain = warm_run(18_000, time_constant_s=time_constant_s)
+    chamber_K = np.repeat([0.0, 8.0, -12.0, 15.0, 3.0], 3600)
+    followed_K = low_pass(chamber_K, time_constant_s, DT_S)
+    assert plain.ambient_degC is not None
+    run = replace(
+        plain,
+        ambient_degC=plain.ambient_degC + chamber_K,
+        temperature_degC=plain.temperature_degC + followed_K,
+    )
+    found = fit_views([view_of(run)])
+    assert found is not None
+    assert found.time_constant_s == pytest.approx(time_constant_s, rel=0.05)
+    assert abs(found.quick_heat) < 0.1 and abs(found.quick_chamber) < 0.1
 
 
 def test_a_cell_that_hardly_warms_up_says_nothing() -> None:
