@@ -155,7 +155,6 @@ def _restricted(sums: Sums, kept: list[int]) -> Sums:
         layout.knots,
         layout.scale[kept],
         np.concatenate([[layout.n_curve], layout.n_curve + np.cumsum(sizes, dtype=np.int64)]).astype(np.int64),
-        layout.warmth_K,
     )
     grid = np.ix_(places, places)
     xx = np.array([matrix[grid] for matrix in sums.xx])

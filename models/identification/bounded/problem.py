@@ -22,7 +22,7 @@ _LEAST_SHARE = 0.3
 REFERENCE_DEGC = 25.0
 # A cell under load drifts by a kelvin or two, slowly, as do other errors of a model, and these would be put down to the
 # curve's change with temperature: it is believed as far as the temperature varied by more than this beside all else.
-WARMTH_K = 0.3
+_WARMTH_K = 0.3
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,12 @@ class Layout:
     scale : (B,) largest magnitude of each term's signal, of one direction's that of the other too; of the temperature
         its distance from 25 degC
     first : (B + 1,) place of each term's first coefficient; the last: number of all
-    warmth_K : the curve's change with temperature is held to nothing by what it makes over so many kelvin
     """
 
     basis: Basis
     knots: Knots
     scale: FloatArray
     first: np.ndarray
-    warmth_K: float = WARMTH_K
 
     @property
     def size(self) -> int:
@@ -79,7 +77,7 @@ class Sums:
     layout : of the coefficients
     xx : (folds, P, P), xy : (folds, P), yy, count : (folds,)
     penalties : (5, P, P) forms in V^2: bend of the curve, differences of gains, their size, those of the temperature's,
-        and the curve's change over `warmth_K`
+        and the curve's change over `_WARMTH_K`
     """
 
     layout: Layout
@@ -122,7 +120,7 @@ def soc_over(bank: SignalBank, axis: str) -> list[FloatArray]:
     return [delayed(values, 1) for values in bank.values(axis)]
 
 
-def make_layout(bank: SignalBank, basis: Basis, knots: Knots, warmth_K: float = WARMTH_K) -> Layout:
+def make_layout(bank: SignalBank, basis: Basis, knots: Knots) -> Layout:
     """Lay the coefficients out, with scales from the runs."""
     scale, first = [], [len(knots.soc)]
     for term in basis.terms:
@@ -130,7 +128,7 @@ def make_layout(bank: SignalBank, basis: Basis, knots: Knots, warmth_K: float = 
         largest = max(float(np.abs(values - offset).max()) for values in _either_way(bank, term))
         scale.append(max(largest, 1e-9))
         first.append(first[-1] + len(knots.gain if term.bounded else knots.slope))
-    return Layout(basis, knots, np.array(scale), np.array(first), warmth_K)
+    return Layout(basis, knots, np.array(scale), np.array(first))
 
 
 def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.ndarray | None = None) -> Sums:
@@ -271,5 +269,5 @@ def penalty_forms(layout: Layout, rms: FloatArray) -> FloatArray:
             forms[2, part, part] = term.held * rms[b] ** 2 * np.eye(count) / count
         else:
             forms[3, part, part] = differences + 1e-2 * rms[b] ** 2 * np.eye(count) / count
-            forms[4, part, part] = (layout.warmth_K / layout.scale[b]) ** 2 * np.eye(count) / count
+            forms[4, part, part] = (_WARMTH_K / layout.scale[b]) ** 2 * np.eye(count) / count
     return forms

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import make_knots
-from models.identification.bounded.problem import WARMTH_K, make_layout, make_sums, soc_over
+from models.identification.bounded.problem import make_layout, make_sums, soc_over
 from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.terms import GAINS_OVER_SOC, SLOPE, SLOW, Basis, make_basis
 from models.network.regression import SignalBank
@@ -36,12 +35,6 @@ _EMPTYING_ONE = ((0.02, 200.0, 3500.0, 30.0), (0.05, 400.0, 3500.0, 30.0))
 # The range of temperature from which on its influence can be told, and from which on a surface's activation can.
 _MOVING_K = 2.0
 _WIDE_K = 10.0
-# What a cell's open-circuit voltage changes by with temperature, over itself, in 1/K, as standard deviation: published
-# entropic coefficients of lithium-ion cells are mostly below 0.5 mV/K (Reynier, Yazami and Fultz, J. Electrochem. Soc.
-# 151, 2004, A422; Viswanathan and others, J. Power Sources 195, 2010, 3720).
-_ENTROPIC_PER_K = 3e-4
-# How long the error of a model hangs together: so many seconds count as one look at the cell.
-_INDEPENDENT_S = 600.0
 # Passes over the strengths of a form that begins with those of one like it.
 _NEAR_PASSES = 2
 
@@ -123,30 +116,12 @@ class Trials:
 
     def held_out(self, variant: Variant, keep_every: int) -> HeldOut:
         """Sums of a form on every n-th sample."""
-        return self._held_out(variant, keep_every, self.warmth_K)
-
-    def _held_out(self, variant: Variant, keep_every: int, warmth_K: float) -> HeldOut:
         soc = np.concatenate(soc_over(self.bank, variant.axis))
         gains = FINE_GAINS if variant.fine_gains or GAINS_OVER_SOC in self.finer else GAINS
         slopes = FINE_SLOPES if variant.fine_slope or SLOPE in self.finer else SLOPES
         knots = make_knots(float(soc.min()), float(soc.max()), CURVE, gains, slopes)
-        layout = make_layout(self.bank, self.basis(variant), knots, warmth_K)
+        layout = make_layout(self.bank, self.basis(variant), knots)
         return HeldOut(make_sums(self.bank, layout, keep_every).by_increments())
-
-    @cached_property
-    def warmth_K(self) -> float:
-        """By what it makes over so many kelvin the curve's change with temperature is held to nothing.
-
-        As a normal prior would hold it beside what the plain form leaves of samples that it did not see: what a model
-        is off by as a whole hangs together for minutes, and so does the temperature.
-        """
-        if temperature_in(self.bank) != "moves":
-            return WARMTH_K
-        rough = self._held_out(Variant(), self.keep_every, WARMTH_K)
-        unseen_V = float(np.sqrt(rough.mean_mse(rough.best())))
-        looks = sum(len(run) * run.dt_s for run in self.bank.runs) / _INDEPENDENT_S
-        typical_V = float(np.nanmean(np.concatenate([run.voltage_V for run in self.bank.runs])))
-        return max(WARMTH_K, unseen_V / (np.sqrt(max(looks, 1.0)) * _ENTROPIC_PER_K * typical_V))
 
     def basis(self, variant: Variant) -> Basis:
         """Terms of a form."""

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from models.data.errors import ModelError
-from models.identification.bounded.problem import WARMTH_K
 from models.identification.bounded.terms import BOTH_WAYS
 from models.identification.bounded.variants import (
     Trials,
@@ -50,15 +49,6 @@ def test_a_plain_cell_gets_the_plain_form() -> None:
     tried = trials()
     assert best_variant(tried) == Variant()
     assert Variant() in tried.known and len(tried.known) > 1
-
-
-def test_what_a_model_is_off_by_is_not_put_down_to_a_curve_that_changes_with_temperature() -> None:
-    plain, rng = bank(n=3000, swing_K=3.0), np.random.default_rng(5)
-    wander = [5e-3 * np.repeat(rng.standard_normal(len(run) // 300), 300) for run in plain.runs]
-    off = [replace(run, voltage_V=run.voltage_V + each) for run, each in zip(plain.runs, wander, strict=True)]
-    good, bad = Trials(plain), Trials(SignalBank(off, plain.initial_soc, plain.cell))
-    assert bad.warmth_K > 2.0 * good.warmth_K >= 2.0 * WARMTH_K
-    assert Trials(bank(swing_K=0.0)).warmth_K == WARMTH_K
 
 
 def test_gains_that_change_within_a_tenth_of_the_charge_get_more_knots() -> None:
