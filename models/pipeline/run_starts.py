@@ -31,9 +31,9 @@ _ROUNDS = 4
 # By how much each round must raise twice the log-likelihood of the training error, for each run whose start it moves:
 # the 0.1 % level of chi-square for the six numbers of a start. A round that lowers the error by little is the last.
 _WORTH, _LITTLE = 22.5, 0.002
-# What other starts leave of unseen samples, over what those that are known leave: runs of simulated cells (in class), cut
-# at random, had 0.38 to 0.83 of it; four runs of a measured cell that were better left alone had 0.87. A log that begins at rest and is wrong at first for another cause may explain its
-# training runs a little better from elsewhere too.
+# What other starts leave of unseen samples, over what those that are known leave: runs of simulated cells (in class),
+# cut at random, had 0.38 to 0.83 of it; four runs of a measured cell that were better left alone had 0.87. A log that
+# begins at rest and is wrong at first for another cause may explain its training runs a little better from elsewhere.
 _UNSEEN_WORTH = 0.85
 # A start is looked for where the error over so long is so many times that of the rest of the run. Runs of a real cell
 # that began at rest were at most 2.1 times worse, cut ones of a simulated cell 4 to 8 times.
