@@ -16,11 +16,12 @@ from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.effects.effect import CURVE
+from models.identification.bounded.box_least_squares import solve
 from models.identification.bounded.fitted import curve_by_values, theta_of
 from models.identification.bounded.knots import Knots
+from models.identification.bounded.layout import REFERENCE_DEGC, Layout, slope_limit, soc_over
 from models.identification.bounded.monotone import risen
-from models.identification.bounded.nonnegative import solve
-from models.identification.bounded.problem import REFERENCE_DEGC, Layout, Sums, make_sums, soc_over
+from models.identification.bounded.problem import Sums, make_sums
 from models.identification.bounded.terms import Basis, Term
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import VOLTAGE, SignalBank
@@ -98,7 +99,8 @@ def _layout(network: LocalModelNetwork, known: Uncertainty) -> Layout:
     scale = np.array([network.scaling[signal][1] - network.scaling[signal][0] for signal in signals])
     first = np.cumsum([len(expansion.centres) - 2, *(len(each) for each in places)])
     basis = Basis(network.structure.axes[0].signal, terms)
-    return Layout(basis, Knots(expansion.centres[1:-1], gain, slope), scale, first)
+    knots = Knots(expansion.centres[1:-1], gain, slope)
+    return Layout(basis, knots, scale, first, slope_limit(knots, _curve_V(network)))
 
 
 def _sums(network: LocalModelNetwork, layout: Layout, runs: list[GridRun], initial_soc: list[float]) -> Sums:
@@ -148,7 +150,7 @@ class _Problem:
             if not sums.count[kept].any():
                 continue
             matrix, right = self._equations(weight, alike, kept)
-            x = solve(matrix, right, self._layout.bounded).x
+            x = solve(matrix, right, self._layout.box).x
             squared += max(float(sums.yy[fold] - 2.0 * x @ sums.xy[fold] + x @ sums.xx[fold] @ x), 0.0)
         return float(np.sqrt(squared / sums.count.sum()))
 
@@ -156,7 +158,7 @@ class _Problem:
         """(M, p) parameters, and what is not known of them."""
         network, known = self._network, self._known
         matrix, right = self._equations(weight, alike, np.ones(len(self._sums.count), dtype=bool))
-        found = solve(matrix, right, self._layout.bounded)
+        found = solve(matrix, right, self._layout.box)
         span_degC = network.record.domain.get("temperature_degC", (REFERENCE_DEGC, REFERENCE_DEGC))
         x = curve_by_values(self._layout, risen(matrix, right, self._layout, found, span_degC))
         whole = matrix * self._sums.count.sum()
@@ -203,7 +205,11 @@ def _without(precision: FloatArray, freed: np.ndarray) -> FloatArray:
 
 def _coefficients(network: LocalModelNetwork, layout: Layout) -> FloatArray:
     """(P,) coefficients of a network in V, the curve by its first value and its increments."""
-    volts = network.theta * network.voltage_span_V
-    curve = volts[1:-1, -1] + network.scaling[VOLTAGE][0]
+    volts, curve = network.theta * network.voltage_span_V, _curve_V(network)
     gains = [volts[1 + layout.places(b), b] for b in range(len(layout.basis.terms))]
     return np.concatenate([[curve[0]], np.diff(curve), *gains])
+
+
+def _curve_V(network: LocalModelNetwork) -> FloatArray:
+    """(n,) open-circuit curve at 25 degC at its knots."""
+    return network.theta[1:-1, -1] * network.voltage_span_V + network.scaling[VOLTAGE][0]

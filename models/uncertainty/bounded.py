@@ -7,7 +7,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.data.timeseries import FloatArray
 from models.identification.bounded.fitted import BoundedFit, curve_by_values, held_out_error, simulated
-from models.identification.bounded.problem import Layout, blocks, fold_of, regressors, soc_over
+from models.identification.bounded.layout import Layout, soc_over
+from models.identification.bounded.problem import blocks, fold_of, regressors
 from models.identification.bounded.strengths import penalty
 from models.network.regression import VOLTAGE
 from models.uncertainty.bands import NORMAL_95

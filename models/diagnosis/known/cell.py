@@ -12,7 +12,7 @@ from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.effects.view import ModelInputs
 from models.identification.bounded.knots import hats
-from models.identification.bounded.problem import REFERENCE_DEGC, Layout
+from models.identification.bounded.layout import REFERENCE_DEGC, Layout
 from models.network.regression import delayed
 from models.network.signals import RunSignals, parse_signal
 

@@ -17,16 +17,9 @@ from models.diagnosis.known.training_starts import Fitted, TrainingStarts, train
 from models.effects.view import View
 from models.identification.bounded.fitted import curve_by_values
 from models.identification.bounded.knots import make_knots
+from models.identification.bounded.layout import Layout, make_layout, soc_over
 from models.identification.bounded.monotone import rising
-from models.identification.bounded.problem import (
-    Layout,
-    fold_of,
-    groups_of,
-    make_layout,
-    make_sums,
-    run_index,
-    soc_over,
-)
+from models.identification.bounded.problem import fold_of, groups_of, make_sums, run_index
 from models.identification.bounded.strengths import START, HeldOut, penalty
 from models.identification.bounded.variants import CURVE, GAINS, SLOPES, Trials, Variant, best_variant
 from models.network.folds import outer_folds

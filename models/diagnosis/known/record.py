@@ -14,7 +14,7 @@ from models.diagnosis.known.elsewhere import PLACES, TIMES, WHITE, Elsewhere, Po
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.thermal.heat_balance import HeatBalance
 from models.identification.bounded.knots import Knots
-from models.identification.bounded.problem import Layout
+from models.identification.bounded.layout import Layout, slope_limit
 from models.identification.bounded.terms import Basis, Term
 from models.network.local_model_network import LocalModelNetwork
 
@@ -94,18 +94,21 @@ def known_in(network: LocalModelNetwork) -> KnownRuns | None:
 def _cell(document: dict[str, Any]) -> KnownCell:
     terms = tuple(Term(str(each["signal"]), tuple(each["parts"]), bool(each["bounded"])) for each in document["terms"])
     knots = document["knots"]
+    places = Knots(_array(knots["soc"]), np.array(knots["gain"], np.int64), np.array(knots["slope"], np.int64))
+    coefficients = _array(document["coefficients"])
     layout = Layout(
         Basis(str(document["axis"]), terms),
-        Knots(_array(knots["soc"]), np.array(knots["gain"], np.int64), np.array(knots["slope"], np.int64)),
+        places,
         _array(document["scale"]),
         np.array(document["first"], np.int64),
+        slope_limit(places, coefficients[: len(places.soc)]),
     )
     covariance = np.zeros((layout.size, layout.size))
     covariance[np.triu_indices(layout.size)] = document["covariance"]
     covariance += np.triu(covariance, 1).T
     return KnownCell(
         layout,
-        _array(document["coefficients"]),
+        coefficients,
         covariance,
         float(document["capacity_Ah"]),
         float(document["dt_s"]),

@@ -8,8 +8,9 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import hats
+from models.identification.bounded.layout import REFERENCE_DEGC, Layout, soc_over
 from models.identification.bounded.monotone import rising
-from models.identification.bounded.problem import REFERENCE_DEGC, Layout, Sums, regressors, soc_over
+from models.identification.bounded.problem import Sums, regressors
 from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.variants import Trials, Variant
 from models.network.partition import Partition, hat_partition
@@ -150,11 +151,11 @@ def _restricted(sums: Sums, kept: list[int]) -> Sums:
     layout = sums.layout
     places = np.concatenate([np.arange(layout.n_curve), *(np.arange(layout.size)[_part(layout, b)] for b in kept)])
     sizes = [layout.first[b + 1] - layout.first[b] for b in kept]
-    smaller = Layout(
-        replace(layout.basis, terms=tuple(layout.basis.terms[b] for b in kept)),
-        layout.knots,
-        layout.scale[kept],
-        np.concatenate([[layout.n_curve], layout.n_curve + np.cumsum(sizes, dtype=np.int64)]).astype(np.int64),
+    smaller = replace(
+        layout,
+        basis=replace(layout.basis, terms=tuple(layout.basis.terms[b] for b in kept)),
+        scale=layout.scale[kept],
+        first=np.concatenate([[layout.n_curve], layout.n_curve + np.cumsum(sizes, dtype=np.int64)]).astype(np.int64),
     )
     grid = np.ix_(places, places)
     xx = np.array([matrix[grid] for matrix in sums.xx])

@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from models.data.timeseries import FloatArray
+from models.identification.bounded.box_least_squares import Solution, solve
 from models.identification.bounded.knots import hats
-from models.identification.bounded.nonnegative import Solution, solve
-from models.identification.bounded.problem import REFERENCE_DEGC, Layout
+from models.identification.bounded.layout import REFERENCE_DEGC, Layout
 from models.identification.bounded.strengths import HeldOut, penalty
 from models.network.signals import parse_signal
 
@@ -49,7 +49,7 @@ def risen(
         if (falling == before).all():
             break
         broken = rises[falling]
-        found = solve(matrix + _WEIGHT * broken.T @ broken, right, layout.bounded, found.free)
+        found = solve(matrix + _WEIGHT * broken.T @ broken, right, layout.box, found.side)
         before = falling
     out = found.x.copy()
     missing = np.maximum(-(rises @ out).reshape(-1, layout.n_curve - 1).min(axis=0), 0.0)

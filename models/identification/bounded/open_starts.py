@@ -14,15 +14,8 @@ import numpy as np
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.identification.bounded.fitted import BoundedFit, solved_fit
-from models.identification.bounded.problem import (
-    Sums,
-    blocks,
-    counted,
-    make_sums,
-    regressors,
-    run_index,
-    soc_over,
-)
+from models.identification.bounded.layout import counted, soc_over
+from models.identification.bounded.problem import Sums, blocks, make_sums, regressors, run_index
 from models.identification.bounded.strengths import HeldOut
 
 # Time constants of what dies out, and rates of what the loop forgets with the charge over the capacity: those of the

@@ -8,64 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.identification.bounded.knots import Knots, hats
-from models.identification.bounded.terms import Basis, Term
+from models.identification.bounded.knots import hats
+from models.identification.bounded.layout import REFERENCE_DEGC, Layout, counted, soc_over
+from models.identification.bounded.terms import Basis
 from models.network.folds import N_FOLDS, balanced_groups, group_numbers
-from models.network.regression import SignalBank, delayed
+from models.network.regression import SignalBank
 
 _BLOCK = 8192
 # A direction that flows less than this share of the other is held as if it flowed so much. With 0.1 a network of
 # charges at 1.5 A was 0.56 V off in discharges at 4 A (0.37 V with this). With 1, of ten splits of measured records
 # three were worse than with this by more than a tenth, and two better.
 _LEAST_SHARE = 0.3
-# The temperature of which the open-circuit curve is that of the network's offset.
-REFERENCE_DEGC = 25.0
 # A cell under load drifts by a kelvin or two, slowly, as do other errors of a model, and these would be put down to the
 # curve's change with temperature: it is believed as far as the temperature varied by more than this beside all else.
 _WARMTH_K = 0.3
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Where each coefficient stands.
-
-    The first are the curve's values at its knots in V, then each term's gains in V per largest value of its signal.
-
-    Attributes
-    ----------
-    basis, knots : what there is
-    scale : (B,) largest magnitude of each term's signal, of one direction's that of the other too; of the temperature
-        its distance from 25 degC
-    first : (B + 1,) place of each term's first coefficient; the last: number of all
-    """
-
-    basis: Basis
-    knots: Knots
-    scale: FloatArray
-    first: np.ndarray
-
-    @property
-    def size(self) -> int:
-        """Number of coefficients."""
-        return int(self.first[-1])
-
-    @property
-    def n_curve(self) -> int:
-        """Number of the curve's knots."""
-        return len(self.knots.soc)
-
-    @property
-    def bounded(self) -> np.ndarray:
-        """(P,) whether a coefficient must not be negative, the curve given by its first value and its increments."""
-        out = np.ones(self.size, dtype=bool)
-        out[0] = False
-        for b, term in enumerate(self.basis.terms):
-            out[self.first[b] : self.first[b + 1]] = term.bounded
-        return out
-
-    def places(self, term: int) -> np.ndarray:
-        """Knots of a term, as places among those of the curve."""
-        return self.knots.gain if self.basis.terms[term].bounded else self.knots.slope
 
 
 @dataclass(frozen=True)
@@ -115,22 +71,6 @@ def summed_beyond(values: FloatArray, axis: int = -1) -> FloatArray:
     return np.flip(np.cumsum(np.flip(values, axis), axis=axis), axis)
 
 
-def soc_over(bank: SignalBank, axis: str) -> list[FloatArray]:
-    """(n,) of each run: state of charge on the partition axis, that of the sample before."""
-    return [delayed(values, 1) for values in bank.values(axis)]
-
-
-def make_layout(bank: SignalBank, basis: Basis, knots: Knots) -> Layout:
-    """Lay the coefficients out, with scales from the runs."""
-    scale, first = [], [len(knots.soc)]
-    for term in basis.terms:
-        offset = 0.0 if term.bounded else REFERENCE_DEGC
-        largest = max(float(np.abs(values - offset).max()) for values in _either_way(bank, term))
-        scale.append(max(largest, 1e-9))
-        first.append(first[-1] + len(knots.gain if term.bounded else knots.slope))
-    return Layout(basis, knots, np.array(scale), np.array(first))
-
-
 def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.ndarray | None = None) -> Sums:
     """Sums of products over all samples with a measured voltage.
 
@@ -159,22 +99,6 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
             count[fold_number] += len(y)
     rms = [max(_rms(rows[:, b]), _LEAST_SHARE * _mirrored_rms(bank, layout, b)) for b in range(len(layout.basis.terms))]
     return Sums(layout, xx, xy, yy, count, penalty_forms(layout, np.array(rms)))
-
-
-def counted(voltage_V: FloatArray, keep_every: int) -> np.ndarray:
-    """Which of the samples of all runs are counted: every n-th, where it has a voltage."""
-    place = np.arange(0, len(voltage_V), keep_every)
-    return place[~np.isnan(voltage_V[place])]
-
-
-def _either_way(bank: SignalBank, term: Term) -> list[FloatArray]:
-    """Values of a term's signal over each run, and of its counterpart where the current flows the other way.
-
-    What only discharge loses is in a charge no more than the current sensor's noise. By that measure a gain of a volt
-    would be small, and would be thousands at the first discharge.
-    """
-    own = bank.values(term.signal)
-    return own if term.mirrored == term.signal else own + bank.values(term.mirrored)
 
 
 def _mirrored_rms(bank: SignalBank, layout: Layout, term: int) -> float:

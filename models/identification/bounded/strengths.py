@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.identification.bounded.nonnegative import Solution, solve
+from models.identification.bounded.box_least_squares import Solution, solve
 from models.identification.bounded.problem import Sums
 
 # Logarithms to base 10: bend of the curve, differences of gains, their size, slope with temperature.
@@ -30,7 +30,7 @@ class HeldOut:
 
     sums: Sums
     _known: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
-    _free: dict[int, np.ndarray] = field(default_factory=dict)
+    _side: dict[int, np.ndarray] = field(default_factory=dict)
     _worst: dict[int, float] = field(default_factory=dict)
     _others: dict[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     _penalty: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
@@ -61,7 +61,7 @@ class HeldOut:
         """The fit to all folds."""
         sums, count = self.sums, float(self.sums.count.sum())
         matrix = sums.xx.sum(axis=0) / count + penalty(sums, logs)
-        return solve(matrix, sums.xy.sum(axis=0) / count, sums.layout.bounded, self._free.get(-1))
+        return solve(matrix, sums.xy.sum(axis=0) / count, sums.layout.box, self._side.get(-1))
 
     def _along(self, best: tuple[float, ...], place: int) -> tuple[float, ...]:
         for sign in (_STEP, -_STEP):
@@ -109,8 +109,8 @@ class HeldOut:
             # All folds are asked for one set of strengths before the next.
             self._penalty = {logs: penalty(sums, logs)}
         information, right = self._others[fold]
-        found = solve(information + self._penalty[logs], right, sums.layout.bounded, self._free.get(fold))
-        self._free[fold] = found.free
+        found = solve(information + self._penalty[logs], right, sums.layout.box, self._side.get(fold))
+        self._side[fold] = found.side
         return found
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import make_knots
-from models.identification.bounded.problem import make_layout, make_sums, soc_over
+from models.identification.bounded.layout import make_layout, soc_over
+from models.identification.bounded.problem import make_sums
 from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.terms import GAINS_OVER_SOC, SLOPE, SLOW, Basis, make_basis
 from models.network.regression import SignalBank

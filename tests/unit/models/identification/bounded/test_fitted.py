@@ -8,7 +8,8 @@ import pytest
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
 from models.identification.bounded.fitted import BoundedFit, fit_variant, held_out_error, network_parts, simulated
-from models.identification.bounded.problem import fold_of, regressors, soc_over
+from models.identification.bounded.layout import soc_over
+from models.identification.bounded.problem import fold_of, regressors
 from models.identification.bounded.variants import Trials, Variant
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork

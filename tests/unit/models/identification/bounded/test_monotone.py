@@ -7,8 +7,9 @@ import pytest
 
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import hats, make_knots
+from models.identification.bounded.layout import REFERENCE_DEGC, Layout, make_layout
 from models.identification.bounded.monotone import corner_increments, rising
-from models.identification.bounded.problem import REFERENCE_DEGC, Layout, make_layout, make_sums
+from models.identification.bounded.problem import make_sums
 from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.terms import Basis, Term
 from models.network.regression import SignalBank
@@ -55,7 +56,7 @@ def test_it_rises_where_without_care_it_would_fall(slope_V_per_K: float, loop_V:
     assert min(np.diff(curve_V(layout, plain, *corner)).min() for corner in corners) < -1e-3
     risen = rising(held, WEAK, (low, high))
     assert min(np.diff(curve_V(layout, risen, *corner)).min() for corner in corners) > -1e-9
-    assert (risen[layout.bounded] >= 0.0).all()
+    assert (risen >= layout.box.lower).all()
 
 
 def test_a_curve_that_rises_by_itself_stays_as_it_is() -> None:

@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 
 from models.identification.bounded.knots import hats, make_knots
-from models.identification.bounded.problem import (
-    REFERENCE_DEGC,
-    Layout,
-    fold_of,
-    make_layout,
-    make_sums,
-    penalty_forms,
-    regressors,
-    soc_over,
-)
+from models.identification.bounded.layout import REFERENCE_DEGC, Layout, make_layout, slope_limit, soc_over
+from models.identification.bounded.problem import fold_of, make_sums, penalty_forms, regressors
 from models.identification.bounded.strengths import START, HeldOut
 from models.identification.bounded.terms import make_basis
 from models.network.regression import SignalBank
@@ -100,10 +92,22 @@ def test_what_a_temperature_that_hardly_moves_seems_to_say_is_not_believed() -> 
     assert found[1] == pytest.approx(1e-3, abs=2e-4)
 
 
-def test_only_the_first_value_and_the_slope_with_temperature_are_unbounded(layout: Layout) -> None:
-    free = np.flatnonzero(~layout.bounded)
+def test_gains_are_not_negative_and_the_slope_with_temperature_is_one_that_cells_have(layout: Layout) -> None:
+    box = layout.box
     (at,) = [b for b, term in enumerate(layout.basis.terms) if term.signal == "temperature"]
-    assert free.tolist() == [0, *range(layout.first[at], layout.first[at + 1])]
+    slope = np.arange(layout.first[at], layout.first[at + 1])
+    assert np.flatnonzero(box.lower != 0.0).tolist() == [0, *slope]
+    assert np.flatnonzero(np.isfinite(box.upper)).tolist() == slope.tolist()
+    np.testing.assert_allclose(box.upper[slope] / layout.scale[at], layout.slope_limit_V_per_K)
+    np.testing.assert_array_equal(box.lower[slope], -box.upper[slope])
+
+
+def test_a_curve_may_change_more_with_temperature_where_it_is_steep() -> None:
+    knots = make_knots(0.0, 1.0, 48, 9, 6)
+    curve_V = 3.6 + 0.4 * knots.soc - 0.6 * np.exp(-knots.soc / 0.03)
+    limit = slope_limit(knots, curve_V)
+    assert 8e-4 * 3.8 < limit[2:].max() < 5e-3 and 6e-3 < limit[0] < 2e-2
+    np.testing.assert_allclose(slope_limit(knots, 0.3 * curve_V), 0.3 * limit)  # a module, or another chemistry
 
 
 def test_signals_are_counted_from_what_their_gain_is_zero_at(signals: SignalBank, layout: Layout) -> None:
