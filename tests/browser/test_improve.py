@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ from playwright.sync_api import Page, Route, expect
 
 from bench_service.client import BenchClient
 from tests.patience import LONG_S
+from tests.unit.models.module import synthetic_module as truth
 
 pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(2 * LONG_S)]
 
@@ -229,3 +231,37 @@ def test_a_change_is_looked_for_in_runs_that_the_model_was_not_made_from(
     # Nothing has: the run that was held out is of the same cell on the same day.
     expect(step(page, "which").locator(".verdict")).to_contain_text("Nothing significant has changed", timeout=_LONG_MS)
     expect(step(page, "which").locator(".finding")).to_have_count(0)
+
+
+@pytest.mark.usefixtures("campaign")
+def test_a_module_is_made_from_runs_and_its_weak_group_named(open_page: OpenPage, address: str, tmp_path: Path) -> None:
+    with BenchClient(address) as client:
+        for name, seed in (("module a", 1), ("module b", 2)):
+            upload = client.upload_file(truth.written(tmp_path / f"{name}.csv", seed))
+            client.store_import(upload["id"], truth.CAPACITY_AH, 0.6, name=name, timeout_s=LONG_S)
+    page = open_page("sim", path="/improve")
+    for use in page.get_by_role("combobox", name=re.compile("^Use of hidden")).all():
+        use.select_option("")
+    page.get_by_label("Use of module a").select_option("train")
+    page.get_by_label("Use of module b").select_option("judge")
+    page.get_by_text("Make a model from runs").click()
+    form = page.get_by_role("form", name="Fit a model")
+    expect(form.get_by_label("Cells in parallel")).to_be_hidden()
+    form.get_by_label("The runs are of a module").check()
+    form.get_by_label("Capacity of the module / Ah").fill(str(truth.CAPACITY_AH))
+    form.get_by_label("Structure").select_option("minimal")
+    form.get_by_label("Cells in parallel").fill("two")
+    form.get_by_role("button", name="Fit a model").click()
+    expect(form.locator(".form-message")).to_contain_text("cells in parallel as a whole number")
+    looked_at(page, "improve-module-form")
+    form.get_by_label("Cells in parallel").fill(str(truth.PARALLEL))
+    form.get_by_role("button", name="Fit a model").click()
+    compared = step(page, "compare")
+    kinds = compared.get_by_role("region", name="Module models")
+    expect(kinds.locator("tbody tr")).to_have_count(4, timeout=_LONG_MS)
+    expect(kinds).to_contain_text("S3 (taken)")
+    expect(compared.get_by_role("region", name="Groups in series").locator("tbody tr")).to_have_count(truth.SERIES)
+    expect(compared.locator(".weak-group")).to_contain_text("Weak: group 2 is empty after")
+    expect(step(page, "where")).to_contain_text("A diagnosis is of one cell's model")
+    expect(page.get_by_role("button", name="Find out what")).to_have_count(0)
+    looked_at(page, "improve-module")

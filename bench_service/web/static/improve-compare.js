@@ -4,6 +4,7 @@ import { chartBox, figure } from "./campaign-result.js";
 import { el } from "./dom.js";
 import { heatMap } from "./error-charts.js";
 import { MISSING, fixed, percent, quantity } from "./format.js";
+import { moduleTables } from "./improve-module.js";
 import { parameterText } from "./improve-which.js";
 import { reportLinks } from "./report-links.js";
 import { overlayChart } from "./result-charts.js";
@@ -24,6 +25,7 @@ export function compareStep(comparison, runs, unitOf, keep) {
       band?.coverage_95_inside !== undefined && band?.coverage_95_inside !== null ? figure("Inside the 95 % band", percent(band.coverage_95_inside, 0), "of the samples that the model knows") : null,
       temperature?.rmse_K !== undefined ? figure("Temperature error", quantity(temperature.rmse_K, 2, "K"), "RMS") : null),
     corrections.length ? el("p", { class: "about", text: `The runs are read as the model was made: ${corrections.map((each) => correctionWords(each, unitOf)).join(", ")}.` }) : null,
+    moduleTables(comparison.result.module),
     reportLinks("comparisons", comparison.id, "the comparison"),
     overlay(comparison, names, keep),
   ];

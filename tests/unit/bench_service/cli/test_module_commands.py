@@ -3,22 +3,10 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from bench_service.cli.main import main
 from tests.unit.models.module import synthetic_module as truth
-
-
-def write(path: Path, seed: int) -> Path:
-    log = truth.log(1200, seed)
-    run, groups_V = log.run, log.groups_V
-    assert run.soc_ref is not None and groups_V is not None
-    header = ["time_s", "current_A", "voltage_V", "temperature_degC", "soc_ref"]
-    header += [f"v_cell{k + 1}_V" for k in range(truth.SERIES)]
-    columns = [run.time_s, run.current_A, run.voltage_V, run.temperature_degC, run.soc_ref, *groups_V.T]
-    np.savetxt(path, np.column_stack(columns), fmt="%.6f", delimiter=",", header=",".join(header), comments="")
-    return path
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
@@ -27,7 +15,11 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
 
 
 def test_it_is_identified_compared_and_observed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    train, judged, model = write(tmp_path / "a.csv", 1), write(tmp_path / "b.csv", 2), tmp_path / "module.json"
+    train, judged, model = (
+        truth.written(tmp_path / "a.csv", 1),
+        truth.written(tmp_path / "b.csv", 2),
+        tmp_path / "module.json",
+    )
     of_module = ["--module", "--layout", f"{truth.SERIES}x{truth.PARALLEL}", "--structure", "minimal"]
     arguments = ["fit", train, "--validate", judged, "--capacity-Ah", truth.CAPACITY_AH, *of_module, "--out", model]
     fitted = told(capsys, *arguments, "--json")
@@ -58,7 +50,7 @@ def test_it_is_identified_compared_and_observed(tmp_path: Path, capsys: pytest.C
 def test_what_does_not_fit_is_said_in_one_line(
     given: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run = write(tmp_path / "a.csv", 1)
+    run = truth.written(tmp_path / "a.csv", 1)
     arguments = ["fit", str(run), "--capacity-Ah", "4", *given, "--out", str(tmp_path / "m.json")]
     try:
         status = main(arguments)

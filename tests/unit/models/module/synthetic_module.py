@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -33,6 +34,18 @@ def log(n: int, seed: int, *, alike: bool = False, sensed: bool = True, initial_
         soc_ref=initial_soc + _counted(cell_A),
     )
     return ModuleLog(run, groups_V if sensed else None)
+
+
+def written(path: Path, seed: int) -> Path:
+    """Write a run of 1200 s as a table, with the voltage of each group."""
+    made = log(1200, seed)
+    run, groups_V = made.run, made.groups_V
+    assert run.soc_ref is not None and groups_V is not None
+    header = ["time_s", "current_A", "voltage_V", "temperature_degC", "soc_ref"]
+    header += [f"v_cell{k + 1}_V" for k in range(SERIES)]
+    columns = [run.time_s, run.current_A, run.voltage_V, run.temperature_degC, run.soc_ref, *groups_V.T]
+    np.savetxt(path, np.column_stack(columns), fmt="%.6f", delimiter=",", header=",".join(header), comments="")
+    return path
 
 
 def _counted(cell_A: np.ndarray) -> np.ndarray:
