@@ -24,10 +24,10 @@ from models.data.timeseries import FloatArray, TimeSeries
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.likelihood.learning import know
 from models.diagnosis.trend.alarms import claimed
-from models.diagnosis.trend.estimate import Weighed, estimate
-from models.diagnosis.trend.series import smoothed
+from models.diagnosis.trend.estimate import seen, weighed
+from models.diagnosis.trend.series import agreed, smoothed, together
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weighing import EVERY
+from models.diagnosis.trend.weighing import EVERY, Chances
 from models.effects import effects
 from models.identification.bounded.variants import Variant
 
@@ -126,18 +126,23 @@ def known_of(rig: Rig, window: Window, seed: int) -> tuple[KnownRuns, float]:
 def follow(known: KnownRuns, rig: Rig, window: Window, life: str, seed: int) -> list[dict[str, Any]]:
     """What is said of each run of a life, beside the truth."""
     rows: list[dict[str, Any]] = []
-    held: list[Weighed] = []
+    told: list[Chances] = []
     for number, grown in enumerate(_GROWS):
         now = rig
         for name in LIVES[life]:
             now = changed(now, name, grown * _SIZE[name])
-        for run, soc in zip(cycle(now, window, 1000 * seed + 10 * number + 3), (0.0, 1.0), strict=True):
-            grid = to_grid(run, 1.0)
-            held.append(estimate(known, grid, soc, 0.005))
-            off = held[-1].state.capacity_Ah / float(np.ptp(grid.charge_Ah)) - 1.0
-            rows.append({"life": life, "grown": grown, "capacity_off": off})
-    by_set = smoothed([each.chances for each in held])
-    said = claimed(np.array([each.chances.nothing for each in held]), SETTINGS.nothing, SETTINGS.alarms)
+        grids = [to_grid(run, 1.0) for run in cycle(now, window, 1000 * seed + 10 * number + 3)]
+        looked = [seen(known, grid, soc, 0.005) for grid, soc in zip(grids, (0.0, 1.0), strict=True)]
+        groups = together(known.cell, np.zeros(2), np.array([grid.charge_Ah[-1] for grid in grids]))
+        for group in groups:
+            own = [weighed(looked[k], looked[1 - k] if len(group) > 1 else None) for k in group]
+            told.append(agreed([each.chances for each in own]))
+            for k, each in zip(group, own, strict=True):
+                off = each.state.capacity_Ah / float(np.ptp(grids[k].charge_Ah)) - 1.0
+                rows.append({"life": life, "grown": grown, "capacity_off": off, "told": len(told) - 1})
+    which = [row.pop("told") for row in rows]
+    by_set = smoothed(told)[which]
+    said = claimed(np.array([each.nothing for each in told]), SETTINGS.nothing, SETTINGS.alarms)[which]
     for row, chance, claim in zip(rows, by_set, said, strict=True):
         row["named"] = list(EVERY[int(np.argmax(chance))]) if claim else []
     return rows

@@ -19,7 +19,7 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.trend.choice import chosen, looked_at
 from models.diagnosis.trend.ends import Ends, ends_of
-from models.diagnosis.trend.latent import COUNT, LOOP, NODES, SHIFT, SLIP
+from models.diagnosis.trend.latent import COUNT, DIFFERENT, LOOP, NODES, SHIFT, SLIP
 from models.diagnosis.trend.loss.causes import caused
 from models.diagnosis.trend.prior import About, Given, about
 from models.diagnosis.trend.quick import steps_of
@@ -99,8 +99,23 @@ class Weighed:
         return held_beside(self.causes[way], changes) if way in self.causes else held(self.now, changes)
 
 
-def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Weighed:
-    """Find the state of a cell from one run, and what of it is new.
+@dataclass(frozen=True)
+class Seen:
+    """A run about the capacity that it asks for, and about the cell as it was, with all its samples.
+
+    Attributes
+    ----------
+    given : the run
+    now, fresh : about either
+    """
+
+    given: Given
+    now: About
+    fresh: About
+
+
+def seen(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Seen:
+    """Hold a run against the cell as it was, and find the capacity that it asks for.
 
     Parameters
     ----------
@@ -130,12 +145,27 @@ def estimate(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Weig
         now = _settled(about(given, now.change), given)
     near = _NEAR * USUAL.capacity
     fresh = now if abs(now.change) <= near else now.at(given, float(np.clip(now.change, -near, near)))
-    causes = caused(given, now)
-    chance = chances(fresh.summed, now.summed, causes)
-    electrodes = half_cells(known.cell)
+    return Seen(given, now, fresh)
+
+
+def weighed(run: Seen, other: Seen | None = None) -> Weighed:
+    """Find the state of a cell from one run, and what of it is new.
+
+    Parameters
+    ----------
+    run : to be weighed
+    other : of the cell in the same state, the other way: what charge and discharge show with opposite signs is lost in
+        resistances, and what they show alike is the curve
+    """
+    given, now, fresh = run.given, run.now.summed, run.fresh.summed
+    if other is not None:
+        now, fresh = now.beside(other.now.summed, DIFFERENT), fresh.beside(other.fresh.summed, DIFFERENT)
+    causes = caused(given, run.now, None if other is None else (other.given, other.now))
+    chance = chances(fresh, now, causes)
+    electrodes = half_cells(given.known.cell)
     taken = causes if electrodes is not None and electrodes.sure else {}
-    state = _state(known.cell, _averaged(chance, now.summed, taken), held(now.summed, CHANGES))
-    return Weighed(given, state, chance, now.summed, causes)
+    state = _state(given.known.cell, _averaged(chance, now, taken), held(now, CHANGES))
+    return Weighed(given, state, chance, now, causes)
 
 
 def _settled(now: About, given: Given) -> About:

@@ -8,7 +8,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
-from models.diagnosis.trend.settings import SETTINGS, Sizes
+from models.diagnosis.trend.settings import SETTINGS, USUAL, Sizes
 from models.effects.view import View
 from models.identification.bounded.knots import hats
 
@@ -103,3 +103,5 @@ _ROOTS = {
     "curve": _root_of(SETTINGS.curve_soc, 0.0),
     "slip": _root_of(SETTINGS.slip_soc, 0.0),
 }
+# Root of the covariance by which what is usual differs between two runs.
+DIFFERENT = np.sqrt(2.0) * root(USUAL)

@@ -4,21 +4,31 @@ A capacity that is lost stays lost: evidence of neighbouring runs counts for eac
 bears out does not change what is said of the cell. Each run has to bear out each change against the same prior odds, so
 that none is said to begin earlier than runs ask for it. Forward-backward recursion after Rabiner, Proc. IEEE 77 (1989)
 257.
+
+A charge and the discharge beside it saw the cell in one state. Alone, either can take a larger resistance for a moved
+curve: both are voltages along one way. Together they cannot, since what a resistance loses turns with the current, and
+the curve does not.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from models.data.timeseries import FloatArray
+from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.trend.loss.losses import WAYS
 from models.diagnosis.trend.settings import SETTINGS
 from models.diagnosis.trend.weighing import CAPACITY, CHANGES, EVERY, Chances
+from models.effects.half_cells import half_cells
 
 # However unlikely one run makes a way, over its prior, others may bring it back.
 _LEAST = 1e-3
+# A run that moves less than this share of the capacity sees little of the curve.
+_MOVES = 0.3
+# Runs further apart than one place, and than this share of the whole life, may have seen the cell in two states.
+_NEAR = 0.02
 
 
 @dataclass(frozen=True)
@@ -38,6 +48,64 @@ class ChangePoint:
     low: int
     high: int
     probability: float
+
+    def in_runs(self, groups: list[tuple[int, ...]]) -> ChangePoint:
+        """The same by the numbers of runs, where what has been numbered are groups of them."""
+        return replace(self, first=groups[self.first][0], low=groups[self.low][0], high=groups[self.high][0])
+
+
+def together(cell: KnownCell, at: FloatArray, moved_Ah: FloatArray) -> list[tuple[int, ...]]:
+    """Numbers of the runs that are weighed with each other, in the order of the series; parameters as of `cycles`.
+
+    Charge and discharge only where half-cell curves make that of the cell, by which a loss bends the curve in a way
+    that is known: else what both show alike of it would be told as a change beside the loss.
+    """
+    electrodes = half_cells(cell)
+    if electrodes is None or not electrodes.sure:
+        return [(k,) for k in range(len(at))]
+    return cycles(at, moved_Ah, cell.capacity_Ah)
+
+
+def cycles(at: FloatArray, moved_Ah: FloatArray, capacity_Ah: float) -> list[tuple[int, ...]]:
+    """Numbers of the runs of each cycle in the order of the series: two that follow each other, or one.
+
+    Parameters
+    ----------
+    at : (n,) place of each run, never falling
+    moved_Ah : (n,) charge that each has moved, positive where it charges
+    capacity_Ah : of the cell
+    """
+    apart = np.diff(at)
+    far = max(1.0, _NEAR * float(at[-1] - at[0]))
+    moves = np.abs(moved_Ah) >= _MOVES * capacity_Ah
+    both_ways = moves[:-1] & moves[1:] & (moved_Ah[:-1] * moved_Ah[1:] < 0.0) & (apart <= far)
+    taken, pairs = np.zeros(len(at), dtype=bool), np.zeros(len(at), dtype=bool)
+    for first in sorted(np.flatnonzero(both_ways).tolist(), key=lambda k: (apart[k], k)):
+        if not taken[first : first + 2].any():
+            taken[first : first + 2] = pairs[first] = True
+    seconds = np.append(False, pairs[:-1])
+    return [(k, k + 1) if pairs[k] else (k,) for k in range(len(at)) if not seconds[k]]
+
+
+def agreed(several: list[Chances]) -> Chances:
+    """What runs that were weighed with each other say together: as each says itself, but for rounding."""
+    if len(several) == 1:
+        return several[0]
+
+    def mean(values: list[float]) -> float:
+        return float(np.exp(np.mean(np.log(np.maximum(values, 1e-300)))))
+
+    of = {each: mean([one.of[each] for one in several]) for each in several[0].of}
+    nothing, unknown = (mean([getattr(one, name) for one in several]) for name in ("nothing", "unknown"))
+    whole = nothing + unknown + sum(of.values())
+    ways = [one.way for one in several if one.way]
+    way = {k: mean([each.get(k, 0.0) for each in ways]) for k in sorted({k for each in ways for k in each})}
+    return Chances(
+        nothing / whole,
+        unknown / whole,
+        {each: p / whole for each, p in of.items()},
+        {k: p / sum(way.values()) for k, p in way.items()},
+    )
 
 
 def smoothed(runs: list[Chances]) -> FloatArray:

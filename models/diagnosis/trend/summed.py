@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from models.data.timeseries import FloatArray
+from models.diagnosis.trend.latent import COUNT, QUICK
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,11 @@ class Sums:
     across_error: FloatArray
     across: FloatArray
 
+    def with_told(self, told: Told) -> Sums:
+        """The same with what another run tells of the weights, of the first of its errors."""
+        inner, right = self.inner + told.inner, self.right + told.right[:, 0]
+        return replace(self, log=self.log + float(told.log[0]), inner=inner, right=right)
+
 
 @dataclass(frozen=True)
 class Summed:
@@ -94,3 +100,57 @@ class Summed:
     fresh_Ohm: FloatArray
     usual_Ohm: float
     sums: tuple[Sums, ...]
+
+    def beside(self, other: Summed, spread: FloatArray) -> Summed:
+        """The same with what another run tells, in which the weights are those of this one but for what is usual.
+
+        Parameters
+        ----------
+        other : of the cell in the same state, about much the same capacity
+        spread : (COUNT, COUNT) root of the covariance by which weights differ between two runs
+        """
+        turn = in_units_of(self.usual_Ohm, other.usual_Ohm)
+        sums = []
+        for own, its in zip(self.sums, other.sums, strict=True):
+            sums.append(own.with_told(Told.of(its.inner, its.right[:, None], np.array([its.log]), turn, spread)))
+        return replace(self, sums=tuple(sums))
+
+
+@dataclass(frozen=True)
+class Told:
+    """What one run tells of the weights of another, all that is its own integrated out.
+
+    Attributes
+    ----------
+    inner, right, log : (COUNT, COUNT), (COUNT, M), (M,) as in `Sums`, of each of M errors
+    """
+
+    inner: FloatArray
+    right: FloatArray
+    log: FloatArray
+
+    @classmethod
+    def of(cls, inner: FloatArray, right: FloatArray, log: FloatArray, turn: FloatArray, spread: FloatArray) -> Told:
+        """Integrate out by how much the weights differ.
+
+        Parameters
+        ----------
+        inner, right, log : of the run that tells
+        turn : (COUNT,) its weights over those of the other in their units
+        spread : (COUNT, COUNT) root of the covariance of the difference
+        """
+        inner, right = turn[:, None] * inner * turn, turn[:, None] * right
+        across = spread.T @ inner
+        factor = cho_factor(np.eye(len(inner)) + across @ spread, lower=True, check_finite=False)
+        own = spread.T @ right
+        solved = cho_solve(factor, np.column_stack([across, own]), check_finite=False)
+        n = len(inner)
+        gained = 0.5 * np.sum(own * solved[:, n:], axis=0) - np.sum(np.log(np.diag(factor[0])))
+        return cls(inner - across.T @ solved[:, :n], right - across.T @ solved[:, n:], log + gained)
+
+
+def in_units_of(usual_Ohm: float, other_Ohm: float) -> FloatArray:
+    """(COUNT,) weights in units of another run's resistance, over the same in units of this one's."""
+    out = np.ones(COUNT)
+    out[QUICK] = usual_Ohm / other_Ohm
+    return out

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
-from models.data.timeseries import TimeSeries
+from models.data.timeseries import FloatArray, TimeSeries
 from models.diagnosis.diagnosis import check_training, known_of
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.record import known_in
@@ -17,12 +18,12 @@ from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.trend.alarms import claimed, lasting
 from models.diagnosis.trend.answer import answer
-from models.diagnosis.trend.estimate import Weighed, estimate
+from models.diagnosis.trend.estimate import Seen, Weighed, seen, weighed
 from models.diagnosis.trend.forecast import forecast
 from models.diagnosis.trend.life import Places, RunTrend, Trend
-from models.diagnosis.trend.series import change_points, smoothed, ways_of
+from models.diagnosis.trend.series import agreed, change_points, smoothed, together, ways_of
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weighing import EVERY
+from models.diagnosis.trend.weighing import EVERY, Chances
 from models.effects.input_correction import as_read
 from models.network.local_model_network import LocalModelNetwork
 from models.readouts.stages import stages_of
@@ -73,25 +74,26 @@ def trend(
         raise ModelError(f"{len(at)} place(s) for {len(runs)} run(s): give one for each")
     known = memory if memory is not None else _known(network, runs, initial_soc, train or [], train_soc or [])
     stds = soc_std or [KNOWN.start_soc] * len(runs)
+    groups = together(known.cell, at, np.array([_moved_Ah(run) for run in runs]))
     held: list[tuple[Weighed, Record, float]] = []
-    for number, (run, soc, std) in enumerate(zip(runs, initial_soc, stds, strict=True)):
-        progress(number / len(runs), run.name)
-        held.append(_held(network, known, (run, soc, std)))
-    seen = [weighed.chances for weighed, _, _ in held]
-    by_set = smoothed(seen)
-    by_way = ways_of(seen, by_set)
-    alone = np.array([each.nothing for each in seen])
-    borne_out = claimed(alone, SETTINGS.nothing, SETTINGS.alarms)
-    borne_out = lasting(borne_out, alone, by_set[:, EVERY.index(())], SETTINGS.nothing, SETTINGS.claim)
+    for group in groups:
+        progress(group[0] / len(runs), runs[group[0]].name)
+        held += _held(network, known, [(runs[k], initial_soc[k], stds[k]) for k in group])
+    told = [agreed([held[k][0].chances for k in group]) for group in groups]
+    by_group = smoothed(told)
+    said = _said(told, by_group)
+    group_of = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+    by_set, by_way, borne_out = by_group[group_of], ways_of(told, by_group)[group_of], said[group_of]
     entries = []
-    for k, (run, (weighed, record, begun)) in enumerate(zip(runs, held, strict=True)):
+    for k, (run, (own, record, begun)) in enumerate(zip(runs, held, strict=True)):
         beside = [held[j][0] for j in np.flatnonzero(at == at[k]) if j != k]
-        told = answer(weighed, record, by_set[k], bool(borne_out[k]), begun, by_way[k], beside)
-        entries.append(RunTrend(run.name, float(at[k]), weighed.state, record.rms_mV, told))
-    capacity_Ah = np.array([weighed.state.capacity_Ah for weighed, _, _ in held])
+        found = answer(own, record, by_set[k], bool(borne_out[k]), begun, by_way[k], beside)
+        entries.append(RunTrend(run.name, float(at[k]), own.state, record.rms_mV, found))
+    capacity_Ah = np.array([own.state.capacity_Ah for own, _, _ in held])
     ahead = forecast(at, capacity_Ah, known.cell.capacity_Ah, along.end, along.unit)
     stages = stages_of([(rec.runs[0], rec.error_V[0]) for _, rec, _ in held], at, known.cell.capacity_Ah)
-    return Trend(tuple(entries), tuple(change_points(seen)), ahead, time.perf_counter() - started, stages)
+    points = [each.in_runs(groups) for each in change_points(told)]
+    return Trend(tuple(entries), tuple(points), ahead, time.perf_counter() - started, stages)
 
 
 def _known(
@@ -111,16 +113,47 @@ def _known(
     return known_of(network, make_record(network, runs[:_STAND_IN], soc[:_STAND_IN]), grid, train_soc)
 
 
+def _said(told: list[Chances], by_group: FloatArray) -> np.ndarray:
+    """(n,) whether the series lets anything be said of each of its runs, or of those that are weighed together."""
+    alone = np.array([each.nothing for each in told])
+    said = claimed(alone, SETTINGS.nothing, SETTINGS.alarms)
+    return lasting(said, alone, by_group[:, EVERY.index(())], SETTINGS.nothing, SETTINGS.claim)
+
+
+def _moved_Ah(run: TimeSeries) -> float:
+    """Charge that a run has moved, positive where it charges."""
+    return float(np.sum(run.current_A[1:] * np.diff(run.time_s))) / 3600.0
+
+
 def _held(
+    network: LocalModelNetwork, known: KnownRuns, given: list[tuple[TimeSeries, float, float]]
+) -> list[tuple[Weighed, Record, float]]:
+    """Runs of one cycle: what each says of the cell, the network's error on it, and when it was begun."""
+    looked = [_seen(network, known, each) for each in given]
+    out = []
+    for k, (run, record, started) in enumerate(looked):
+        other = looked[1 - k][0] if len(looked) > 1 else None
+        with _named(given[k][0]):
+            out.append((weighed(run, other), record, started))
+    return out
+
+
+def _seen(
     network: LocalModelNetwork, known: KnownRuns, given: tuple[TimeSeries, float, float]
-) -> tuple[Weighed, Record, float]:
-    """One run: what it says of the cell, the network's error on it, and when it was begun."""
+) -> tuple[Seen, Record, float]:
     run, soc, std = given
     started = time.perf_counter()
+    with _named(run):
+        record = make_record(network, [run], [soc])
+        return seen(known, record.runs[0], soc, std), record, started
+
+
+@contextmanager
+def _named(run: TimeSeries) -> Iterator[None]:
+    """Say of which run it is that something cannot be worked out."""
     try:
         with np.errstate(over="raise"):
-            record = make_record(network, [run], [soc])
-            return estimate(known, record.runs[0], soc, std), record, started
+            yield
     except (ArithmeticError, IndexError, ValueError) as error:
         if isinstance(error, ModelError) and run.name in str(error):
             raise

@@ -8,7 +8,7 @@ as it does from run to run; a change that is not needed makes a run less likely 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -69,27 +69,38 @@ class Chances:
         return sum(p for each, p in self.of.items() if change in each)
 
 
-def sizes_of(changes: tuple[str, ...], size: float, capacity: float) -> Sizes:
+def sizes_of(changes: dict[str, float], capacity: float) -> Sizes:
     """What may differ where some of it has changed.
 
     Parameters
     ----------
-    changes : that are there
-    size : of them, in units of the largest that is usual
+    changes : size of each that is there, in units of the largest that is usual
     capacity : how much of it is lost: by a part of that electrodes have slipped
     """
     own = USUAL
     if CAPACITY in changes:
         slip = float(np.hypot(USUAL.slip, SETTINGS.slip_of_capacity * capacity))
-        own = replace(own, capacity=size * CHANGED.capacity, slip=slip)
+        own = replace(own, capacity=changes[CAPACITY] * CHANGED.capacity, slip=slip)
     if RESISTANCE in changes:
+        size = changes[RESISTANCE]
         own = replace(own, resistance=size * CHANGED.resistance, slower=size * CHANGED.slower)
     if CURVE in changes:
+        size = changes[CURVE]
         slip = float(np.hypot(own.slip, size * CHANGED.slip))
         own = replace(
             own, curve_V=size * CHANGED.curve_V, slip=slip, shift=size * CHANGED.shift, loop_V=size * CHANGED.loop_V
         )
     return own
+
+
+def every_size(changes: Changes) -> list[dict[str, float]]:
+    """Sizes that changes may have, as likely: a small one may stand beside a large one."""
+    return [dict(zip(changes, each, strict=True)) for each in product(SETTINGS.sizes, repeat=len(changes))]
+
+
+def largest(changes: Changes) -> dict[str, float]:
+    """The largest sizes of changes."""
+    return dict.fromkeys(changes, max(SETTINGS.sizes))
 
 
 @dataclass(frozen=True)
@@ -123,8 +134,8 @@ def cause_sizes(beside: Changes, change: float, matched_V: float) -> list[Sizes]
     matched_V : what half-cell curves leave of that of the fresh cell
     """
     out = []
-    for size in SETTINGS.sizes if beside else SETTINGS.sizes[:1]:
-        own = sizes_of(beside, size, change)
+    for each in every_size(beside):
+        own = sizes_of(each, change)
         slip = float(np.hypot(own.slip, SETTINGS.slip_of_loss * change))
         curve_V = float(np.sqrt(own.curve_V**2 + (SETTINGS.curve_of_loss_V * change) ** 2 + matched_V**2))
         out.append(replace(own, slip=slip, curve_V=curve_V))
@@ -142,13 +153,10 @@ def chances(fresh: Summed, now: Summed, causes: dict[int, Caused]) -> Chances:
     at, logs = SETTINGS, {}
     for each in EVERY:
         about = now if CAPACITY in each else fresh
-        several = [
-            np.log(w) - np.log(len(at.sizes)) + log_of(sums, root(sizes_of(each, size, now.change)))
-            for size in at.sizes
-            for sums, w in zip(about.sums, at.weights, strict=True)
-            if w > 0.0
-        ]
-        logs[each] = log_sum(several) if each else log_sum(several[: len(several) // len(at.sizes)]) + np.log(2.0)
+        known = [(sums, w) for sums, w in zip(about.sums, at.weights, strict=True) if w > 0.0]
+        spreads = [root(sizes_of(sizes, now.change)) for sizes in every_size(each)]
+        several = [np.log(w) + log_of(sums, spread) for spread in spreads for sums, w in known]
+        logs[each] = log_sum(several) - float(np.log(len(spreads)))
     by_way = _by_way(logs, causes)
     logs |= {each: log_sum(np.array(list(own.values()))) for each, own in by_way.items()}
     own = root(USUAL)
@@ -208,7 +216,7 @@ def held(about: Summed, changes: Changes, sizes: Sizes | None = None) -> Held:
     changes : what may be large
     sizes : of all that differs; None: those of the changes
     """
-    spread = root(sizes or sizes_of(changes, max(SETTINGS.sizes), about.change))
+    spread = root(sizes or sizes_of(largest(changes), about.change))
     known = [(sums, w) for sums, w in zip(about.sums, SETTINGS.weights, strict=True) if w > 0.0]
     told = [float(np.log(w)) + log_of(sums, spread) for sums, w in known]
     likely = [each for each, log in zip(known, told, strict=True) if log > max(told) - _UNLIKELY]

@@ -6,17 +6,17 @@ run anyway is open, and so are resistance and curve where they are said to have 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.trend.latent import root
+from models.diagnosis.trend.latent import DIFFERENT, root
 from models.diagnosis.trend.loss.losses import SHARES, WAYS, Loss, losses_of
 from models.diagnosis.trend.prior import About, Given, off
 from models.diagnosis.trend.settings import SETTINGS, Sizes
-from models.diagnosis.trend.summed import Sums, White
+from models.diagnosis.trend.summed import Sums, Told, White, in_units_of
 from models.diagnosis.trend.weighing import CAPACITY, EVERY, Caused, Changes, cause_sizes, log_sum
 from models.effects.half_cells import apart, own_curve
 
@@ -24,13 +24,14 @@ from models.effects.half_cells import apart, own_curve
 _BESIDE: tuple[Changes, ...] = tuple(each for each in EVERY if CAPACITY not in each)
 
 
-def caused(given: Given, now: About) -> dict[int, Caused]:
+def caused(given: Given, now: About, other: tuple[Given, About] | None = None) -> dict[int, Caused]:
     """Hold each way to lose something against a run, by its number; none where the cell cannot be taken apart.
 
     Parameters
     ----------
     given : run
     now : about the capacity that it asks for
+    other : the same of another run of the cell in the same state, that is held against them with it
     """
     curve = own_curve(given.known.cell)
     away = SETTINGS.near_ends if len(given.ends.index) else SETTINGS.near_none
@@ -38,18 +39,22 @@ def caused(given: Given, now: About) -> dict[int, Caused]:
     if not near:
         return {}
     error = np.column_stack([_error(given, now, each) for each in near])
-    scales = [(white, w) for white, w in zip(now.white, SETTINGS.weights, strict=True) if w > 0.0]
-    whitened = [solve_triangular(white.lower, error, lower=True, check_finite=False) for white, _ in scales]
+    told = None if other is None else _told_by(*other, near, now.usual_Ohm)
+    scales = [_Scale.of(now, k, error, told) for k, w in enumerate(SETTINGS.weights) if w > 0.0]
     matched_V = apart(curve).left_V if curve else 0.0
     chance = np.log([each.chance for each in near])
-    logs = {each: chance + _logs(scales, whitened, cause_sizes(each, now.change, matched_V)) for each in _BESIDE}
+    logs = {each: chance + _logs(scales, cause_sizes(each, now.change, matched_V)) for each in _BESIDE}
     out = {}
     for way in range(len(WAYS)):
         own = np.array([k for k, each in enumerate(near) if each.way == way], dtype=np.int64)
         if len(own):
-            told, mean, std, best = _told([near[k] for k in own], {name: each[own] for name, each in logs.items()})
-            about = replace(now.summed, change=near[own[best]].change, sums=_about(now, error[:, own[best]]))
-            out[way] = Caused(told, mean, std, near[own[best]], about, matched_V)
+            by_set, mean, std, best = _weighed([near[k] for k in own], {name: each[own] for name, each in logs.items()})
+            loss = near[own[best]]
+            about = replace(now.summed, change=loss.change, sums=_about(now, error[:, own[best]]))
+            if other is not None:
+                its = _about(other[1], _error(*other, loss))
+                about = about.beside(replace(other[1].summed, change=loss.change, sums=its), DIFFERENT)
+            out[way] = Caused(by_set, mean, std, loss, about, matched_V)
     return out
 
 
@@ -61,24 +66,59 @@ def _error(given: Given, now: About, loss: Loss) -> FloatArray:
     return error
 
 
-def _logs(scales: list[tuple[White, float]], whitened: list[FloatArray], sizes: list[Sizes]) -> FloatArray:
+@dataclass(frozen=True)
+class _Scale:
+    """What is told of weights and losses, where the model's error elsewhere is of one scale.
+
+    Attributes
+    ----------
+    weight : probability of that scale
+    inner, right, log : (COUNT, COUNT), (COUNT, M), (M,) as in `Sums`, for each loss
+    """
+
+    weight: float
+    inner: FloatArray
+    right: FloatArray
+    log: FloatArray
+
+    @classmethod
+    def of(cls, now: About, k: int, error: FloatArray, told: list[Told] | None) -> _Scale:
+        inner, right, log = _against(now.white[k], error)
+        if told is not None:
+            inner, right, log = inner + told[k].inner, right + told[k].right, log + told[k].log
+        return cls(SETTINGS.weights[k], inner, right, log)
+
+
+def _against(white: White, error: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Inner products of the columns, theirs with (N, M) errors, and logarithms of the likelihood of these."""
+    own = solve_triangular(white.lower, error, lower=True, check_finite=False)
+    log = -np.sum(np.log(np.diag(white.lower))) - 0.5 * np.sum(own**2, axis=0)
+    return white.sums.inner, white.columns.T @ own, log
+
+
+def _told_by(given: Given, now: About, losses: list[Loss], usual_Ohm: float) -> list[Told]:
+    """What another run tells of each loss, one for each scale; in units of a resistance."""
+    error = np.column_stack([_error(given, now, each) for each in losses])
+    turn = in_units_of(usual_Ohm, now.usual_Ohm)
+    return [Told.of(*_against(white, error), turn, DIFFERENT) for white in now.white]
+
+
+def _logs(scales: list[_Scale], sizes: list[Sizes]) -> FloatArray:
     """(M,) logarithm of the likelihood of each loss with what else may differ, in each of these sizes as likely."""
     every, power = [], SETTINGS.tempering
-    for (white, weight), error in zip(scales, whitened, strict=True):
-        inner, right = white.sums.inner, white.columns.T @ error
-        own = power * (-np.sum(np.log(np.diag(white.lower))) - 0.5 * np.sum(error**2, axis=0))
+    for scale in scales:
         for size in sizes:
             spread = root(size)
-            whole = power * (spread.T @ inner @ spread)
+            whole = power * (spread.T @ scale.inner @ spread)
             whole[np.diag_indices_from(whole)] += 1.0
             lower = np.linalg.cholesky(whole)
-            turned = power * solve_triangular(lower, spread.T @ right, lower=True, check_finite=False)
+            turned = power * solve_triangular(lower, spread.T @ scale.right, lower=True, check_finite=False)
             gained = 0.5 * np.sum(turned**2, axis=0) - np.sum(np.log(np.diag(lower)))
-            every.append(own + gained + np.log(weight / len(sizes)))
+            every.append(power * scale.log + gained + np.log(scale.weight / len(sizes)))
     return np.logaddexp.reduce(np.array(every), axis=0)
 
 
-def _told(losses: list[Loss], logs: dict[Changes, FloatArray]) -> tuple[dict[Changes, float], float, float, int]:
+def _weighed(losses: list[Loss], logs: dict[Changes, FloatArray]) -> tuple[dict[Changes, float], float, float, int]:
     """Logarithm of the likelihood of one way, the share that is lost with its standard deviation, the best loss."""
     whole = np.logaddexp.reduce(np.array(list(logs.values())), axis=0)
     chance = np.exp(whole - whole.max())

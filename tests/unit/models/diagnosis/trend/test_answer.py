@@ -8,7 +8,7 @@ import pytest
 
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend.answer import answer, parts_V, where
-from models.diagnosis.trend.estimate import Weighed, estimate
+from models.diagnosis.trend.estimate import Weighed, seen, weighed
 from models.diagnosis.trend.weighing import EVERY
 from models.effects.view import View
 from tests.unit.models.diagnosis.trend.test_estimate import discharge, whole
@@ -20,7 +20,7 @@ __all__ = ["whole"]
 @pytest.fixture(scope="module")
 def aged(whole) -> Weighed:  # noqa: ANN001, F811
     """10 % of the capacity lost, the resistance grown by more than half."""
-    return estimate(whole, discharge(0.9 * CAPACITY_AH, grown_Ohm=0.012), 1.0, 0.005)
+    return weighed(seen(whole, discharge(0.9 * CAPACITY_AH, grown_Ohm=0.012), 1.0, 0.005))
 
 
 def record_of(weighed: Weighed) -> Record:

@@ -8,7 +8,7 @@ from models.data.resampling import GridRun
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.trend.choice import around_steps, chosen
 from models.diagnosis.trend.ends import ends_of
-from models.diagnosis.trend.estimate import estimate
+from models.diagnosis.trend.estimate import seen, weighed
 from models.diagnosis.trend.quick import quick_rows, steps_of
 from tests.unit.models.diagnosis.hand_reference import EMPTY_V, SLOPE_V
 from tests.unit.models.diagnosis.known.hand_cell import known_runs, true_run
@@ -39,7 +39,7 @@ def test_the_charge_between_full_and_empty_is_the_capacity(whole: KnownRuns, los
     run = discharge(CAPACITY_AH * (1.0 - lost), grown_Ohm=0.01 * lost)
     found = ends_of(whole.cell, run, 1.0)
     assert len(found.index) == 1 and found.soc[0] == pytest.approx(0.0, abs=0.02)
-    state = estimate(whole, run, 1.0, 0.005).state
+    state = weighed(seen(whole, run, 1.0, 0.005)).state
     assert state.capacity_Ah == pytest.approx(CAPACITY_AH * (1.0 - lost), rel=0.02)
     assert 0.01 * state.capacity_Ah <= state.capacity_std_Ah < 0.03 * state.capacity_Ah
 
@@ -51,7 +51,7 @@ def test_a_run_that_ends_half_way_ends_nowhere(whole: KnownRuns) -> None:
 
 
 def test_the_step_at_its_start_tells_the_resistance(whole: KnownRuns) -> None:
-    state = estimate(whole, discharge(0.9 * CAPACITY_AH, grown_Ohm=0.012), 1.0, 0.005).state
+    state = weighed(seen(whole, discharge(0.9 * CAPACITY_AH, grown_Ohm=0.012), 1.0, 0.005)).state
     assert state.resistance_Ohm[-1] == pytest.approx(FRESH_OHM + 0.012, rel=0.15)
 
 
@@ -66,7 +66,7 @@ def test_a_handful_of_samples_tells_nothing(whole: KnownRuns) -> None:
     run = discharge(CAPACITY_AH)
     few = replace(run, measured=np.arange(len(run)) % 500 == 0)
     with pytest.raises(ModelError, match="at least 30"):
-        estimate(whole, few, 1.0, 0.005)
+        weighed(seen(whole, few, 1.0, 0.005))
 
 
 def test_samples_around_steps_and_both_ends_are_looked_at() -> None:

@@ -11,7 +11,7 @@ from models.data.resampling import GridRun
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend.answer import answer
-from models.diagnosis.trend.estimate import Weighed, estimate
+from models.diagnosis.trend.estimate import Weighed, seen, weighed
 from models.diagnosis.trend.loss.losses import LITHIUM, NEGATIVE, POSITIVE, SHARES, WAYS, losses_of
 from models.diagnosis.trend.series import ways_of
 from models.diagnosis.trend.weighing import EVERY
@@ -58,8 +58,8 @@ def discharge(known: KnownRuns, fresh: HalfCells, aged: HalfCells) -> GridRun:
     return true_run(current_A, soc=1.0, capacity_Ah=capacity_Ah, added_V=added_V, noise_V=2e-4, seed=3)
 
 
-def weighed(known: KnownRuns, fresh: HalfCells, aged: HalfCells) -> Weighed:
-    return estimate(known, discharge(known, fresh, aged), 1.0, 0.005)
+def judged(known: KnownRuns, fresh: HalfCells, aged: HalfCells) -> Weighed:
+    return weighed(seen(known, discharge(known, fresh, aged), 1.0, 0.005))
 
 
 def by_cause(found: Weighed) -> dict[str, float]:
@@ -107,7 +107,7 @@ def test_a_loss_is_named_with_its_share(
     effect: str,
     name: str,
 ) -> None:
-    found = weighed(known, electrodes, loss(electrodes, LOST))
+    found = judged(known, electrodes, loss(electrodes, LOST))
     chances = by_cause(found)
     assert max(chances, key=lambda each: chances[each]) == cause and chances[cause] > 0.7
     (finding,) = told(found).findings
@@ -120,7 +120,7 @@ def test_a_loss_is_named_with_its_share(
 
 
 def test_a_moved_curve_that_the_loss_explains_is_not_named_beside_it(known: KnownRuns, electrodes: HalfCells) -> None:
-    found = weighed(known, electrodes, electrodes.less_lithium(LOST))
+    found = judged(known, electrodes, electrodes.less_lithium(LOST))
     assert [each.effect for each in told(found, ("capacity", "curve")).findings] == ["lithium_loss"]
 
 
@@ -131,5 +131,5 @@ def test_a_cell_that_published_curves_do_not_make_has_lost_capacity_and_no_more(
     odd = replace(known, cell=replace(cell, coefficients=coefficients))
     electrodes = half_cells(odd.cell)
     assert electrodes is not None and not electrodes.sure
-    found = weighed(odd, electrodes, electrodes.less_lithium(LOST))
+    found = judged(odd, electrodes, electrodes.less_lithium(LOST))
     assert [each.effect for each in told(found).findings] == ["capacity"]
