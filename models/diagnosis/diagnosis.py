@@ -21,6 +21,7 @@ from models.diagnosis.likelihood.learning import know
 from models.diagnosis.reference.layout import Shape
 from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.reference.reference import fit_reference
+from models.diagnosis.structure.steep import without_steep
 from models.diagnosis.structure.structure import analyse_structure
 from models.diagnosis.thermal.heat_balance import HeatBalance
 from models.effects import Effect, effects
@@ -77,11 +78,13 @@ def diagnose(
         every, soc = [*grid, *record.runs], [*(train_soc or []), *record.soc]
         reference = fit_reference(every, soc, network.cell.capacity_Ah, Shape(own_activation_K(network.structure)))
         lacking = [each for each in catalogue if not _has(network, each)]
-        found = analyse_structure(network, reference, grid, train_soc or [], record.runs, record.soc, lacking, soc_std)
+        told = without_steep(network, grid, train_soc or [])
+        shown = record.of(without_steep(network, record.runs, record.soc))
+        found = analyse_structure(network, reference, told, train_soc or [], shown.runs, record.soc, lacking, soc_std)
         refits = None
         if grid and unexplained(found):
-            refits = try_refits(network, grid, train_soc or [], record, found)
-        return structure_answer(found, reference, record, started, refits)
+            refits = try_refits(network, told, train_soc or [], shown, found)
+        return structure_answer(found, reference, shown, started, refits, 1.0 - shown.n_measured / record.n_measured)
     if mode != "change":
         raise ModelError(f"mode {mode!r} is unknown; use change or structure")
     has_train = bool(grid) or memory is not None or network.record.diagnosis is not None

@@ -59,11 +59,15 @@ class Refit:
 
 @dataclass(frozen=True)
 class _Trial:
-    """An effect put into the structure: its error on held-out training runs, and the network when it is asked for."""
+    """An effect put into the structure: its error on held-out training runs, and the network when it is asked for.
+
+    `clearly` says whether it is lower by more than the parts of the training runs differ in that.
+    """
 
     candidate: Candidate
     error_V: float
     network: Callable[[], LocalModelNetwork]
+    clearly: bool = True
 
 
 @dataclass(frozen=True)
@@ -100,22 +104,21 @@ def try_refits(
     comparison = analysis.comparison
     bounded = network.structure.kernel == "hat"
     own_V, tried = (_bounded if bounded else _searched)(network, train, train_soc, analysis)
-    least_V = min((trial.error_V for trial in tried), default=np.inf)
-    # The best, and what comes near to it, as far as they lower the error clearly.
-    most_V = min((1.0 - _WORTH) * own_V, least_V / (1.0 - _WORTH))
-    clear = sorted((trial for trial in tried if trial.error_V <= most_V), key=lambda trial: trial.error_V)
-    named = Named(comparison, analysis.ranking)
-    found = tuple(
-        Refit(
-            trial.candidate.effect,
-            Readings((named,)).parameters(named, trial.candidate),
-            1e3 * trial.error_V,
-            _error_mV(trial.network(), record),
-        )
-        for trial in clear
-    )
-    if not found or found[0].error_mV >= record.rms_mV:
+    clear = [trial for trial in tried if trial.error_V <= (1.0 - _WORTH) * own_V]
+    judged = [(trial, _error_mV(trial.network(), record)) for trial in clear]
+    # Where the training runs alone leave it open, the diagnosed runs, which no fit has seen, have to say as much.
+    judged = [(trial, mV) for trial, mV in judged if trial.clearly or mV <= (1.0 - _WORTH) * record.rms_mV]
+    judged.sort(key=lambda each: each[0].error_V)
+    if not judged or judged[0][1] >= record.rms_mV:
         return None
+    least_V = judged[0][0].error_V
+    named = Named(comparison, analysis.ranking)
+    readings = Readings((named,))
+    found = tuple(
+        Refit(trial.candidate.effect, readings.parameters(named, trial.candidate), 1e3 * trial.error_V, after_mV)
+        for trial, after_mV in judged
+        if trial.error_V <= least_V / (1.0 - _WORTH)
+    )
     # A refit that explains no more of unseen samples than sensitivities do is none to listen to; bounds, which those do
     # not know, make that of a bounded network the better judge.
     explained = 1.0 - (least_V / own_V) ** 2
@@ -163,8 +166,9 @@ def _bounded(
     for each in analysis.ranking.candidates:
         if each.effect.name in left_out:
             trials = Trials(bank, parts_of(name for name in left_out if name != each.effect.name))
-            if clearly_better(trials.error(variant), own_mse, own.counts):
-                tried.append(_Trial(each, trials.mean(trials.error(variant)), partial(fitted, trials)))
+            mse = trials.error(variant)
+            clearly = clearly_better(mse, own_mse, own.counts)
+            tried.append(_Trial(each, trials.mean(mse), partial(fitted, trials), clearly))
     return own.mean(own_mse), tried
 
 

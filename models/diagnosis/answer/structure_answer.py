@@ -25,6 +25,8 @@ _SHOWN_RIVALS = 3
 # What a refit may leave, in units of the noise, where nothing is said to be missing; and what any may, in V: a quiet
 # sensor makes no model worse.
 _MUCH_LEFT, _LITTLE_V = 2.5, 1e-3
+# Share of the samples from which on it is worth a word that they were left out.
+_LEAST_LEFT_OUT = 0.005
 
 
 def unexplained(analysis: StructureAnalysis) -> bool:
@@ -37,7 +39,12 @@ def unexplained(analysis: StructureAnalysis) -> bool:
 
 
 def structure_answer(
-    analysis: StructureAnalysis, reference: Reference, record: Record, started: float, refits: Refits | None = None
+    analysis: StructureAnalysis,
+    reference: Reference,
+    record: Record,
+    started: float,
+    refits: Refits | None = None,
+    left_out: float = 0.0,
 ) -> Diagnosis:
     """Verdict and findings.
 
@@ -45,9 +52,10 @@ def structure_answer(
     ----------
     analysis : of the record's runs
     reference : model that the next experiment is asked for with
-    record : with the network's error, which the findings' figures are about
+    record : the voltages that can show an effect, with the network's error, which the findings' figures are about
     started : reading of `time.perf_counter` when the diagnosis began
     refits : what refits ask for; None: they were not needed, or name nothing
+    left_out : share of the runs' voltages that the record leaves out
     """
     if refits is not None:
         findings, n_named = refit_findings(refits, record), 1
@@ -73,8 +81,17 @@ def structure_answer(
         depends_on=depends,
         next_experiment=request,
         seconds=time.perf_counter() - started,
-        remarks=tuple(_remarks(analysis, refits)),
+        remarks=(*_remarks(analysis, refits), *_steep(left_out)),
     )
+
+
+def _steep(left_out: float) -> list[str]:
+    if left_out < _LEAST_LEFT_OUT:
+        return []
+    return [
+        f"{100 * left_out:.0f} % of the samples, where half a point of the state of charge makes more than 20 mV, were "
+        "left out; the errors are those of the others: near empty and full the counted charge decides, not an effect"
+    ]
 
 
 def _much_left(analysis: StructureAnalysis, cost_V2: float) -> bool:

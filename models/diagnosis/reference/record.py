@@ -33,6 +33,16 @@ class Record:
         """Free-run RMSE in mV."""
         return 1e3 * float(np.sqrt(np.nanmean(np.concatenate(self.error_V) ** 2)))
 
+    @property
+    def n_measured(self) -> int:
+        """Number of samples with a voltage."""
+        return sum(int(np.count_nonzero(run.measured)) for run in self.runs)
+
+    def of(self, runs: list[GridRun]) -> Record:
+        """The same runs with some of their voltages alone."""
+        error = [np.where(run.measured, each, np.nan) for run, each in zip(runs, self.error_V, strict=True)]
+        return replace(self, runs=runs, error_V=error)
+
     def less(self, contributions: list[FloatArray]) -> Record:
         """The record with a part of the voltage explained."""
         left = [error - part for error, part in zip(self.error_V, contributions, strict=True)]

@@ -103,7 +103,7 @@ def starts_V(
     """(m, k) what is open where a run begins, one standard deviation each."""
     time_s, moved_Ah = run.time_s[index], np.abs(np.diff(run.charge_Ah, prepend=run.charge_Ah[0]))
     passed = np.cumsum(moved_Ah)[index] / network.cell.capacity_Ah
-    fuller = soc_std * _slope_V(network, run, initial_soc, index)
+    fuller = soc_std * slope_V(network, run, initial_soc, index)
     fading = [_START_V * np.exp(-time_s / tau_s) for tau_s in _FADES_S]
     loops = [_START_V * np.exp(-rate * passed) for rate in _LOOPS]
     return np.column_stack([fuller, *fading, *loops])
@@ -114,10 +114,11 @@ def slips_V(network: LocalModelNetwork, run: GridRun, initial_soc: float, index:
     time_s = run.time_s[index]
     knots = np.linspace(0.0, float(run.time_s[-1]), max(2, round(float(run.time_s[-1]) / _SLIP_S) + 1))
     hats = np.maximum(0.0, 1.0 - np.abs(time_s[:, None] - knots) / (knots[1] - knots[0]))
-    return _SLIP_SOC * hats * _slope_V(network, run, initial_soc, index)[:, None]
+    return _SLIP_SOC * hats * slope_V(network, run, initial_soc, index)[:, None]
 
 
-def _slope_V(network: LocalModelNetwork, run: GridRun, initial_soc: float, index: np.ndarray) -> FloatArray:
+def slope_V(network: LocalModelNetwork, run: GridRun, initial_soc: float, index: np.ndarray) -> FloatArray:
+    """(m,) change of the simulated voltage with the state of charge at the start, V."""
     more, less = (free_run_V(network, run, initial_soc + sign * _SOC_STEP)[index] for sign in (1.0, -1.0))
     return (more - less) / (2.0 * _SOC_STEP)
 
