@@ -3,10 +3,18 @@
 import numpy as np
 import pytest
 
+from models.data.resampling import GridRun
+from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.trend.estimate import seen, weighed
 from models.diagnosis.trend.latent import COUNT, QUICK
 from models.diagnosis.trend.series import ChangePoint, agreed, cycles
 from models.diagnosis.trend.summed import Told, in_units_of
 from models.diagnosis.trend.weighing import Chances
+from tests.unit.models.diagnosis.known.hand_cell import true_run
+from tests.unit.models.diagnosis.trend.test_estimate import FRESH_OHM, whole
+from tests.unit.models.hand_network import CAPACITY_AH
+
+__all__ = ["whole"]
 
 
 def test_a_charge_and_the_discharge_at_its_place_are_one_cycle() -> None:
@@ -56,3 +64,21 @@ def test_what_another_run_tells_is_the_likelihood_with_its_own_integrated_out() 
         exact = -0.5 * left @ np.linalg.solve(whole, left) - 0.5 * np.linalg.slogdet(whole)[1]
         got = told.log[0] + told.right[:, 0] @ weights - 0.5 * weights @ told.inner @ weights
         assert got == pytest.approx(exact, rel=1e-9)
+
+
+def full_run(way: float, grown_Ohm: float) -> GridRun:
+    """From empty to full or back at 1C, of a cell that has lost 8 % of its capacity."""
+    current_A = np.full(3332, way * CAPACITY_AH)
+    current_A[:20] = 0.0
+    more_V, capacity_Ah = grown_Ohm * current_A, 0.92 * CAPACITY_AH
+    return true_run(current_A, soc=0.5 * (1.0 - way), capacity_Ah=capacity_Ah, added_V=more_V, noise_V=2e-4, seed=3)
+
+
+def test_both_directions_tell_a_resistance_better_than_one(whole: KnownRuns) -> None:
+    grown_Ohm, middle = 0.006, 5
+    charge, discharge = (seen(whole, full_run(way, grown_Ohm), 0.5 * (1.0 - way), 0.005) for way in (1.0, -1.0))
+    alone, both = weighed(discharge).state, weighed(discharge, charge).state
+    assert both.resistance_std_Ohm[middle] < 0.6 * alone.resistance_std_Ohm[middle]
+    off = [abs(each.resistance_Ohm[middle] - FRESH_OHM - grown_Ohm) for each in (alone, both)]
+    assert off[1] < off[0]
+    assert both.capacity_Ah == pytest.approx(0.92 * CAPACITY_AH, rel=0.02)
