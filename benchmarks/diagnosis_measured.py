@@ -34,7 +34,7 @@ _NMC = ("pybatteryid_nmc", 0.95557, ("nmc_identification_data",), ("nmc_drive_cy
 
 @dataclass(frozen=True)
 class Case:
-    """A chain: record with capacity, training and judged runs; the first model; the effects that are right, in order."""
+    """A chain: record with capacity, training and judged runs; the first model; the right effects, in order."""
 
     name: str
     record: tuple[str, float, tuple[str, ...], tuple[str, ...]]
