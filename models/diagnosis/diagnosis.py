@@ -73,25 +73,15 @@ def diagnose(
         raise ModelError("each training run needs its SoC at the start")
     grid = [to_grid(as_read(network.record, run), network.structure.dt_s) for run in train or []]
     check_training(grid)
-    catalogue = list(effects().values())
     if mode == "structure":
-        every, soc = [*grid, *record.runs], [*(train_soc or []), *record.soc]
-        reference = fit_reference(every, soc, network.cell.capacity_Ah, Shape(own_activation_K(network.structure)))
-        lacking = [each for each in catalogue if not _has(network, each)]
-        told = without_steep(network, grid, train_soc or [])
-        shown = record.of(without_steep(network, record.runs, record.soc))
-        found = analyse_structure(network, reference, told, train_soc or [], shown.runs, record.soc, lacking, soc_std)
-        refits = None
-        if grid and unexplained(found):
-            refits = try_refits(network, told, train_soc or [], shown, found)
-        return structure_answer(found, reference, shown, started, refits, 1.0 - shown.n_measured / record.n_measured)
+        return _structure(network, record, grid, train_soc or [], soc_std, started)
     if mode != "change":
         raise ModelError(f"mode {mode!r} is unknown; use change or structure")
     has_train = bool(grid) or memory is not None or network.record.diagnosis is not None
     try:
         with np.errstate(over="raise"):
             known = memory if memory is not None else known_of(network, record, grid, train_soc or [])
-            analysis = analyse(known, record.runs, record.soc, soc_std, catalogue)
+            analysis = analyse(known, record.runs, record.soc, soc_std, list(effects().values()))
             return change_answer(analysis, record, started, has_train)
     except ModelError:
         raise
@@ -100,6 +90,24 @@ def diagnose(
             f"diagnosis: these runs cannot be weighed ({str(error).splitlines()[0][:100]}); look at them for outliers, "
             "missing columns and hardly any samples, or name other training runs"
         ) from error
+
+
+def _structure(
+    network: LocalModelNetwork,
+    record: Record,
+    train: list[GridRun],
+    train_soc: list[float],
+    soc_std: list[float] | None,
+    started: float,
+) -> Diagnosis:
+    """What the structure lacks, by the voltages that do not hang on half a point of counted charge."""
+    every, soc = [*train, *record.runs], [*train_soc, *record.soc]
+    reference = fit_reference(every, soc, network.cell.capacity_Ah, Shape(own_activation_K(network.structure)))
+    lacking = [each for each in effects().values() if not _has(network, each)]
+    told, shown = without_steep(network, train, train_soc), record.of(without_steep(network, record.runs, record.soc))
+    found = analyse_structure(network, reference, told, train_soc, shown.runs, record.soc, lacking, soc_std)
+    refits = try_refits(network, told, train_soc, shown, found) if train and unexplained(found) else None
+    return structure_answer(found, reference, shown, started, refits, 1.0 - shown.n_measured / record.n_measured)
 
 
 def check_training(train: list[GridRun]) -> None:
