@@ -88,7 +88,10 @@ def cycles(at: FloatArray, moved_Ah: FloatArray, capacity_Ah: float) -> list[tup
 
 
 def agreed(several: list[Chances]) -> Chances:
-    """What runs that were weighed with each other say together: as each says itself, but for rounding."""
+    """What runs that were weighed with each other say together: the geometric mean of what each says.
+
+    Both have seen the same samples, but each knows its own start and errors better than those of the other.
+    """
     if len(several) == 1:
         return several[0]
 
