@@ -122,7 +122,7 @@ def _said(told: list[Chances], by_group: FloatArray) -> np.ndarray:
 
 def _moved_Ah(run: TimeSeries) -> float:
     """Charge that a run has moved, positive where it charges."""
-    return float(np.sum(run.current_A[1:] * np.diff(run.time_s))) / 3600.0
+    return float(np.sum(np.nan_to_num(run.current_A[1:]) * np.diff(run.time_s))) / 3600.0
 
 
 def _held(
