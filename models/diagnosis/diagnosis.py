@@ -9,6 +9,7 @@ import numpy as np
 
 from models.data.errors import ModelError, NotIdentifiableError, StructureError
 from models.data.resampling import GridRun, to_grid
+from models.data.run_order import in_order
 from models.data.timeseries import TimeSeries
 from models.diagnosis.answer.change_answer import change_answer
 from models.diagnosis.answer.findings import Diagnosis, Mode
@@ -71,16 +72,17 @@ def diagnose(
     record = make_record(network, runs, initial_soc)
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
-    grid = [to_grid(as_read(network.record, run), network.structure.dt_s) for run in train or []]
+    train, train_soc = in_order(train or [], train_soc or [])
+    grid = [to_grid(as_read(network.record, run), network.structure.dt_s) for run in train]
     check_training(grid)
     if mode == "structure":
-        return _structure(network, record, grid, train_soc or [], soc_std, started)
+        return _structure(network, record, grid, train_soc, soc_std, started)
     if mode != "change":
         raise ModelError(f"mode {mode!r} is unknown; use change or structure")
     has_train = bool(grid) or memory is not None or network.record.diagnosis is not None
     try:
         with np.errstate(over="raise"):
-            known = memory if memory is not None else known_of(network, record, grid, train_soc or [])
+            known = memory if memory is not None else known_of(network, record, grid, train_soc)
             analysis = analyse(known, record.runs, record.soc, soc_std, list(effects().values()))
             return change_answer(analysis, record, started, has_train)
     except ModelError:

@@ -8,6 +8,7 @@ from typing import Unpack
 from models.comparison.placed_runs import free_run_metrics
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
+from models.data.run_order import in_order
 from models.data.timeseries import TimeSeries
 from models.diagnosis.diagnosis import check_training
 from models.diagnosis.evidence.parameters import Value
@@ -93,6 +94,7 @@ def add_effect(
         Unknown effect, or one that the training runs cannot show.
     """
     chosen = effect(name)
+    train, train_soc = in_order(train, train_soc)
     before = make_record(network, validate, validate_soc)
     # The user compares the same model with the same run on the next page: one figure for both.
     before_mV = free_run_metrics(network, validate, validate_soc)["rmse_mV"]

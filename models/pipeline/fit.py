@@ -140,7 +140,7 @@ def fit(request: FitRequest) -> FitResult:
         network=network,
         train=judged.train,
         validation=judged.validation,
-        train_runs=judged.train_runs,
+        train_runs=[judged.train_runs[k] for k in dict.fromkeys(given.place)],
         validation_runs=judged.validation_runs,
         candidates=chosen.plan.table,
         expected_rmse_mV=choices["expected_rmse_mV"],

@@ -10,6 +10,7 @@ import numpy as np
 
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
+from models.data.run_order import in_order
 from models.data.timeseries import FloatArray, TimeSeries
 from models.diagnosis.diagnosis import check_training, known_of
 from models.diagnosis.known.memory import KnownRuns
@@ -72,7 +73,8 @@ def trend(
     at = np.arange(1.0, len(runs) + 1.0) if along.at is None else np.array(along.at)
     if len(at) != len(runs):
         raise ModelError(f"{len(at)} place(s) for {len(runs)} run(s): give one for each")
-    known = memory if memory is not None else _known(network, runs, initial_soc, train or [], train_soc or [])
+    before = in_order(train or [], train_soc or [])
+    known = memory if memory is not None else _known(network, runs, initial_soc, *before)
     stds = soc_std or [KNOWN.start_soc] * len(runs)
     groups = together(known.cell, at, np.array([_moved_Ah(run) for run in runs]))
     held: list[tuple[Weighed, Record, float]] = []

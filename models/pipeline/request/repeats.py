@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.data.errors import ModelError
+from models.data.run_order import run_order
 from models.data.timeseries import TimeSeries
 from models.pipeline.request.fit_request import FitRequest
 
@@ -20,7 +22,7 @@ def same_record(one: TimeSeries, other: TimeSeries) -> bool:
 
 @dataclass(frozen=True)
 class Once:
-    """A request in which each training run stands once.
+    """A request in which each training run stands once, in the order of `run_order`.
 
     Attributes
     ----------
@@ -35,22 +37,28 @@ class Once:
 
 
 def without_repeats(request: FitRequest) -> Once:
-    """Take each training run once; one that also judges is kept there, and said."""
-    kept: list[int] = []
-    place: list[int] = []
+    """Take each training run once, in an order of their own; one that also judges is kept there, and said.
+
+    Raises
+    ------
+    ModelError
+        Not one SoC for each run.
+    """
+    if request.initial_soc and len(request.initial_soc) != len(request.train):
+        raise ModelError(
+            f"{len(request.initial_soc)} initial SoC(s) for {len(request.train)} training run(s): give one for each"
+        )
+    first: list[int] = []
     remarks = []
-    for k, run in enumerate(request.train):
-        first = next((j for j in kept if same_record(request.train[j], run)), None)
-        place.append(len(kept) if first is None else kept.index(first))
-        if first is None:
-            kept.append(k)
-        else:
-            remarks.append(f"{run.name} is the same record as {request.train[first].name}: it is used once")
+    for run in request.train:
+        first.append(next(j for j, other in enumerate(request.train) if same_record(other, run)))
+        if first[-1] != len(first) - 1:
+            remarks.append(f"{run.name} is the same record as {request.train[first[-1]].name}: it is used once")
     for judge in request.validate or []:
         if any(same_record(judge, run) for run in request.train):
             remarks.append(f"{judge.name} judges the model and was also learned from: its error says nothing of others")
-    if len(kept) == len(request.train):
-        return Once(request, place, remarks)
+    kept = sorted(set(first))
+    kept = [kept[k] for k in run_order([request.train[k] for k in kept])]
     soc = None if not request.initial_soc else [request.initial_soc[k] for k in kept]
     once = replace(request, train=[request.train[k] for k in kept], initial_soc=soc)
-    return Once(once, place, remarks)
+    return Once(once, [kept.index(k) for k in first], remarks)

@@ -7,6 +7,7 @@ from models.data.resampling import to_grid
 from models.identification.bounded.variants import Variant
 from models.identification.progress import silent
 from models.network.free_run import free_run_V
+from models.pipeline.fit import fit_network
 from models.pipeline.plans import BoundedPlan, error_of
 from models.pipeline.training import Training, training
 from tests.unit.models.diagnosis.cells import SOC
@@ -48,6 +49,14 @@ def test_largest_voltages_are_those_of_the_signals(data: Training) -> None:
         made_V = network.voltage_span_V * theta[:, column] * rows.u[:, column]
         assert np.abs(made_V).max() <= term["largest_V"] * (1.0 + 1e-6)
     assert np.isfinite(whole).all()
+
+
+def test_a_fit_does_not_know_in_which_order_its_runs_were_named() -> None:
+    options = {"capacity_Ah": CELL.capacity_Ah, "initial_soc": [SOC, SOC], "dt_s": 1.0, "structure": "bounded"}
+    there, back = (fit_network([run(a), run(b)], **options) for a, b in ((2, 4), (4, 2)))
+    np.testing.assert_array_equal(there.network.theta, back.network.theta)
+    assert there.expected_rmse_mV == back.expected_rmse_mV
+    assert there.train_runs == back.train_runs[::-1]
 
 
 def test_outer_folds_see_every_sample_and_tell_a_worse_plan(data: Training) -> None:

@@ -1,0 +1,34 @@
+"""One order of runs, whatever order they were named in.
+
+Which samples are held out together, and with that what a fit chooses and a diagnosis believes, goes by the place of a
+run among the others. A command that lists files by name and a page that lists them by date must get the same answer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.data.timeseries import FloatArray, TimeSeries
+
+
+def run_order(runs: list[TimeSeries]) -> list[int]:
+    """Return the places of runs in the order that their content gives: by temperature, load, length and voltage.
+
+    Runs of the same content, which may be told apart by name only, stay as they were given.
+    """
+    return sorted(range(len(runs)), key=lambda place: _content(runs[place]))
+
+
+def in_order(runs: list[TimeSeries], soc: list[float]) -> tuple[list[TimeSeries], list[float]]:
+    """Return runs and their states of charge at the start in the order of `run_order`."""
+    order = run_order(runs)
+    return [runs[k] for k in order], [soc[k] for k in order]
+
+
+def _content(run: TimeSeries) -> tuple[float, ...]:
+    return (_mean(run.temperature_degC), _mean(np.abs(run.current_A)), float(len(run)), _mean(run.voltage_V))
+
+
+def _mean(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else 0.0
