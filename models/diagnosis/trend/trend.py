@@ -73,8 +73,7 @@ def trend(
     at = np.arange(1.0, len(runs) + 1.0) if along.at is None else np.array(along.at)
     if len(at) != len(runs):
         raise ModelError(f"{len(at)} place(s) for {len(runs)} run(s): give one for each")
-    before = in_order(train or [], train_soc or [])
-    known = memory if memory is not None else _known(network, runs, initial_soc, *before)
+    known = memory if memory is not None else _known(network, runs, initial_soc, train or [], train_soc or [])
     stds = soc_std or [KNOWN.start_soc] * len(runs)
     groups = together(known.cell, at, np.array([_moved_Ah(run) for run in runs]))
     held: list[tuple[Weighed, Record, float]] = []
@@ -106,6 +105,7 @@ def _known(
     train_soc: list[float],
 ) -> KnownRuns:
     """What is known of the cell as it was, made once for the whole series."""
+    train, train_soc = in_order(train, train_soc)
     grid = [to_grid(as_read(network.record, run), network.structure.dt_s) for run in train]
     check_training(grid)
     if not grid:
