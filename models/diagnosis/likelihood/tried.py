@@ -119,7 +119,7 @@ def _broken(back: Background, shape: Moving, weighed: Weighed, whitened: list[Wh
     return _beyond(back, truly, promised)
 
 
-def _beyond(back: Background, truly: FloatArray, promised: list[FloatArray]) -> float:
+def _beyond(back: Background, truly: FloatArray, promised: Sequence[FloatArray]) -> float:
     """Gain of the logarithm in what derivatives leave, by the root for each scale, over what a simulation leaves."""
     broken, scales = 0.0, [scale for scale, _ in THRESHOLDS.effect_scales]
     for scale, less, error, white in zip(scales, promised, back.white_errors, back.whites(truly, scales), strict=True):
