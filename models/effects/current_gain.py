@@ -9,8 +9,9 @@ from models.effects.reading import InputCorrection, Reading, Values
 from models.effects.view import View
 
 _STEP, _LIMIT = 1e-3, 0.3
-# A cycler is calibrated to 0.1 % and better; a wrong range or a shunt that has aged is off by a per cent.
-_USUAL = 0.01
+# Cyclers are specified to 0.02 to 0.1 % of their range, simple ones and a shunt that has aged to half a per cent. More
+# than a tenth is a wrong range.
+_USUAL, _FURTHEST = 0.004, 25.0
 
 
 def _soc(view: View, gain: float) -> FloatArray:
@@ -45,7 +46,8 @@ EFFECT = Effect(
     regressors=_regressors,
     shift=Shift(_voltage, lambda _view: _STEP, lambda _view: (-_LIMIT, _LIMIT), soc=_soc, current_A=_true_A),
     absorbed=True,
+    like=("capacity",),
     correction=InputCorrection(_without, possible=lambda values: values["gain"] > -1.0),
     # A cell that has aged is more usual than a sensor that has, and in many a log the two look alike.
-    expected=Expected(width=lambda _view: _USUAL, share=0.3, learned=False),
+    expected=Expected(width=lambda _view: _USUAL, furthest=_FURTHEST, share=0.3, learned=False),
 )

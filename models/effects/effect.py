@@ -143,6 +143,7 @@ class Effect:
     needs_temperature : it cannot be seen where the temperature is missing or does not move
     seen_in : views of runs -> whether these tell it from what a cell does anyway; None: it is seen in any runs
     twin : an effect that one log can hardly tell from it; one of the two has to say so
+    like : effects that most runs can hardly tell from it: rivals where they explain nearly as much
     contains : effects that are special cases of this one
     part_of : effects that this one is a special case of: `contains`, said by the other
     reference_terms : terms of the diagnosis' reference model that stand for it; they are left out where it is sized
@@ -183,6 +184,7 @@ class Effect:
     needs_temperature: bool = False
     seen_in: Callable[[Sequence[View]], bool] | None = None
     twin: str | None = None
+    like: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()
     part_of: tuple[str, ...] = ()
     reference_terms: tuple[ReferenceTerm, ...] = ()

@@ -55,6 +55,7 @@ class Expected:
     starts : sizes in units of the width from which the search for a shift begins
     from_best : whether it begins from the best of these alone; else from each
     warmth : usual changes of the values of `warmth`, as many as it has
+    furthest : sizes in units of the usual one beyond which none is looked for
     share : prior weight beside that of an effect with one shape; less where many shapes could pass for chance
     granted : view -> part of the usual size that is there in any log and no news
     learned : whether a little of it may be new in any run, by as much as the training runs show; not where another
@@ -67,6 +68,7 @@ class Expected:
     starts: tuple[float, ...] = (-1.0, 0.0, 1.0)
     from_best: bool = False
     warmth: tuple[float, ...] = ()
+    furthest: float = 8.0
     share: float = 1.0
     granted: Callable[[View], float] | None = None
     learned: bool = True

@@ -86,10 +86,13 @@ def _findings(analysis: Analysis, rivals: tuple[Tried, ...], record: Record) -> 
         given = [finding.effect for finding in findings]
         others = tuple(other.effect.name for other in rivals)
         after = left.less(_parts_V(analysis, each, record))
-        findings.append(_finding(analysis, each, (record, after), confidence, others, given))
+        sure = min(confidence, analysis.chance(each)) if given else confidence
+        findings.append(_finding(analysis, each, (record, after), sure, others, given))
         left = after
     names = tuple(finding.effect for finding in findings)
-    chance = {each.effect.name: p for p, each in analysis.verdict.single} | analysis.untold_chances
+    pairs = len(analysis.named) > 1
+    chance = {each.effect.name: analysis.chance(each) if pairs else p for p, each in analysis.verdict.single}
+    chance |= analysis.untold_chances
     for each in rivals:
         after = record.less(_parts_V(analysis, each, record))
         others = (*names, *(other.effect.name for other in rivals if other is not each))

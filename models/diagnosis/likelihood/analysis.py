@@ -49,18 +49,42 @@ class Analysis:
         """The likeliest explanation: one effect or two, the larger first; none where there is nothing or unknown."""
         if not self.verdict.something:
             return ()
-        single = self.verdict.single[0]
-        likeliest = max([single[0], *(pair[0] for pair in self.verdict.pairs[:1])])
+        likeliest, both = self._likeliest
         if self.verdict.unknown > likeliest:
             return ()
-        if single[0] == likeliest:
-            return (single[1],)
-        _, *both = self.verdict.pairs[0]
+        if len(both) == 1:
+            return both
         found = together(self.back, both)[0].mean
         first = both[0].columns.shape[1]
         sizes = (found[:first], found[first:])
         rms_V = [self._rms_V(each, size) for each, size in zip(both, sizes, strict=True)]
-        return tuple(both if rms_V[0] >= rms_V[1] else reversed(both))
+        return both if rms_V[0] >= rms_V[1] else both[::-1]
+
+    @cached_property
+    def _likeliest(self) -> tuple[float, tuple[Tried, ...]]:
+        """The likeliest of one effect and two, with its probability.
+
+        A cause of a lost capacity is told as the capacity where that alone would do nearly as well: whichever cause it
+        is, the charge that the cell holds is that.
+        """
+        best, *which = max([*self.verdict.single[:1], *self.verdict.pairs[:1]], key=lambda each: each[0])
+        whole = next((each for each in self.tried if each.effect.life == "capacity"), None)
+        for cause in [each for each in which if each.effect.causes and whole is not None]:
+            wanted = [each for each in self.tried if each is whole or (each is not cause and each in which)]
+            if THRESHOLDS.rival * self._chance(wanted) >= best:
+                return best, tuple(wanted)
+        return best, tuple(which)
+
+    def _chance(self, wanted: list[Tried]) -> float:
+        """Probability that just these one or two effects are there."""
+        every = self.verdict.single if len(wanted) == 1 else self.verdict.pairs
+        names = {each.effect.name for each in wanted}
+        return next((p for p, *which in every if {each.effect.name for each in which} == names), 0.0)
+
+    def chance(self, one: Tried) -> float:
+        """Probability that an effect is there, alone or with another."""
+        alone = sum(p for p, each in self.verdict.single if each is one)
+        return min(alone + sum(p for p, *both in self.verdict.pairs if any(each is one for each in both)), 1.0)
 
     @cached_property
     def sizes(self) -> dict[str, Weighed]:
@@ -80,12 +104,12 @@ class Analysis:
         """Effects that explain the runs nearly as well as the first that is named, where one alone is."""
         hidden = tuple(each for each in self.untold if each.effect.name in self.untold_chances)
         if len(self.named) != 1:
-            free = tuple(each for each in self.tried if self.named and self._stands_for(each))
-            return hidden + free + tuple(each for each in self.one_curve if each not in free)
-        best = self.verdict.single[0][0]
-        others = [each for p, each in self.verdict.single[1:] if p * THRESHOLDS.rival >= best]
-        name = self.named[0].effect
-        twin = [each for _, each in self.verdict.single[1:] if each.effect.name == name.twin and each not in others]
+            return _once(*hidden, *self._instead, *self.one_curve)
+        best, (named,) = self._likeliest
+        singles = [(p, each) for p, each in self.verdict.single if each is not named]
+        others = [each for p, each in singles if p * THRESHOLDS.rival >= best or _alike(named, each)]
+        name = named.effect
+        twin = [each for _, each in singles if each.effect.name == name.twin and each not in others]
         curve = [each for each in self.one_curve if each not in (*twin, *others)]
         return (*twin, *hidden, *others, *curve)
 
@@ -117,30 +141,32 @@ class Analysis:
         """
         if not self.named:
             return {}
-        best = self.verdict.single[0][0] if len(self.named) == 1 else self.verdict.pairs[0][0]
+        best = self._likeliest[0]
         chances = chances_of(self.back, self.verdict, list(self.tried), list(self.untold), self.sight.n_voltage)
         near = {each.effect.name: p for each, p in zip(self.untold, chances.tolist(), strict=True)}
         return {name: best * p / (p + max(p, best)) for name, p in near.items() if p * THRESHOLDS.rival >= best}
 
-    def _stands_for(self, general: Tried) -> bool:
-        """Whether a named pair would be as good with a free curve in the place of a special case of it."""
-        names = {each.effect.name for each in self.named}
-        inner = names & set(general.effect.contains)
-        if general.effect.local is None or not general.effect.absorbed or len(inner) != 1:
-            return False
-        wanted, best = {general.effect.name, *(names - inner)}, self.verdict.pairs[0][0]
-        chance = next((p for p, *both in self.verdict.pairs if {each.effect.name for each in both} == wanted), 0.0)
-        return chance * THRESHOLDS.rival >= best
+    @property
+    def _instead(self) -> tuple[Tried, ...]:
+        """Effects with which one of a named pair would be as good in the place of the other, the likeliest first.
+
+        What both pairs have is sure whatever causes of one loss stand beside it; which of them does is open.
+        """
+        if not self.named:
+            return ()
+        found = []
+        for p, *both in self.verdict.pairs:
+            other = [each for each in both if all(each is not one for one in self.named)]
+            if p * THRESHOLDS.rival >= self._likeliest[0] and len(other) == 1:
+                found += other
+        return _once(*found)
 
     @property
     def confidence(self) -> float:
         """Probability of what is named first: that it is there, alone or with another."""
         if not self.named:
             return self.verdict.unknown
-        first = self.named[0]
-        alone = sum(p for p, each in self.verdict.single if each is first)
-        whole = min(alone + sum(p for p, *both in self.verdict.pairs if any(each is first for each in both)), 1.0)
-        sure = max(whole - sum(self.untold_chances.values()), 0.0)
+        sure = max(self.chance(self.named[0]) - sum(self.untold_chances.values()), 0.0)
         return min(sure, THRESHOLDS.sure_of_curve) if self.one_curve or self._may_be_electrodes else sure
 
     @property
@@ -187,6 +213,20 @@ class Analysis:
         """The three effects that could hide best: those that make most voltage at the smallest size that is seen."""
         order = sorted(self.power, key=lambda each: -each.rms_V)
         return tuple(each.tried.effect.name for each in order[:3])
+
+
+def _alike(named: Tried, other: Tried) -> bool:
+    """Whether an effect that most runs can hardly tell from the named one explains nearly as much."""
+    like = other.effect.name in named.effect.like or named.effect.name in other.effect.like
+    return like and other.weighed.log_likelihood >= THRESHOLDS.as_good * named.weighed.log_likelihood
+
+
+def _once(*tried: Tried) -> tuple[Tried, ...]:
+    """Each effect where it stands first."""
+    found: dict[str, Tried] = {}
+    for each in tried:
+        found.setdefault(each.effect.name, each)
+    return tuple(found.values())
 
 
 def analyse(

@@ -17,7 +17,9 @@ from models.diagnosis.likelihood.background import Background, Weighed
 from models.diagnosis.likelihood.shapes import Moving
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 
-# Sizes in units of the usual one: the smallest is what a well-known cell shows, the largest the furthest looked for.
+# Sizes in units of the usual one: the smallest is what a well-known cell shows, the largest the furthest mostly looked
+# for, beyond which they go on by that factor.
+_FURTHER = 1.4
 _GRID = (0.05, 0.1, 0.2, 0.3, 0.45, 0.65, 0.9, 1.3, 1.9, 2.8, 4.0, 5.7, 8.0)
 _AROUND = np.linspace(-4.0, 4.0, 9)
 _TOPS, _STEPS, _HALVINGS, _SETTLED = 2, 4, 3, 0.2
@@ -49,7 +51,10 @@ def profile(back: Background, shape: Moving) -> Profile:
     shape : of one size, `shape.size` is 1
     """
     low, high = shape.limits[:, 0].tolist()
-    grid = [-each for each in _GRID] + [0.0] + list(_GRID)
+    steps = list(_GRID)
+    while steps[-1] < max(-low, high):
+        steps.append(_FURTHER * steps[-1])
+    grid = [-each for each in steps] + [0.0] + steps
     if shape.from_best:
         grid = [0.0, *(start for (start,) in shape.starts)]
     seen = _Seen(back, shape)

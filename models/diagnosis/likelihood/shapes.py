@@ -18,8 +18,6 @@ from models.effects.view import View
 
 # Size of the steps of derivatives, in units of the usual size.
 _STEP = 0.05
-# Sizes beyond which none is looked for.
-_FURTHEST = 8.0
 # Temperatures that a cell may have had, whatever a wrong reading says.
 _POSSIBLE_DEGC = (-60.0, 150.0)
 # A temperature that moves less shows nothing of what temperature does.
@@ -177,7 +175,8 @@ def _shifted(sight: Sight, one: Effect, shift: Shift, width: float) -> Moving:
     kelvins = [_heat_of_shift(sight, run, one, shift, width) for run in sight.runs]
     low, high = shift.limits(sight.runs[0].points)
 
-    limits = np.clip(np.array([[low], [high]]) / width, -_FURTHEST, _FURTHEST)
+    furthest = one.expected.furthest
+    limits = np.clip(np.array([[low], [high]]) / width, -furthest, furthest)
 
     def voltage(sizes: FloatArray, view: View) -> FloatArray:
         return shift.voltage(view, float(width * sizes[0]))
@@ -261,7 +260,7 @@ def _warm(sight: Sight, one: Effect, warmth: Warmth, usual: tuple[float, ...]) -
     starts = [zero] + [
         tuple(sign * (i == j) for j in range(len(usual))) for i in range(len(usual)) for sign in (-1.0, 1.0)
     ]
-    limits = np.outer([-_FURTHEST, _FURTHEST], np.ones(len(usual)))
+    limits = np.outer([-one.expected.furthest, one.expected.furthest], np.ones(len(usual)))
     return Moving(simulate, len(usual), tuple(starts), limits, physical, voltage)
 
 

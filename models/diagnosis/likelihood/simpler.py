@@ -42,17 +42,23 @@ class Simpler:
         self._number = {each.effect.name: i for i, each in enumerate(tried)}
 
     def special(self, i: int) -> list[int]:
-        """Numbers of the special cases of an effect that the runs ask for by themselves."""
-        found = [self._number[name] for name in self._tried[i].effect.contains if name in self._number]
+        """Numbers of the special cases of an effect that the runs ask for by themselves.
+
+        What bends the curve by losing capacity has the plain loss as one: where that leaves less, nothing was bent.
+        """
+        names = list(self._tried[i].effect.contains)
+        if self._tried[i].effect.causes:
+            names += [each.effect.name for each in self._tried if each.effect.life == "capacity"]
+        found = [self._number[name] for name in names if name in self._number]
         return [each for each in found if self._asked[each]]
 
     def single(self, i: int) -> bool:
         """Of one effect."""
         return self._alone_V[i] > THRESHOLDS.worse * min(self._nothing_V, *self._least_V(i))
 
-    def pair(self, i: int, j: int) -> bool:
-        """Of two at once."""
-        most_V = self._both_V(i, j) / THRESHOLDS.worse
+    def pair(self, i: int, j: int, part: FloatArray) -> bool:
+        """Of two at once, which stand for (N,) `part`."""
+        most_V = _left_V(self._back, part, self._n_voltage) / THRESHOLDS.worse
         if most_V > min(self._nothing_V, *self._least_V(i), *self._least_V(j)):
             return True
         inner = [(each, j) for each in self.special(i)] + [(i, each) for each in self.special(j)]
@@ -107,6 +113,8 @@ def simplest_first(
             free = place[min(e, other), max(e, other)]
             for i, part in parts.items():
                 both = place[min(i, other), max(i, other)]
+                if not np.isfinite(joint_logs[both]):
+                    continue
                 joint_logs[both] = max(joint_logs[both], joint_logs[free] + part)
             joint_logs[free] += kept
 

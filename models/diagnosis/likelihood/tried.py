@@ -49,6 +49,22 @@ class Tried:
         part = self.columns @ sizes
         return part if self.moved is None else part + self.moved
 
+    def truly(self, sizes: FloatArray) -> FloatArray:
+        """(N,) the same, simulated where it bends."""
+        shape = self.shape
+        return shape.simulate(np.clip(sizes, *shape.limits)) if isinstance(shape, Moving) else self.part(sizes)
+
+    def rare(self, sizes: FloatArray) -> float:
+        """Logarithm of how much rarer sizes are than usual ones, of what tempering leaves out of that.
+
+        What the samples say is tempered, not how large a usual change is (Grünwald and van Ommen, Bayesian Anal. 12,
+        2017). By the widest of `sizes`, so that nothing is taken off a usual one; of a change of one size alone, for
+        what a shape pays is in its determinant.
+        """
+        if len(sizes) > 1:
+            return 0.0
+        return -0.5 * (1.0 - THRESHOLDS.tempering) * float(sizes[0] / max(THRESHOLDS.sizes)) ** 2
+
 
 def try_shapes(back: Background, one: Effect, shapes: tuple[Linear | Moving, ...]) -> Tried:
     """Weigh an effect over all its shapes."""
@@ -99,13 +115,34 @@ def _searched(back: Background, one: Effect, shape: Moving) -> Tried:
 def _broken(back: Background, shape: Moving, weighed: Weighed, whitened: list[Whitened]) -> float:
     """How much evidence the derivatives promise beyond what a simulation of the likeliest size bears out."""
     truly = shape.simulate(np.clip(weighed.mean, *shape.limits))
+    promised = [each.error - each.columns @ weighed.mean for each in whitened]
+    return _beyond(back, truly, promised)
+
+
+def _beyond(back: Background, truly: FloatArray, promised: Sequence[FloatArray]) -> float:
+    """Gain of the logarithm in what derivatives leave, by the root for each scale, over what a simulation leaves."""
     broken, scales = 0.0, [scale for scale, _ in THRESHOLDS.effect_scales]
-    rows = zip(scales, whitened, back.white_errors, back.whites(truly, scales), strict=True)
-    for scale, each, error, white in rows:
+    for scale, less, error, white in zip(scales, promised, back.white_errors, back.whites(truly, scales), strict=True):
         if scale in THRESHOLDS.scales:
-            promised, left = each.error - each.columns @ weighed.mean, error - white
-            broken = max(broken, 0.5 * float(left @ left - promised @ promised))
+            left = error - white
+            broken = max(broken, 0.5 * float(left @ left - less @ less))
     return broken
+
+
+def weigh_both(back: Background, both: Sequence[Tried]) -> tuple[FloatArray, float]:
+    """(N,) what two effects stand for at once, and what is added to the logarithm of their posterior for their sizes.
+
+    Beside each other both have other sizes than alone, for which derivatives may promise what no simulation bears out.
+    """
+    weighed, part = together(back, both)
+    first = both[0].columns.shape[1]
+    sizes = (weighed.mean[:first], weighed.mean[first:])
+    truly = np.sum([each.truly(own) for each, own in zip(both, sizes, strict=True)], axis=0)
+    scales = [scale for scale, _ in THRESHOLDS.effect_scales]
+    promised = [error - white for error, white in zip(back.white_errors, back.whites(part, scales), strict=True)]
+    broken = _beyond(back, truly, promised) - sum(each.broken for each in both)
+    rare = sum(each.rare(own) for each, own in zip(both, sizes, strict=True))
+    return part, rare - THRESHOLDS.tempering * max(broken, 0.0)
 
 
 def together(back: Background, several: Sequence[Tried]) -> tuple[Weighed, FloatArray]:

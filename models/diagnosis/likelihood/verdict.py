@@ -12,8 +12,8 @@ from models.diagnosis.likelihood.background import Background, log_sum
 from models.diagnosis.likelihood.pairs import pair_gains
 from models.diagnosis.likelihood.simpler import Simpler, price_of_shape, shares, simplest_first, worsens
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.tried import Tried
-from models.effects import Effect
+from models.diagnosis.likelihood.tried import Tried, weigh_both
+from models.effects import Effect, effect
 
 _LEAST = 1e-300
 
@@ -68,7 +68,14 @@ def chances_of(
 
 
 def _likely(a: Effect, b: Effect) -> float:
+    """Weight of a pair; a cause of a lost capacity beside all of that loss, or what looks like it, is none."""
+    if (a.causes and _is_loss(b)) or (b.causes and _is_loss(a)):
+        return 0.0
     return THRESHOLDS.twins if b.name == a.twin else 1.0
+
+
+def _is_loss(one: Effect) -> bool:
+    return one.life == "capacity" or any(effect(name).life == "capacity" for name in one.like)
 
 
 def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
@@ -84,10 +91,12 @@ def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
     share, alone = shares(tried), np.log(prior_alone(tried))
     couples = [] if len(tried) < 2 else list(combinations(range(len(tried)), 2))
     products = np.array([share[i] * share[j] * _likely(tried[i].effect, tried[j].effect) for i, j in couples])
-    joint = np.log(at.pairs * products / max(products.sum(), 1e-300))
+    with np.errstate(divide="ignore"):
+        joint = np.log(at.pairs * products / max(products.sum(), _LEAST))
     gains = pair_gains(back, [each.columns for each in tried], [each.moved for each in tried], couples)
     broken = np.array([tried[i].broken + tried[j].broken for i, j in couples])
     single_logs = alone + at.tempering * np.array([each.weighed.log_likelihood for each in tried])
+    single_logs += np.array([each.rare(each.weighed.mean) for each in tried])
     simpler = Simpler(back, tried, n_voltage)
     single_logs[[simpler.single(i) for i in range(len(tried))]] = -np.inf
     joint_logs = joint + at.tempering * (np.array(gains) - broken)
@@ -98,9 +107,10 @@ def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
     for c in np.argsort(-joint_logs):
         if joint_logs[c] < least:
             break
-        if simpler.pair(*couples[c]):
-            joint_logs[c] = -np.inf
-        else:
+        i, j = couples[c]
+        part, more = weigh_both(back, (tried[i], tried[j]))
+        joint_logs[c] = -np.inf if simpler.pair(i, j, part) else joint_logs[c] + more
+        if joint_logs[c] > least + at.in_question:
             least = max(least, float(joint_logs[c]) - at.in_question)
     # Which effect it is rests on the effects' equations, too; whether there is one on the known errors alone.
     gain = np.concatenate([[each.weighed.log_likelihood for each in tried], np.array(gains) - broken])

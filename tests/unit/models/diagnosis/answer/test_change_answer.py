@@ -9,7 +9,7 @@ import pytest
 from models.data.resampling import GridRun
 from models.diagnosis.answer.change_answer import change_answer
 from models.diagnosis.answer.confidence import SURE_ELSEWHERE
-from models.diagnosis.answer.findings import Diagnosis
+from models.diagnosis.answer.findings import Diagnosis, Finding
 from models.diagnosis.likelihood.analysis import Analysis, analyse
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.reference.record import Record
@@ -157,3 +157,48 @@ def test_errors_that_are_not_white_are_not_known_to_the_noise(new_contact: tuple
     assert 0.0 < off.elsewhere.white_share < 0.5 * (1.0 + share)
     doubtful = replace(analysis, sight=replace(analysis.sight, known=off))
     assert answered(doubtful, record).findings[0].confidence <= SURE_ELSEWHERE
+
+
+def test_a_lost_capacity_is_told_before_a_cause_that_explains_hardly_more(as_before: tuple[Analysis, Record]) -> None:
+    analysis, record = as_before
+    loss, whole, *_ = analysis.tried
+    loss = replace(loss, effect=replace(loss.effect, causes=("lithium",)))
+    whole = replace(whole, effect=replace(whole.effect, life="capacity"))
+
+    def first(of_whole: float) -> Finding:
+        verdict = replace(analysis.verdict, nothing=0.01, single=((0.6, loss), (of_whole, whole)), pairs=())
+        answer = answered(replace(analysis, tried=(loss, whole), verdict=verdict), record)
+        return answer.findings[0]
+
+    assert (first(0.3).effect, first(0.3).confounded_with) == (whole.effect.name, (loss.effect.name,))
+    assert first(0.01).effect == loss.effect.name
+
+
+def test_what_may_stand_beside_one_of_two_in_the_place_of_the_other_is_a_rival(
+    as_before: tuple[Analysis, Record],
+) -> None:
+    analysis, record = as_before
+    contact, offset, drift, _ = analysis.tried
+    pairs = ((0.5, contact, offset), (0.4, contact, drift))
+    single = tuple((0.0, each) for each in analysis.tried)
+    verdict = replace(analysis.verdict, nothing=0.01, unknown=0.0, single=single, pairs=pairs)
+    answer = answered(replace(analysis, verdict=verdict), record)
+    sure = {each.effect: each.confidence for each in answer.findings}
+    assert answer.verdict == "ambiguous"
+    assert set(sure) == {contact.effect.name, offset.effect.name, drift.effect.name}
+    assert sure[drift.effect.name] == pytest.approx(0.4)
+
+
+def test_a_gain_of_the_current_stands_beside_a_capacity_that_explains_as_much(
+    as_before: tuple[Analysis, Record],
+) -> None:
+    analysis, record = as_before
+    gain, whole, *_ = analysis.tried
+    gain = replace(gain, effect=replace(gain.effect, like=(whole.effect.name,)))
+    verdict = replace(analysis.verdict, nothing=0.01, single=((0.9, whole), (1e-4, gain)), pairs=())
+    for share, rivals in ((0.95, (gain.effect.name,)), (0.5, ())):
+        less = replace(gain, weighed=replace(gain.weighed, log_likelihood=100.0 * share))
+        more = replace(whole, weighed=replace(whole.weighed, log_likelihood=100.0))
+        single = ((0.9, more), (1e-4, less))
+        own = replace(analysis, tried=(less, more), verdict=replace(verdict, single=single))
+        assert answered(own, record).findings[0].confounded_with == rivals

@@ -7,7 +7,7 @@ from models.diagnosis.likelihood.background import Background
 from models.diagnosis.likelihood.shapes import Linear
 from models.diagnosis.likelihood.simpler import Simpler, price_of_shape
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.tried import Tried, try_shapes
+from models.diagnosis.likelihood.tried import Tried, together, try_shapes
 from models.diagnosis.likelihood.verdict import judge
 from models.effects import effect
 
@@ -129,5 +129,26 @@ def test_what_leaves_more_error_than_a_simpler_explanation_is_not_named() -> Non
     simpler = Simpler(back, tried, N)
     assert tried[0].weighed.log_likelihood > THRESHOLDS.asked
     assert not simpler.single(0)
-    assert simpler.pair(0, 1)
+    assert simpler.pair(0, 1, together(back, tried)[1])
     assert judge(back, tried, N).pairs[0][0] == 0.0
+
+
+def test_a_size_beyond_all_usual_ones_is_rarer_than_the_tempered_likelihood_has_it() -> None:
+    column = 0.02 * np.sin(9.0 * TIME)[:, None]
+    tried = try_shapes(against(0.1 * TIME, column[:, 0]), effect("current_gain"), (Linear(column, (), (), 0),))
+    far = 4.0 * max(THRESHOLDS.sizes)
+    np.testing.assert_allclose(tried.rare(np.array([far])), -0.5 * (1.0 - THRESHOLDS.tempering) * 16.0)
+    assert tried.rare(np.array([1.0])) > -0.1
+    assert tried.rare(np.array([far, far])) == 0.0
+
+
+def test_a_cause_beside_the_whole_loss_of_capacity_or_what_looks_like_it_is_no_explanation() -> None:
+    columns = {"capacity": np.sin(9.0 * TIME), "current_gain": np.sin(9.3 * TIME), "lithium_loss": np.cos(5.0 * TIME)}
+    back = against(1e-4 * TIME, 0.02 * (columns["capacity"] + columns["lithium_loss"]))
+    tried = [
+        try_shapes(back, effect(name), (Linear(0.02 * each[:, None], (), (), 0),)) for name, each in columns.items()
+    ]
+    chances = {frozenset((a.effect.name, b.effect.name)): p for p, a, b in judge(back, tried, N).pairs}
+    assert chances[frozenset(("capacity", "lithium_loss"))] == 0.0
+    assert chances[frozenset(("current_gain", "lithium_loss"))] == 0.0
+    assert chances[frozenset(("capacity", "current_gain"))] > 0.0
