@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from real_cells_far import far_inside
 from real_cells_table import Runs, Split, read_runs
 
 from models.baselines import fit_enhanced_self_correcting, fit_equivalent_circuit
@@ -96,7 +97,8 @@ def judged(model: CellModel, judge: Runs, judge_soc: tuple[float, float] | None)
         `held_out_rmse_mV` and `p999_mV` in the judged range of SoC, `runs`: the former of each run;
         `held_out_all_rmse_mV` over all samples; `expected_here_rmse_mV`: what the model says of these runs beforehand;
         `inside` and `outside` the trained box (SoC, current, temperature) with
-        their bands; `worst_inside`: where the largest error inside it is.
+        their bands; `worst_inside`: where the largest error inside it is;
+        `far_inside`: see `real_cells_far.far_inside`.
     """
     compared = simulate_runs(model, judge.series, judge.soc)
     for each in compared:
@@ -121,6 +123,7 @@ def judged(model: CellModel, judge: Runs, judge_soc: tuple[float, float] | None)
         "inside": _part(simulated - measured, half_width_V, inside),
         "outside": _part(simulated - measured, half_width_V, ~inside),
         "worst_inside": _worst(compared),
+        "far_inside": far_inside(model, judge.series, judge.soc, compared),
     }
 
 

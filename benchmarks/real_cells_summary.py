@@ -105,6 +105,10 @@ def show(rows: list[Row], found: Row) -> None:
             listed = ", ".join(f"{run} {_text(rmse_mV)}" for run, rmse_mV in row["runs"].items())
             console.print(f"{row['record']} {row['split']} {row['structure']}: {listed} mV", soft_wrap=True)
     for row in rows:
+        for spell in row.get("far_inside") or []:
+            where = f"{row['record']} {row['split']} {row['structure']}"
+            console.print(f"{where}: far off inside: {far_line(spell)}", soft_wrap=True)
+    for row in rows:
         if row["error"]:
             console.print(f"{row['record']} {row['split']} {row['structure']}: {row['error']}", soft_wrap=True)
     console.print(_pooled_table(found["structures"]))
@@ -123,6 +127,21 @@ def line(row: Row) -> str:
         return f"{where}: {row['error']}"
     judged_mV = row["held_out_rmse_mV"] if row["held_out_rmse_mV"] is not None else row["held_out_all_rmse_mV"]
     return f"{where}: {judged_mV:.1f} mV, {row['seconds']:.1f} s"
+
+
+def far_line(spell: Row) -> str:
+    """One spell in a line."""
+    degC = "" if spell["temperature_degC"] is None else f", {_range(spell['temperature_degC'], '.0f')} degC"
+    return (
+        f"{spell['run']} {spell['from_s']:.0f}..{spell['to_s']:.0f} s: {spell['samples']} samples "
+        f"({spell['share']:.2%}), SoC {_range(spell['soc'], '.3f')}, {_range(spell['current_A'], '.2f')} A{degC}: "
+        f"{spell['error_mV']:+.0f} mV, {spell['mV_per_percent']:.0f} mV a percent of charge: a slip of "
+        f"{spell['slip_percent']:+.2f} %, or {spell['resistance_mOhm']:+.0f} mOhm"
+    )
+
+
+def _range(pair: list[float], form: str) -> str:
+    return f"{pair[0]:{form}}..{pair[1]:{form}}"
 
 
 def _of_structure(rows: list[Row]) -> Row:
