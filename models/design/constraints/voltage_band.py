@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -13,7 +13,9 @@ from scipy.special import gammaincinv
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.design.information.experiment import Experiment, Prediction
+from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
+from models.network.signals import parse_signal
 from models.uncertainty.bands import prediction_band
 from models.uncertainty.model_uncertainty import Uncertainty, uncertainty_of
 from models.uncertainty.spread import LocalFactor
@@ -114,7 +116,8 @@ class LearntBand:
         """(N,) in V."""
         run, soc = planned_run(experiment, current_A), experiment.initial_soc
         pointwise = prediction_band(experiment.network, run, soc, self.uncertainty, self._local).std_V
-        return self.scale(len(current_A)) * pointwise[experiment.lead :]
+        width_V = self.scale(len(current_A)) * pointwise[experiment.lead :]
+        return width_V + colder_V(experiment, current_A, prediction)
 
     @cached_property
     def _local(self) -> LocalFactor:
@@ -136,6 +139,22 @@ class LearntBand:
         """Errors in a sequence that count as drawn one by one."""
         neighbour = float(self.uncertainty.correlation.at(np.ones(1))[0])
         return max(1.0, 2.0 / np.pi * n_samples * float(np.arccos(np.clip(neighbour, 0.0, 1.0))))
+
+
+def colder_V(experiment: Experiment, current_A: FloatArray, prediction: Prediction) -> FloatArray:
+    """(N,) by how much the voltage differs where the cell is as cold as it may be.
+
+    That is no scatter about the prediction but lasts as long as the cell is cold, and a cell begins a run colder than
+    it was in the middle of those that the model was made from. A warmer one has smaller overvoltages, which is on the
+    safe side of a limit.
+    """
+    network, coldest_degC = experiment.network, experiment.coldest_degC
+    signals = map(parse_signal, network.structure.signals)
+    if coldest_degC is None or not any(signal.depends_on_temperature for signal in signals):
+        return np.zeros(len(current_A))
+    run = planned_run(replace(experiment, temperature_degC=coldest_degC), current_A)
+    cold_V = free_run_V(network, run, experiment.initial_soc)[experiment.lead :]
+    return np.abs(cold_V - prediction.voltage_V)
 
 
 def recorded_band(network: LocalModelNetwork) -> Band:

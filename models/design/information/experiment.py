@@ -33,6 +33,7 @@ class Experiment:
     initial_soc : fraction, the cell at rest
     noise_V : standard deviation of the voltage that the fit cannot explain
     temperature_degC : of the cell, throughout
+    coldest_degC : as cold as the cell may be, where that is not known; None: as warm as `temperature_degC` at the least
     sensitivity : "free_run" or "one_step". Free run is the default: the bench's noise sits on the measured voltage, not
         in the cell's own past, and the network is fitted and judged by its free run. One-step is the method's
         (eq. 2.9), with past outputs that are simulated but taken as known.
@@ -54,6 +55,7 @@ class Experiment:
     predictor: LocalModelNetwork | None = field(default=None, repr=False)
     memory: ResidualCorrelation | None = field(default=None, repr=False)
     level_V: FloatArray | None = field(default=None, repr=False)
+    coldest_degC: float | None = None
 
     def __post_init__(self) -> None:
         """Check ranges."""

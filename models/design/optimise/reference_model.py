@@ -67,6 +67,8 @@ def experiment_with(
     prior = _information(covariance) if use_prior and covariance is not None else None
     predictor = None if asked is network else network
     found = Experiment(asked, initial_soc, noise_V or _noise_V(network), degC, sensitivity, prior, predictor=predictor)
+    if temperature_degC is None:
+        found = replace(found, coldest_degC=_coldest_degC(network))
     if uncertainty is None:
         return found
     level_V = np.maximum(_levels_V(network, asked, uncertainty.level_V), _LEAST_NOISE_V)
@@ -91,6 +93,11 @@ def _levels_V(network: LocalModelNetwork, asked: LocalModelNetwork, level_V: Flo
 def _middle_degC(network: LocalModelNetwork) -> float:
     domain = network.record.domain.get("temperature_degC")
     return DEFAULT_TEMPERATURE_DEGC if domain is None else float(0.5 * (domain[0] + domain[1]))
+
+
+def _coldest_degC(network: LocalModelNetwork) -> float | None:
+    domain = network.record.domain.get("temperature_degC")
+    return None if domain is None else float(domain[0])
 
 
 def known_information(network: LocalModelNetwork) -> FloatArray | None:

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from models.design.constraints.limitation import LimitationRatio, default_ratio, limitation_ratio
 from models.design.constraints.limits import InfeasibleError, Limits
-from models.design.constraints.voltage_band import LearntBand, Tail, VoltageBand, planned_run, recorded_band
+from models.design.constraints.voltage_band import LearntBand, Tail, VoltageBand, colder_V, planned_run, recorded_band
 from models.design.information.experiment import Evaluator
 from models.design.optimise.reference_model import (
     experiment_with,
@@ -27,6 +27,7 @@ from models.uncertainty.model_uncertainty import uncertainty_of
 from simulators.catalogue import CELLS
 from simulators.cell import Cell
 from tests.unit.models.design.networks import experiment, resistive
+from tests.unit.models.hand_network import network
 from tests.unit.models.simulated_cells import AMBIENT_DEGC, pulses_A, record
 
 
@@ -103,6 +104,22 @@ def test_the_planned_run_is_what_the_design_predicts(fitted: LocalModelNetwork) 
     current = pulses_A(500, fitted.cell.capacity_Ah, 3)
     voltage = free_run_V(fitted, planned_run(where, current), 0.6)
     np.testing.assert_allclose(voltage[where.lead :], Evaluator(where, 500).predict(current).voltage_V, atol=1e-12)
+
+
+def test_a_cell_that_may_be_colder_than_the_training_runs_middle_has_room_for_it() -> None:
+    signals = (InputChannel("soc"), InputChannel("scaled_current:2500"))
+    plain = Structure(0, signals, (PartitionAxis("soc", initial=2, splittable=False),), 1.0)
+    made = network(plain, np.tile([0.5, 0.02, 3.3], (2, 1)))
+    made = replace(made, record=ModelRecord(domain={"temperature_degC": (25.0, 31.0)}))
+    unknown, stated = experiment_with(made, 0.5), experiment_with(made, 0.5, temperature_degC=28.0)
+    current = np.array([0.0, 4.0, -4.0])
+    expected = Evaluator(unknown, 3).predict(current)
+    # Arrhenius between 28 and 25 degC, of 20 mOhm.
+    grown = np.exp(2500.0 * (1.0 / 298.15 - 1.0 / 301.15)) - 1.0
+    share = (expected.voltage_V[1] - expected.voltage_V[2]) / 8.0
+    width = colder_V(unknown, current, expected)
+    np.testing.assert_allclose(width, np.abs(current) * grown * share, rtol=0.05, atol=1e-6)
+    np.testing.assert_array_equal(colder_V(stated, current, expected), 0.0)
 
 
 def test_what_the_training_runs_told_is_known_already(fitted: LocalModelNetwork) -> None:
