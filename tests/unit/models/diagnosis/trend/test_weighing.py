@@ -18,7 +18,7 @@ def test_each_spread_has_the_likelihood_of_the_gaussian_that_it_stands_for() -> 
     log = -0.5 * float(error @ error)
     sums = Sums(1.0, log, columns.T @ columns, columns.T @ error, none, np.zeros(0), np.zeros(0))
     spreads = np.array([root(USUAL), root(CHANGED)])
-    # Tempered samples are those of errors with a variance of 1 / power; what does not depend on the spread is taken off.
+    # Tempered samples are those of errors with a variance of 1 / power; what no spread changes is taken off.
     variance = 1.0 / SETTINGS.tempering
     expected = []
     for spread in spreads:
