@@ -116,9 +116,10 @@ class Elsewhere:
 
     def conditional(self, points: Points) -> tuple[FloatArray, FloatArray]:
         """Mean (n,) in V and (n, n) covariance in V^2 of the process over operating points, given what is known."""
-        across = self._places(points, self.known)
+        own = self._level(points)
+        across = self._places(points, self.known) * np.outer(own, self._known_level)
         solved = cho_solve(self._factor, across.T)
-        return across @ self._weights, self._places(points, points) - across @ solved
+        return across @ self._weights, self._places(points, points) * np.outer(own, own) - across @ solved
 
     def in_time(self, points: Points) -> FloatArray:
         """(n, n) covariance in V^2 of what hangs together in time only, and of what does not."""
@@ -129,15 +130,19 @@ class Elsewhere:
         return whole + self.own_V2 * times[1] + self.noise_V2 * np.eye(len(whole))
 
     def _places(self, a: Points, b: Points) -> FloatArray:
-        whole = np.tensordot(self.variances[: len(PLACES)], _places(a, b, self.rate_scale), axes=1)
-        return whole * np.outer(self._level(a), self._level(b))
+        return np.tensordot(self.variances[: len(PLACES)], _places(a, b, self.rate_scale), axes=1)
 
     def _level(self, points: Points) -> FloatArray:
         return level(points, self.known, self.unseen_V)
 
     @cached_property
+    def _known_level(self) -> FloatArray:
+        return self._level(self.known)
+
+    @cached_property
     def _factor(self):  # noqa: ANN202
-        own = self._places(self.known, self.known) + self.in_time(self.known)
+        own = self._places(self.known, self.known) * np.outer(self._known_level, self._known_level)
+        own += self.in_time(self.known)
         return cho_factor(own + KNOWN.least_V**2 * np.eye(len(own)))
 
     @cached_property

@@ -1,0 +1,71 @@
+"""How long a series of many cycles takes to follow, and where the time goes.
+
+``python benchmarks/trend_speed.py --data FOLDER [--cell A] [--cycles 600] [--profile] [--json]``
+
+FOLDER holds `samsung30q` and `nasa` as for `trend_measured.py`. The cell's later records are taken again and again, two
+for each cycle, until there are as many cycles as are wanted. Told is processor time of one core: of what is learned of
+the fresh cell, once, and of the series.
+"""
+
+import argparse
+import cProfile
+import json
+import pstats
+import sys
+import time
+from itertools import cycle, islice
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+from trend_measured import lives
+
+from models.data.resampling import to_grid
+from models.diagnosis.diagnosis import known_of
+from models.diagnosis.reference.record import make_record
+from models.diagnosis.trend.life import Places
+from models.diagnosis.trend.trend import trend
+from models.effects.input_correction import as_read
+from models.pipeline.fit import fit_network
+
+_FRESH = 4
+
+
+def main() -> int:
+    """Run it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True, help="folder with samsung30q and nasa")
+    parser.add_argument("--cell", default="A")
+    parser.add_argument("--cycles", type=int, default=600)
+    parser.add_argument("--profile", action="store_true", help="also print what takes longest")
+    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    options = parser.parse_args()
+    records = lives(options.data)[options.cell]
+    train, later = records[:_FRESH], records[_FRESH:]
+    soc = [each.begins for each in train]
+    capacity_Ah = float(np.mean([each.counted_Ah for each in train if each.counted_Ah]))
+    profile = cProfile.Profile()
+    with threadpool_limits(1):
+        runs = [each.run for each in train]
+        network = fit_network(runs, capacity_Ah=capacity_Ah, initial_soc=soc, structure="bounded").network
+        began = time.process_time()
+        grid = [to_grid(as_read(network.record, run), network.structure.dt_s) for run in runs]
+        memory = known_of(network, make_record(network, runs, soc), grid, soc)
+        learned_s = time.process_time() - began
+        series = list(islice(cycle(later), 2 * options.cycles))
+        places = Places(np.repeat(np.arange(1.0, options.cycles + 1.0), 2).tolist(), "cycle")
+        began = time.process_time()
+        if options.profile:
+            profile.enable()
+        trend(network, [each.run for each in series], [each.begins for each in series], memory=memory, places=places)
+        profile.disable()
+        followed_s = time.process_time() - began
+    out = {"cycles": options.cycles, "runs": len(series), "learned_s": learned_s, "followed_s": followed_s}
+    print(json.dumps(out) if options.json else "\n".join(f"{name}: {each:.4g}" for name, each in out.items()))
+    if options.profile:
+        pstats.Stats(profile, stream=sys.stderr).sort_stats("tottime").print_stats(25)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
