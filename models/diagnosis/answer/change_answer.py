@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.answer.confidence import AS_NOISE, SURE_ELSEWHERE
+from models.diagnosis.answer.confidence import most_sure
 from models.diagnosis.answer.explanation import explain, explain_power
 from models.diagnosis.answer.findings import Diagnosis, Finding, Shown
 from models.diagnosis.answer.next_experiment import discriminating_request
@@ -23,6 +23,8 @@ from models.effects.view import View
 _SHOWN_RIVALS = 3
 # A network that much coarser than what is known of the cell is told so.
 _COARSE = 2.0
+# No noise is smaller than this, in V, and no share of what is white.
+_LEAST_NOISE_V, _LEAST_SHARE = 1e-9, 1e-3
 
 
 def change_answer(
@@ -112,8 +114,8 @@ def _most(analysis: Analysis, record: Record) -> float:
     elsewhere = analysis.sight.known.elsewhere
     off_V2 = float(np.mean(elsewhere.unseen_V**2)) + elsewhere.own_V2
     noise_V = 1e-3 * (record.noise_floor_mV or 0.0)
-    known = off_V2 <= (AS_NOISE * noise_V) ** 2 and elsewhere.white_share >= 1.0 / AS_NOISE**2
-    return 1.0 if known else SURE_ELSEWHERE
+    by_samples = np.sqrt(off_V2) / max(noise_V, _LEAST_NOISE_V)
+    return most_sure(max(float(by_samples), 1.0 / np.sqrt(max(elsewhere.white_share, _LEAST_SHARE))))
 
 
 def _finding(

@@ -14,6 +14,9 @@ _LEAST_MARGIN, _MOST = 0.005, 0.985
 # Where all effects together leave more than this times the noise, the cell is not of the class that this was calibrated
 # on; what holds there is known in change mode only (`change_answer`), and taken from there.
 AS_NOISE, SURE_ELSEWHERE = 1.5, 0.85
+# Up to this factor a cell is surely of that class; between the two nothing is a step, for folds cut otherwise move the
+# factor by some hundredths.
+_SURELY = 1.3
 # Of two that one log can hardly tell apart, little more than half are named right.
 _MOST_WITH_RIVALS = 0.6
 
@@ -22,6 +25,11 @@ def confidence(ranking: Ranking) -> float:
     """Probability that the effect named from the voltage is right."""
     sure = _probability(ranking.margin, len(ranking.rivals))
     return sure if ranking.own_V <= AS_NOISE * ranking.noise_V else min(sure, SURE_ELSEWHERE)
+
+
+def most_sure(factor: float) -> float:
+    """How sure anything may be said of a cell whose unseen error is so many times the noise."""
+    return float(np.interp(factor, [_SURELY, AS_NOISE], [1.0, SURE_ELSEWHERE]))
 
 
 def _probability(margin: float, n_rivals: int) -> float:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.diagnosis.answer.confidence import confidence
+from models.diagnosis.answer.confidence import SURE_ELSEWHERE, confidence, most_sure
 from models.diagnosis.evidence.candidates import try_effect
 from models.diagnosis.evidence.ranking import Ranking, rank
 from tests.unit.models.diagnosis.hand_reference import compared, steps_A, true_run
@@ -45,3 +45,11 @@ def test_of_a_cell_that_even_all_effects_leave_open_nothing_is_sure(ranking: Ran
     assert confidence(replace(sure, own_V=1.4 * sure.noise_V)) == 0.985
     assert confidence(replace(sure, own_V=1.6 * sure.noise_V)) == 0.85
     assert confidence(replace(sure, noise_V=0.0)) == 0.85
+
+
+def test_how_sure_anything_may_be_has_no_step() -> None:
+    assert most_sure(1.0) == most_sure(1.3) == 1.0
+    assert most_sure(1.5) == most_sure(4.0) == SURE_ELSEWHERE
+    assert SURE_ELSEWHERE < most_sure(1.48) < 0.9
+    factors = np.linspace(1.2, 1.6, 41)
+    assert np.abs(np.diff([most_sure(factor) for factor in factors])).max() < 0.01
