@@ -27,7 +27,6 @@ from models.design.optimise.block_design import (
 )
 from models.design.optimise.reference_model import predicted_temperature
 from models.design.optimise.robust import robust_criterion
-from models.design.optimise.sweep_design import swept
 from models.design.sequence.excitation_sequence import (
     Block,
     ExcitationSequence,
@@ -57,7 +56,7 @@ class Design:
     parameter_std : by the parameters' names, normalised units
     voltage_V, band_low_V, band_high_V, soc : (N,) predicted, at the end of each sample
     touched : (N,) whether a sample lies at one of its limits
-    blocks : where the optimised currents, or the pieces of a sweep, lie
+    blocks : where the optimised currents lie
     optima : of each optimisation: how good it is, and the spread of the local optima
     seconds : that the design took
     planned_s : duration of the whole plan; a test ends before it where the accuracy asked for is reached
@@ -131,14 +130,10 @@ def design(experiment: Experiment, request: DesignRequest, progress: Progress | 
     blocks: tuple[Block, ...] = ()
     optima: tuple[Optimum, ...] = ()
     plan: SequencePlan | None = None
-    planned_s: float | None = None
     if request.signal != OPTIMAL:
         raw = _family_A(experiment, request)
     elif request.soc_levels:
-        plan = plan_of(experiment, request)
-        found = swept(experiment, request, plan)
-        sequence, optima = _sequence(experiment, request, plan, report) if found is None else (found, ())
-        planned_s = (estimated_duration_s(plan) if found is None else found.duration_s) + request.rest_s
+        sequence, optima, plan = _sequence(experiment, request, report)
         raw, blocks = sequence.current_A, sequence.blocks
     else:
         optimum = _single(experiment, request, n_samples, report)
@@ -148,6 +143,7 @@ def design(experiment: Experiment, request: DesignRequest, progress: Progress | 
     current = feasible.finish(raw)
     report(1.0, "done")
     seconds = time.perf_counter() - began
+    planned_s = None if plan is None else estimated_duration_s(plan) + request.rest_s
     return judged(experiment, request.criterion, feasible, current, blocks, optima, seconds, planned_s, plan)
 
 
@@ -222,9 +218,10 @@ def _family_A(experiment: Experiment, request: DesignRequest) -> FloatArray:
 
 
 def _sequence(
-    experiment: Experiment, request: DesignRequest, plan: SequencePlan, report: Progress
-) -> tuple[ExcitationSequence, tuple[Optimum, ...]]:
-    """Blocks one after the other, each designed for what those before it leave unknown."""
+    experiment: Experiment, request: DesignRequest, report: Progress
+) -> tuple[ExcitationSequence, tuple[Optimum, ...], SequencePlan]:
+    """Blocks one after the other, each designed for what those before it leave unknown; and their plan."""
+    plan = plan_of(experiment, request)
     n_blocks, optima = len(plan.visits()), list[Optimum]()
     known = [experiment.prior_information()]
     designer = block_designer(experiment, request, plan, known, optima)
@@ -240,4 +237,4 @@ def _sequence(
         return float(parameter_std(information).max()) <= request.target_std
 
     sequence = build_sequence(plan, tell, enough)
-    return sequence, tuple(optima)
+    return sequence, tuple(optima), plan

@@ -169,13 +169,9 @@ class Feasible:
             near[max(0, k - max(1, round(_EASED_S / self._dt_s))) : k + 1] = True
         return np.where(near, self.anchor_A + _EASED_TO * (current_A - self.anchor_A), current_A)
 
-    def soc(self, current_A: FloatArray) -> FloatArray:
-        """(N + 1,) state of charge before each sample and after the last."""
-        return soc_path(current_A, self._experiment.initial_soc, self._soc_per_A, self._efficiency)
-
     def excess(self, current_A: FloatArray) -> dict[str, float]:
         """By how much a current breaks each limit; empty where it keeps them all."""
-        soc = self.soc(current_A)
+        soc = soc_path(current_A, self._experiment.initial_soc, self._soc_per_A, self._efficiency)
         found = broken(self._demands.limits, self._bounds, current_A, soc, self._dt_s)
         limits = self._demands.limits
         if limits.voltage_V is not None:
@@ -252,7 +248,8 @@ class Feasible:
         return rest
 
     def _linear_excess(self, current_A: FloatArray) -> dict[str, float]:
-        return broken(self._demands.limits, self._bounds, current_A, self.soc(current_A), self._dt_s)
+        soc = soc_path(current_A, self._experiment.initial_soc, self._soc_per_A, self._efficiency)
+        return broken(self._demands.limits, self._bounds, current_A, soc, self._dt_s)
 
     def _warmth(self) -> str:
         coldest_degC = self._experiment.coldest_degC

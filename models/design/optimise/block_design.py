@@ -62,9 +62,7 @@ class DesignRequest:
     duration_s : of the whole test
     criterion : "A", "D" or "E"
     signal : "optimal", or the name of a family
-    soc_levels : states of charge at which optimised blocks are played, pulses and rests around them; none: one block.
-        Three and more ask for the whole window: a mixed sweep goes through it, where the time and the limits let it
-        and neither a load cycle nor an accuracy is given
+    soc_levels : states of charge at which optimised blocks are played, pulses and rests around them; none: one block
     rest_ratio : rest over pulse
     final_rest_s : rest at the end, part of the duration: slow relaxation shows nowhere else, and the next run begins
         with a cell that has forgotten this one; by default 6 % of a sequence, at most half an hour, and none of
