@@ -33,7 +33,7 @@ function option(colours, kind, runs, nameOf) {
   const points = (each, source) => each[kind.x].map((at, k) => [at, each[source][kind.key][k]]);
   const known = runs.flatMap((each) => each.measured[kind.key]).filter((value) => value > 0).sort((a, b) => a - b);
   const most = STEEP * (known[Math.floor(known.length / 2)] ?? 1);
-  const axis = (name, more) => ({ type: "value", name, nameTextStyle: text, axisLabel: { ...text, formatter: (value) => String(Math.round(value * 1e4) / 1e4) }, axisLine: { onZero: false, lineStyle: { color: colours.line } }, ...more });
+  const axis = (name, more) => ({ type: "value", name, nameTextStyle: text, axisLabel: { ...text, hideOverlap: true, formatter: (value) => String(Math.round(value * 1e4) / 1e4) }, axisLine: { onZero: false, lineStyle: { color: colours.line } }, ...more });
   const series = runs.flatMap((each, k) => {
     const colour = colours[COLOURS[k % COLOURS.length]];
     const name = nameOf(each.run);
