@@ -55,8 +55,8 @@ export function drawLife(node, life, nameOf) {
 }
 
 function table(life, nameOf) {
-  const heads = [life.forecast?.unit === "cycle" ? "Cycle" : "No.", "Run", "Capacity / Ah", "Std / Ah", "What is new", "Error before / mV", "After / mV"];
-  const rows = life.runs.map((run) => [String(Math.round(10 * run.at) / 10), nameOf(run.run), fixed(run.capacity_Ah.value, 3), fixed(run.capacity_Ah.std, 3), inWords(run), fixed(run.error_mV, 1), fixed(run.unexplained_mV, 1)]);
+  const heads = [life.forecast?.unit === "cycle" ? "Cycle" : "No.", "Run", "What is new", "Capacity / Ah", "Std / Ah", "Error before / mV", "After / mV"];
+  const rows = life.runs.map((run) => [String(Math.round(10 * run.at) / 10), nameOf(run.run), inWords(run), fixed(run.capacity_Ah.value, 3), fixed(run.capacity_Ah.std, 3), fixed(run.error_mV, 1), fixed(run.unexplained_mV, 1)]);
   return el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Runs" }, el("table", {},
     el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))),
     el("tbody", {}, rows.map((row) => el("tr", {}, row.map((cell) => el("td", { text: cell })))))));

@@ -65,11 +65,9 @@ def trend(
         No run, a record that is given twice, or runs that the model cannot be held against.
     """
     started = time.perf_counter()
-    if not runs:
-        raise ModelError("no trend: no run was given")
+    _check_runs(runs)
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
-    _check_repeats(runs)
     along = places or Places()
     at = np.arange(1.0, len(runs) + 1.0) if along.at is None else np.array(along.at)
     if len(at) != len(runs):
@@ -99,8 +97,10 @@ def trend(
     return Trend(tuple(entries), tuple(points), ahead, time.perf_counter() - started, stages)
 
 
-def _check_repeats(runs: list[TimeSeries]) -> None:
-    """Refuse a record that stands twice: it would count as two runs that bear each other out."""
+def _check_runs(runs: list[TimeSeries]) -> None:
+    """Refuse none, and a record that stands twice: it would count as two runs that bear each other out."""
+    if not runs:
+        raise ModelError("no trend: no run was given")
     if (found := first_repeat(runs)) is not None:
         again, first = found
         raise ModelError(
