@@ -172,7 +172,9 @@ def _without_duplicates(
     first = int(np.argmin(keep))
     what = f"{n} row(s) repeat the time of the row before, first at row {_row(first)} ({time_s[first]:g} s)"
     if n > max(_DUPLICATES_ALWAYS_ALLOWED, _DUPLICATE_SHARE * len(time_s)):
-        raise RunFileError(f"{path}: {what}; the time column is too coarse or the rows are doubled")
+        raise RunFileError(
+            f"{path}: {what}; the time column is too coarse or the rows are doubled: delete repeats, or log time finer"
+        )
     warnings.append(f"{path}: {what}; left out")
     return {name: values[keep] for name, values in columns.items()}
 

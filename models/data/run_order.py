@@ -25,6 +25,26 @@ def in_order(runs: list[TimeSeries], soc: list[float]) -> tuple[list[TimeSeries]
     return [runs[k] for k in order], [soc[k] for k in order]
 
 
+def same_record(one: TimeSeries, other: TimeSeries) -> bool:
+    """Whether two runs hold the same samples, whatever they are called."""
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
+        for name in ("time_s", "current_A", "voltage_V")
+    )
+
+
+def first_repeat(runs: list[TimeSeries]) -> tuple[int, int] | None:
+    """Places of the first run that is the same record as one before it, and of that one; None: there is none."""
+    before: dict[int, list[int]] = {}
+    for k, run in enumerate(runs):
+        alike = before.setdefault(hash(run.voltage_V.tobytes()), [])
+        for j in alike:
+            if same_record(runs[j], run):
+                return k, j
+        alike.append(k)
+    return None
+
+
 def _content(run: TimeSeries) -> tuple[float, ...]:
     return (_mean(run.temperature_degC), _mean(np.abs(run.current_A)), float(len(run)), _mean(run.voltage_V))
 

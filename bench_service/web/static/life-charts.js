@@ -27,12 +27,19 @@ export function inWords(run) {
   return [...new Set([...names, ...rivals])].join(" or ");
 }
 
+/** Since when something is there, and between which runs it began where that is not sure. */
+function changeInWords({ effect, run, between }, nameOf) {
+  const [first, last] = between.map(nameOf);
+  const began = first === last ? "" : `; it began between ${first} and ${last}`;
+  return `New since ${nameOf(run)}: ${plain(effect)}${began}.`;
+}
+
 /** Draw a life into a node; `nameOf` gives a run's name. */
 export function drawLife(node, life, nameOf) {
   const unit = life.forecast?.unit ?? "run";
   const shown = [
-    ["Capacity", `Capacity over the ${unit}s with its 95 % band and its forecast`, (colours) => capacityOption(colours, life, unit)],
-    ["Resistance of the first moment", `Resistance over the ${unit}s with 95 % bands`, (colours) => resistanceOption(colours, life, unit)],
+    ["Capacity, shaded: 95 % band", `Capacity over the ${unit}s with its 95 % band and its forecast`, (colours) => capacityOption(colours, life, unit)],
+    ["Resistance of the first moment, shaded: 95 % bands", `Resistance over the ${unit}s with 95 % bands`, (colours) => resistanceOption(colours, life, unit)],
     ["What explains the error", `Error of the model over the ${unit}s, stacked by what explains it`, (colours) => explainedOption(colours, life, unit)],
     ["Error before and after", `Error of the model over the ${unit}s before and after what was found`, (colours) => errorOption(colours, life, unit)],
   ];
@@ -40,7 +47,7 @@ export function drawLife(node, life, nameOf) {
   const stages = stagePlots(life, nameOf);
   node.replaceChildren(
     el("p", { class: "life-words", text: life.forecast ? `${life.forecast.explanation}.` : "When the end is reached is not told: too few runs." }),
-    el("ul", { class: "life-words" }, life.change_points.map((point) => el("li", { text: `${plain(point.effect)} since ${nameOf(point.run)}, between ${point.between.map(nameOf).join(" and ")}` }))),
+    el("ul", { class: "life-words" }, life.change_points.map((point) => el("li", { text: changeInWords(point, nameOf) }))),
     life.next_experiment ? el("p", { class: "life-words", text: `Next experiment: a profile of ${(life.next_experiment.duration_s / 3600).toFixed(0)} h that tells ${life.next_experiment.rivals.map(plain).join(" from ")}.` }) : "",
     ...shown.flatMap(([title], k) => [el("h3", { text: title }), plots[k]]), ...stages.nodes, table(life, nameOf));
   shown.forEach(([, , option], k) => new Chart(plots[k], option));
@@ -48,8 +55,8 @@ export function drawLife(node, life, nameOf) {
 }
 
 function table(life, nameOf) {
-  const heads = ["Run", "Capacity / Ah", "±", "What is new", "Error before / mV", "After / mV"];
-  const rows = life.runs.map((run) => [nameOf(run.run), fixed(run.capacity_Ah.value, 3), fixed(run.capacity_Ah.std, 3), inWords(run), fixed(run.error_mV, 1), fixed(run.unexplained_mV, 1)]);
+  const heads = [life.forecast?.unit === "cycle" ? "Cycle" : "No.", "Run", "What is new", "Capacity / Ah", "Std / Ah", "Error before / mV", "After / mV"];
+  const rows = life.runs.map((run) => [String(Math.round(10 * run.at) / 10), nameOf(run.run), inWords(run), fixed(run.capacity_Ah.value, 3), fixed(run.capacity_Ah.std, 3), fixed(run.error_mV, 1), fixed(run.unexplained_mV, 1)]);
   return el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Runs" }, el("table", {},
     el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))),
     el("tbody", {}, rows.map((row) => el("tr", {}, row.map((cell) => el("td", { text: cell })))))));
@@ -114,10 +121,10 @@ function errorOption(colours, life, unit) {
 
 function axes(colours, unit, name, series) {
   const text = { color: colours["ink-2"], fontSize: 12 };
-  const common = { axisLabel: text, axisLine: { onZero: false, lineStyle: { color: colours.line } } };
+  const common = { axisLabel: { ...text, hideOverlap: true }, axisLine: { onZero: false, lineStyle: { color: colours.line } } };
   const named = series.map((each) => each.name).filter((each) => !each.includes("band"));
   return {
-    textStyle: { fontFamily: colours.font }, grid: { left: 64, right: 20, top: 40, bottom: 44 }, series, legend: { top: 0, right: 10, data: named, textStyle: { color: colours.ink }, itemHeight: 8 },
+    textStyle: { fontFamily: colours.font }, grid: { left: 64, right: 20, top: 58, bottom: 44 }, series, legend: { type: "scroll", top: 0, right: 10, left: 10, data: named, textStyle: { color: colours.ink }, itemHeight: 8 },
     xAxis: { type: "value", min: "dataMin", max: "dataMax", name: unit, nameLocation: "middle", nameGap: 26, nameTextStyle: text, splitLine: { show: false }, ...common },
     yAxis: { type: "value", scale: true, name, nameTextStyle: { color: colours.ink, fontSize: 12, align: "left", padding: [0, 0, 0, -56] }, splitLine: { lineStyle: { color: colours.line, opacity: 0.5 } }, ...common },
   };

@@ -33,7 +33,8 @@ function option(colours, kind, runs, nameOf) {
   const points = (each, source) => each[kind.x].map((at, k) => [at, each[source][kind.key][k]]);
   const known = runs.flatMap((each) => each.measured[kind.key]).filter((value) => value > 0).sort((a, b) => a - b);
   const most = STEEP * (known[Math.floor(known.length / 2)] ?? 1);
-  const axis = (name, more) => ({ type: "value", name, nameTextStyle: text, axisLabel: { ...text, formatter: (value) => String(Math.round(value * 1e4) / 1e4) }, axisLine: { onZero: false, lineStyle: { color: colours.line } }, ...more });
+  const label = { ...text, hideOverlap: true, formatter: (value) => String(Math.round(value * 1e4) / 1e4) };
+  const axis = (name, more) => ({ type: "value", name, nameTextStyle: text, axisLabel: label, axisLine: { onZero: false, lineStyle: { color: colours.line } }, ...more });
   const series = runs.flatMap((each, k) => {
     const colour = colours[COLOURS[k % COLOURS.length]];
     const name = nameOf(each.run);
@@ -44,6 +45,6 @@ function option(colours, kind, runs, nameOf) {
     textStyle: { fontFamily: colours.font }, grid: { left: 64, right: 20, top: 58, bottom: 44 }, series,
     legend: { type: "scroll", top: 0, right: 10, left: 10, data: runs.map((each) => nameOf(each.run)), textStyle: { color: colours.ink }, itemHeight: 8 },
     xAxis: axis(kind.over, { scale: true, nameLocation: "middle", nameGap: 26, splitLine: { show: false } }),
-    yAxis: axis(`${kind.title} / ${kind.unit}`, { min: 0, max: Number(most.toPrecision(2)), nameTextStyle: { ...text, color: colours.ink, align: "left", padding: [0, 0, 0, -56] }, splitLine: { lineStyle: { color: colours.line, opacity: 0.5 } } }),
+    yAxis: axis(`${kind.title} / ${kind.unit}`, { min: 0, max: Number(most.toPrecision(2)), axisLabel: { ...label, showMaxLabel: false }, nameTextStyle: { ...text, color: colours.ink, align: "left", padding: [0, 0, 0, -56] }, splitLine: { lineStyle: { color: colours.line, opacity: 0.5 } } }),
   };
 }

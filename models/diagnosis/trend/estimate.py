@@ -114,6 +114,25 @@ class Seen:
     fresh: About
 
 
+def _check(known: KnownRuns, run: GridRun) -> None:
+    """Refuse a run that can tell nothing."""
+    at, measured = SETTINGS, int(run.measured.sum())
+    if measured < at.fewest:
+        lasts_s = len(run.voltage_V) * run.dt_s
+        short = lasts_s < at.fewest * run.dt_s
+        todo = "leave it out" if short else "fit a model to runs that were logged as slowly as this one"
+        raise ModelError(
+            f"{run.name}: {measured} samples with a voltage on the model's grid of {run.dt_s:g} s in {lasts_s:g} s, at "
+            f"least {at.fewest} are needed; {todo}"
+        )
+    largest_A, least_A = float(np.abs(run.current_A[run.measured]).max()), at.load_C * known.cell.capacity_Ah
+    if largest_A < least_A:
+        raise ModelError(
+            f"{run.name}: its current stays at or below {largest_A:.3g} A, at least {least_A:.3g} A are needed for "
+            "capacity and resistance to be told; leave it out"
+        )
+
+
 def seen(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Seen:
     """Hold a run against the cell as it was, and find the capacity that it asks for.
 
@@ -128,13 +147,7 @@ def seen(known: KnownRuns, run: GridRun, soc: float, soc_std: float) -> Seen:
     ModelError
         No sample of the run can be judged, or hardly any.
     """
-    at = SETTINGS
-    measured = int(run.measured.sum())
-    if measured < at.fewest:
-        raise ModelError(
-            f"{run.name}: {measured} samples with a voltage on the model's grid of {run.dt_s:g} s, at least "
-            f"{at.fewest} are needed; fit a model to runs that were logged as slowly as this one"
-        )
+    _check(known, run)
     ends = ends_of(known.cell, run, soc)
     change = _first_guess(known.cell, run, soc, ends)
     counted = soc + run.charge_Ah / (known.cell.capacity_Ah * (1.0 + change))

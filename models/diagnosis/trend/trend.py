@@ -10,7 +10,7 @@ import numpy as np
 
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
-from models.data.run_order import in_order
+from models.data.run_order import first_repeat, in_order
 from models.data.timeseries import FloatArray, TimeSeries
 from models.diagnosis.diagnosis import check_training, known_of
 from models.diagnosis.known.memory import KnownRuns
@@ -62,11 +62,10 @@ def trend(
     Raises
     ------
     ModelError
-        No run, or runs that the model cannot be held against.
+        No run, a record that is given twice, or runs that the model cannot be held against.
     """
     started = time.perf_counter()
-    if not runs:
-        raise ModelError("no trend: no run was given")
+    _check_runs(runs)
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
     along = places or Places()
@@ -93,8 +92,21 @@ def trend(
     capacity_Ah = np.array([own.state.capacity_Ah for own, _, _ in held])
     ahead = forecast(at, capacity_Ah, known.cell.capacity_Ah, along.end, along.unit)
     stages = stages_of([(rec.runs[0], rec.error_V[0]) for _, rec, _ in held], at, known.cell.capacity_Ah)
-    points = [each.in_runs(groups) for each in change_points(told)]
+    # What the series does not let be said of any run since then is no change point either.
+    points = [each.in_runs(groups) for each in change_points(told) if said[each.first :].any()]
     return Trend(tuple(entries), tuple(points), ahead, time.perf_counter() - started, stages)
+
+
+def _check_runs(runs: list[TimeSeries]) -> None:
+    """Refuse none, and a record that stands twice: it would count as two runs that bear each other out."""
+    if not runs:
+        raise ModelError("no trend: no run was given")
+    if (found := first_repeat(runs)) is not None:
+        again, first = found
+        raise ModelError(
+            f"run {again + 1} ({runs[again].name}) is the same record as run {first + 1} ({runs[first].name}): a "
+            "series takes each record once; leave one of them out"
+        )
 
 
 def _known(

@@ -68,7 +68,10 @@ class RunSignals(Shared):
         """
         signal = parse_signal(name)
         if signal.depends_on_temperature and np.isnan(self.temperature_degC).all():
-            raise StructureError(f"signal {name!r} needs a temperature, but none was measured")
+            raise StructureError(
+                f"signal {name!r} needs a temperature, but none was measured: give that of the room as "
+                "temperature_degC, or take a model fitted to runs without one"
+            )
         return signal.definition.values(signal, self)
 
 

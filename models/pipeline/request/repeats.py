@@ -4,20 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from models.data.errors import ModelError
-from models.data.run_order import run_order
-from models.data.timeseries import TimeSeries
+from models.data.run_order import run_order, same_record
 from models.pipeline.request.fit_request import FitRequest
-
-
-def same_record(one: TimeSeries, other: TimeSeries) -> bool:
-    """Whether two runs hold the same samples, whatever they are called."""
-    return all(
-        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
-        for name in ("time_s", "current_A", "voltage_V")
-    )
 
 
 @dataclass(frozen=True)

@@ -26,21 +26,25 @@ def call(*arguments: object) -> tuple[int, str, str]:
     return status, out.getvalue(), complaints.getvalue()
 
 
+def written(folder: Path, number: int) -> Path:
+    run = cycle(number)
+    columns: dict[str, np.ndarray[Any, Any]] = {
+        "time_s": run.time_s, "current_A": run.current_A, "voltage_V": run.voltage_V,
+        "temperature_degC": run.temperature_degC,
+    }  # fmt: skip
+    path = folder / f"cycle{number}.csv"
+    write_run(path, columns, "csv")
+    return path
+
+
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Path]]:
     """A model that knows its training runs, a young and an old cycle."""
     folder = tmp_path_factory.mktemp("life")
     network = replace(simple_network(CAPACITY_AH), record=ModelRecord(diagnosis=memory_to_json(known_runs())))
-    model, runs = folder / "model.json", []
+    model = folder / "model.json"
     model.write_text(json.dumps(network.to_json()))
-    for number in (0, 15):
-        run = cycle(number)
-        columns: dict[str, np.ndarray[Any, Any]] = {
-            "time_s": run.time_s, "current_A": run.current_A, "voltage_V": run.voltage_V,
-            "temperature_degC": run.temperature_degC,
-        }  # fmt: skip
-        runs.append(folder / f"cycle{number}.csv")
-        write_run(runs[-1], columns, "csv")
+    runs = [written(folder, number) for number in (0, 15)]
     return model, runs
 
 
@@ -59,9 +63,9 @@ def test_a_series_is_followed_and_drawn(files: tuple[Path, list[Path]], tmp_path
     assert json.loads(text)["forecast"] is None
 
 
-def test_places_and_the_end_are_taken(files: tuple[Path, list[Path]]) -> None:
+def test_places_and_the_end_are_taken(files: tuple[Path, list[Path]], tmp_path: Path) -> None:
     model, runs = files
-    series = [runs[0], runs[0], runs[1], runs[1]]
+    series = [runs[0], written(tmp_path, 1), written(tmp_path, 14), runs[1]]
     status, text, _ = call(model, *series, "--initial-soc", SOC, "--at", "1,2,30,31", "--end", 0.9, "--json")
     assert status == 0
     ahead = json.loads(text)["forecast"]

@@ -89,3 +89,26 @@ def test_a_gap_in_a_run_is_no_news() -> None:
     run = cycle(0)
     lost = np.where((run.time_s > 1000.0) & (run.time_s < 1500.0), np.nan, run.voltage_V)
     assert followed([replace(run, voltage_V=lost)]).runs[0].diagnosis.verdict == "nothing_missing"
+
+
+def test_a_record_given_twice_does_not_bear_itself_out() -> None:
+    once = cycle(10)
+    with pytest.raises(ModelError, match=r"run 3 \(again\) is the same record as run 2 \(cycle 10\).*leave one"):
+        followed([cycle(0), once, replace(once, name="again")])
+
+
+def test_a_run_without_current_is_refused_with_what_it_lacks() -> None:
+    run = cycle(0)
+    idle = replace(run, current_A=np.full(len(run), 0.002), name="idle")
+    with pytest.raises(
+        ModelError, match=r"idle: its current stays at or below 0\.002 A, at least 0\.0\d+ A.*leave it out"
+    ):
+        followed([run, idle])
+
+
+def test_a_run_of_five_samples_is_refused_as_short() -> None:
+    run = cycle(0)
+    short = replace(run, **{name: getattr(run, name)[:5] for name in ("time_s", "current_A", "voltage_V")},
+                    temperature_degC=run.temperature_degC[:5], ambient_degC=None, name="short")  # fmt: skip
+    with pytest.raises(ModelError, match=r"short: 5 samples .* in 5 s, at least 30 are needed; leave it out"):
+        followed([short])
