@@ -26,7 +26,7 @@ from models.diagnosis.structure.structure import StructureAnalysis
 from models.effects import Effect, effect
 from models.effects.bounded_parts import parts_of
 from models.identification.bounded.fitted import fit_variant, network_parts
-from models.identification.bounded.variants import Trials, clearly_better, variant_of
+from models.identification.bounded.variants import Trials, clearly_better, mean_V, variant_of
 from models.identification.progress import silent
 from models.identification.search.search import Search
 from models.network.free_run import free_run_V
@@ -149,14 +149,18 @@ def _searched(
 def _bounded(
     network: LocalModelNetwork, train: list[GridRun], train_soc: list[float], analysis: StructureAnalysis
 ) -> tuple[float, list[_Trial]]:
-    """Held-out error in V of the same form of a bounded network, and with each effect that was left out of it."""
+    """Held-out error in V of the same form of a bounded network, and with each effect that was left out of it.
+
+    Of three or four runs whole ones are held out: what a block of a run lacks, the rest of the run makes up for, such
+    as the branch of a loop that its curve has taken in.
+    """
     choices = network.record.choices or {}
     left_out = tuple(str(name) for name in choices.get("without", ()))
     if choices.get("family") != "bounded" or not left_out:
         return np.inf, []
     bank, variant = SignalBank(train, train_soc, network.cell), variant_of(choices)
     own = Trials(bank, parts_of(left_out))
-    own_mse = own.error(variant)
+    own_mse, counts = own.outer_error(variant)
 
     def fitted(trials: Trials) -> LocalModelNetwork:
         structure, partition, theta, scaling = network_parts(fit_variant(trials, variant), "bounded")
@@ -166,10 +170,10 @@ def _bounded(
     for each in analysis.ranking.candidates:
         if each.effect.name in left_out:
             trials = Trials(bank, parts_of(name for name in left_out if name != each.effect.name))
-            mse = trials.error(variant)
-            clearly = clearly_better(mse, own_mse, own.counts)
-            tried.append(_Trial(each, trials.mean(mse), partial(fitted, trials), clearly))
-    return own.mean(own_mse), tried
+            mse, _ = trials.outer_error(variant)
+            clearly = clearly_better(mse, own_mse, counts)
+            tried.append(_Trial(each, mean_V(mse, counts), partial(fitted, trials), clearly))
+    return mean_V(own_mse, counts), tried
 
 
 def _error_mV(network: LocalModelNetwork, record: Record) -> float:

@@ -16,9 +16,10 @@ from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import make_knots
 from models.identification.bounded.layout import make_layout, soc_over
-from models.identification.bounded.problem import make_sums
+from models.identification.bounded.problem import groups_of, make_sums, run_index
 from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.terms import GAINS_OVER_SOC, SLOPE, SLOW, Basis, make_basis
+from models.network.folds import N_FOLDS, WHOLE_RUNS, outer_folds
 from models.network.regression import SignalBank
 
 # Knots of the curve, of gains and of the slope with temperature, over SoC 0..1.
@@ -115,6 +116,19 @@ class Trials:
         held, logs = self.known[variant]
         return held.mse(logs)
 
+    def outer_error(self, variant: Variant) -> tuple[FloatArray, FloatArray]:
+        """(folds,) mean squared error of a form on the folds that kinds of models are compared on, and their samples.
+
+        Strengths are those that serve it best on the folds of `error`.
+        """
+        mse = self.error(variant)
+        held, logs = self.known[variant]
+        if not WHOLE_RUNS <= len(self.bank.runs) < N_FOLDS:
+            return mse, held.sums.count
+        fold = outer_folds(run_index(self.bank), groups_of(self.bank))
+        outer = HeldOut(make_sums(self.bank, held.sums.layout, self.keep_every, fold).by_increments())
+        return outer.mse(logs), outer.sums.count
+
     def held_out(self, variant: Variant, keep_every: int) -> HeldOut:
         """Sums of a form on every n-th sample."""
         soc = np.concatenate(soc_over(self.bank, variant.axis))
@@ -150,7 +164,7 @@ class Trials:
 
     def mean(self, errors: FloatArray) -> float:
         """Root mean squared errors of the folds, their mean over all samples."""
-        return float(np.sqrt(errors) @ self.counts / self.counts.sum())
+        return mean_V(errors, self.counts)
 
 
 def best_variant(trials: Trials) -> Variant:
@@ -198,6 +212,11 @@ def _surfaces(
         return list(wide)
     unscaled = temperature_in(trials.bank) == "missing"
     return [(depth, tau_s, 0.0 if unscaled else kelvin, *more) for depth, tau_s, kelvin, *more in one]
+
+
+def mean_V(errors: FloatArray, counts: FloatArray) -> float:
+    """Mean of the folds' root mean squared errors in V over all samples."""
+    return float(np.sqrt(errors) @ counts / counts.sum())
 
 
 def clearly_better(trial: FloatArray, present: FloatArray, counts: FloatArray, errors: float = 1.0) -> bool:

@@ -126,3 +126,15 @@ def test_what_charge_and_discharge_lose_differently_is_fitted_and_can_be_left_ou
             errors_V.append(tried.mean(tried.error(Variant())))
     assert errors_V[0] == pytest.approx(errors_V[1], rel=0.05)
     assert errors_V[2] < 2.0 * errors_V[0] < 0.5 * errors_V[3]
+
+
+def test_kinds_of_models_are_compared_on_whole_runs_of_three_and_on_blocks_of_two() -> None:
+    two = bank(n=3000)
+    again = Trials(two)
+    np.testing.assert_array_equal(again.outer_error(Variant())[0], again.error(Variant()))
+    runs = [*two.runs, replace(two.runs[0], voltage_V=two.runs[0].voltage_V + 0.05)]
+    three = Trials(SignalBank(runs, [*two.initial_soc, two.initial_soc[0]], two.cell))
+    mse, counts = three.outer_error(Variant())
+    assert len(mse) == 3 and counts.sum() == sum(int(run.measured.sum()) for run in runs)
+    # Of the moved run nothing was seen: all of its 50 mV are an error, of its blocks about half.
+    assert mse[2] > 2.0 * three.error(Variant()).max()
