@@ -57,13 +57,17 @@ def test_rounding_the_factor_keeps_every_band(fitted: FitResult, known: Uncertai
     np.testing.assert_allclose(second, first, rtol=1e-3)
 
 
-@pytest.mark.parametrize("seed", [11, 12, 13])
-def test_bands_hold_on_runs_that_the_fit_did_not_see(fitted: FitResult, known: Uncertainty, seed: int) -> None:
-    run = grid(seed)
-    band = prediction_band(fitted.network, run, 0.6, known)
-    assert 0.90 <= band.coverage_95(run.voltage_V) <= 0.985
-    assert (band.std_V >= band.parameter_std_V).all()
-    np.testing.assert_allclose(band.voltage_V, free_run_V(fitted.network, run, 0.6))
+def test_bands_hold_on_runs_that_the_fit_did_not_see(fitted: FitResult, known: Uncertainty) -> None:
+    # The errors of a run hang together: how wide a band is shows over several of them, how low one may lie in each.
+    held = []
+    for seed in range(11, 17):
+        run = grid(seed)
+        band = prediction_band(fitted.network, run, 0.6, known)
+        held.append(band.coverage_95(run.voltage_V))
+        assert (band.std_V >= band.parameter_std_V).all()
+        np.testing.assert_allclose(band.voltage_V, free_run_V(fitted.network, run, 0.6))
+    assert min(held) >= 0.90
+    assert 0.93 <= np.mean(held) <= 0.98
 
 
 def test_bands_grow_outside_the_trained_domain(fitted: FitResult, known: Uncertainty) -> None:
