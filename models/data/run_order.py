@@ -1,4 +1,4 @@
-"""One order of runs, whatever order they were named in.
+"""One order of runs, whatever order they were named in, and records that were given twice.
 
 Which samples are held out together, and with that what a fit chooses and a diagnosis believes, goes by the place of a
 run among the others. A command that lists files by name and a page that lists them by date must get the same answer.

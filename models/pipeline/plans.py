@@ -11,9 +11,8 @@ from models.data.timeseries import FloatArray
 from models.effects.bounded_parts import effects_of, parts_of, resolved_parts
 from models.identification.bounded.fitted import BoundedFit, fit_variant, network_parts, theta_of
 from models.identification.bounded.open_starts import with_open_starts
-from models.identification.bounded.problem import groups_of, make_sums, run_index
 from models.identification.bounded.strengths import HeldOut
-from models.identification.bounded.variants import Trials, Variant
+from models.identification.bounded.variants import Trials, Variant, outer_held_out
 from models.identification.output_error import normal_equations
 from models.identification.progress import Progress, silent
 from models.identification.refinement import Refined, refined_theta
@@ -257,17 +256,15 @@ class BoundedNetwork:
 
     def held_out(self) -> HeldOutError:
         """Errors on outer folds by fits that did not see them."""
-        bank, layout = self.fit.bank, self.fit.layout
-        if not WHOLE_RUNS <= len(bank.runs) < N_FOLDS:
-            return self.held_out_blocks()
-        fold = outer_folds(run_index(bank), groups_of(bank))
-        keep_every = max(1, len(fold) // _OUTER_SAMPLES)
-        held = HeldOut(make_sums(bank, layout, keep_every, fold).by_increments())
-        return HeldOutError(held.mse(self.fit.log_strengths), held.sums.count)
+        bank = self.fit.bank
+        held = outer_held_out(bank, self.fit.layout, max(1, sum(map(len, bank.runs)) // _OUTER_SAMPLES))
+        return self._error(held or self.fit.held)
 
     def held_out_blocks(self) -> HeldOutError:
         """The same of the folds that choices are made on."""
-        held = self.fit.held
+        return self._error(self.fit.held)
+
+    def _error(self, held: HeldOut) -> HeldOutError:
         return HeldOutError(held.mse(self.fit.log_strengths), held.sums.count)
 
     def uncertainty(self) -> Uncertainty:

@@ -15,7 +15,7 @@ import numpy as np
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import make_knots
-from models.identification.bounded.layout import make_layout, soc_over
+from models.identification.bounded.layout import Layout, make_layout, soc_over
 from models.identification.bounded.problem import groups_of, make_sums, run_index
 from models.identification.bounded.strengths import HeldOut
 from models.identification.bounded.terms import GAINS_OVER_SOC, SLOPE, SLOW, Basis, make_basis
@@ -121,12 +121,9 @@ class Trials:
 
         Strengths are those that serve it best on the folds of `error`.
         """
-        mse = self.error(variant)
+        self.error(variant)
         held, logs = self.known[variant]
-        if not WHOLE_RUNS <= len(self.bank.runs) < N_FOLDS:
-            return mse, held.sums.count
-        fold = outer_folds(run_index(self.bank), groups_of(self.bank))
-        outer = HeldOut(make_sums(self.bank, held.sums.layout, self.keep_every, fold).by_increments())
+        outer = outer_held_out(self.bank, held.sums.layout, self.keep_every) or held
         return outer.mse(logs), outer.sums.count
 
     def held_out(self, variant: Variant, keep_every: int) -> HeldOut:
@@ -212,6 +209,21 @@ def _surfaces(
         return list(wide)
     unscaled = temperature_in(trials.bank) == "missing"
     return [(depth, tau_s, 0.0 if unscaled else kelvin, *more) for depth, tau_s, kelvin, *more in one]
+
+
+def outer_held_out(bank: SignalBank, layout: Layout, keep_every: int) -> HeldOut | None:
+    """Sums on every n-th sample by whole runs, on which kinds of models are compared; None: blocks serve for that, too.
+
+    Parameters
+    ----------
+    bank : signals of the runs
+    layout : of the coefficients
+    keep_every : every n-th sample is counted
+    """
+    if not WHOLE_RUNS <= len(bank.runs) < N_FOLDS:
+        return None
+    fold = outer_folds(run_index(bank), groups_of(bank))
+    return HeldOut(make_sums(bank, layout, keep_every, fold).by_increments())
 
 
 def mean_V(errors: FloatArray, counts: FloatArray) -> float:
