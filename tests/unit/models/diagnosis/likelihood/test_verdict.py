@@ -4,10 +4,10 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background
-from models.diagnosis.likelihood.shapes import Linear
+from models.diagnosis.likelihood.shapes import Linear, Moving
 from models.diagnosis.likelihood.simpler import Simpler, price_of_shape
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.tried import Tried, together, try_shapes
+from models.diagnosis.likelihood.tried import Tried, together, try_shapes, weigh_both
 from models.diagnosis.likelihood.verdict import judge
 from models.effects import effect
 
@@ -152,3 +152,18 @@ def test_a_cause_beside_the_whole_loss_of_capacity_or_what_looks_like_it_is_no_e
     assert chances[frozenset(("capacity", "lithium_loss"))] == 0.0
     assert chances[frozenset(("current_gain", "lithium_loss"))] == 0.0
     assert chances[frozenset(("capacity", "current_gain"))] > 0.0
+
+
+def test_a_pair_is_weighed_by_what_a_simulation_bears_out_of_it() -> None:
+    shapes = {"capacity": 0.02 * np.sin(9.0 * TIME), "relaxation": 0.02 * np.cos(5.0 * TIME)}
+    back = against(1e-4 * TIME, shapes["capacity"] + shapes["relaxation"])
+    both = [try_shapes(back, effect(name), (Linear(each[:, None], (), (), 0),)) for name, each in shapes.items()]
+    part, more = weigh_both(back, both)
+    np.testing.assert_allclose(part, shapes["capacity"] + shapes["relaxation"], atol=1e-3)
+    assert -0.5 < more <= 0.0
+    # The second one goes no further than half of what its derivative promises.
+    limits = np.array([[-8.0], [8.0]])
+    slow_V = 0.5 * shapes["relaxation"]
+    half = Moving(lambda sizes: slow_V * sizes[0], 1, ((0.0,),), limits, tuple, lambda sizes, _view: slow_V * sizes[0])
+    _, less = weigh_both(back, [both[0], replace(both[1], shape=half)])
+    assert less < more - 1.0
