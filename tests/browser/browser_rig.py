@@ -44,7 +44,8 @@ class LiveLink:
 
     def cut(self) -> None:
         self._through = False
-        self._sockets[-1].close()
+        for socket in self._sockets[-1:]:
+            socket.close()
 
     def mend(self) -> None:
         self._through = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from browser_rig import OpenPage, looked_at, served
+from browser_rig import LiveLink, OpenPage, looked_at, served
 from playwright.sync_api import Route, expect
 
 from bench_service.client import BenchClient
@@ -81,3 +81,18 @@ def test_what_is_known_of_the_cell_comes_late_and_leaves_alone_what_is_being_typ
     expect(soc).to_have_value("")
     page.keyboard.type("50")
     expect(soc).to_have_value("50")
+
+
+def test_a_form_that_opens_before_any_bench_is_known_still_learns_where_the_cell_stands(
+    open_page: OpenPage, address: str
+) -> None:
+    with BenchClient(address) as client:
+        soc = client.standing("warm")["soc"]
+    link = LiveLink()
+    link.cut()
+    page = open_page("warm", prepare=link.attach)
+    page.get_by_text("Start a test", exact=True).click()
+    expect(page.locator("#start-source option[value='edit:']")).to_be_attached()
+    assert page.locator("#start-initial_soc").input_value() == ""
+    link.mend()
+    expect(page.locator("#start-initial_soc")).to_have_value(f"{round(100 * soc, 1):g}")

@@ -140,7 +140,13 @@ export function runStart(state, root, started) {
     setText(told, `Saved as ${body.document.name}. ${told.textContent}`);
   }));
   file.addEventListener("change", () => upload(file, state, list, (text) => { message.textContent = text; }));
-  state.on("benches", () => { if (view.unseen && state.bench) look(); else allow(); });
+  state.on("benches", () => {
+    if (!view.unseen || !state.bench) return allow();
+    // Opened before any bench was known: now it can be asked where its cell stands.
+    view.unseen = false;
+    view.bench = state.bench.name;
+    believe(state.bench, soc).then(source.value === "manual:" ? choose : look);
+  });
   state.on("select", () => {
     if (!details.open) return;
     // Another cell stands elsewhere; but what was typed before the first bench was known is of that one.
