@@ -1,10 +1,12 @@
 """Logs that begin anywhere: simulated cells, each log cut out of a longer one at a random moment.
 
-``python benchmarks/cut_logs.py [--cells nmc lfp nimh] [--seeds 3] [--first-seed 0] [--structure auto] [--json]``
+``python benchmarks/cut_logs.py [--cells nmc lfp nimh] [--seeds 3] [--first-seed 0] [--train-logs 1]``
+``                              [--structure auto] [--json]``
 
 A log begins in a pulse, in a relaxation, on either branch of the hysteresis loop, wherever the cut falls in the first
-5000 s of multi-level steps; 14 000 s of it are kept. The model is fitted to one of them and judged on others, once with
-the state of charge at the cut as it was, once stated `OFF_SOC` off, with a standard deviation as large. In-class: the
+5000 s of multi-level steps; 14 000 s of it are kept. The model is fitted to one of them or more and judged on others,
+once with the state of charge at the cut as it was, once stated `OFF_SOC` off, with a standard deviation as large. What
+lies inside the trained ranges stands apart: a log that was cut may leave states of charge to the others. In-class: the
 cells are those of `simulators`.
 """
 
@@ -19,7 +21,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from models.comparison.figures import compare
+from models.comparison.placed_runs import fit_starts, place_runs
 from models.data.timeseries import TimeSeries
+from models.network.local_model_network import LocalModelNetwork
 from models.pipeline import STRUCTURES, fit_network
 from simulators.catalogue import CELLS
 
@@ -48,7 +52,7 @@ def main() -> int:
     with threadpool_limits(1, user_api="blas"):
         for cell in arguments.cells:
             for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
-                rows.append(judge(cell, seed, arguments.structure))
+                rows.append(judge(cell, seed, arguments.structure, arguments.train_logs))
                 if not arguments.json:
                     print(_line(rows[-1]), flush=True)
     if arguments.json:
@@ -56,11 +60,16 @@ def main() -> int:
     return 0
 
 
-def judge(cell: str, seed: int, structure: str) -> dict[str, Any]:
-    """Fit to one cut log; errors, bands and states of charge found of `N_JUDGED` others."""
-    train, *judged = (cut_log(cell, seed, number) for number in range(1 + N_JUDGED))
+def judge(cell: str, seed: int, structure: str, n_train: int = 1) -> dict[str, Any]:
+    """Fit to cut logs; errors, bands and states of charge found of `N_JUDGED` others, the same however many train."""
+    judged = [cut_log(cell, seed, number) for number in range(1, 1 + N_JUDGED)]
+    train = [cut_log(cell, seed, number) for number in (0, *range(1 + N_JUDGED, N_JUDGED + n_train))]
     network = fit_network(
-        [train.series], capacity_Ah=train.capacity_Ah, structure=structure, initial_soc=[train.soc], dt_s=DT_S
+        [log.series for log in train],
+        capacity_Ah=train[0].capacity_Ah,
+        structure=structure,
+        initial_soc=[log.soc for log in train],
+        dt_s=DT_S,
     ).network
     series = [log.series for log in judged]
     known = compare(network, series, [log.soc for log in judged], [1e-3] * N_JUDGED)
@@ -74,13 +83,26 @@ def judge(cell: str, seed: int, structure: str) -> dict[str, Any]:
         "cell": cell,
         "seed": seed,
         "structure": network.structure.name,
-        "begins_at_A": [log.first_A for log in (train, *judged)],
+        "begins_at_A": [log.first_A for log in (*train, *judged)],
         "first_minute_over_noise": known["overall"]["rmse_mV"] / noise_mV,
         "fitted_start_over_noise": known["overall_fitted_start"]["rmse_mV"] / noise_mV,
+        **_inside(network, judged, noise_mV),
         "band_holds": None if band is None else band["coverage_95"],
         "off_fitted_start_over_noise": doubted["overall_fitted_start"]["rmse_mV"] / noise_mV,
         "soc_error": [float(each["value"] or 0.0) - log.soc for each, log in zip(found, judged, strict=True)],
         "soc_std": [each["std"] for each in found],
+    }
+
+
+def _inside(network: LocalModelNetwork, judged: list[CutLog], noise_mV: float) -> dict[str, Any]:
+    """Error inside the trained ranges from fitted starts over the noise, and the share of samples that lies there."""
+    placed = place_runs(network, [log.series for log in judged], [log.soc for log in judged])
+    fitted = fit_starts(network, placed, [1e-3] * len(judged))
+    inside = np.concatenate([each.inside for each in fitted])
+    error_mV = 1e3 * np.concatenate([each.residual_V for each in fitted])[inside]
+    return {
+        "inside_over_noise": float(np.sqrt(np.nanmean(error_mV**2))) / noise_mV if inside.any() else None,
+        "inside_share": float(inside.mean()),
     }
 
 
@@ -109,7 +131,9 @@ def _line(row: dict[str, Any]) -> str:
     off = max(abs(each) for each in row["soc_error"])
     return (
         f"{row['cell']} seed {row['seed']} ({row['structure']}): {row['first_minute_over_noise']:.2f} x noise from the "
-        f"first minute, {row['fitted_start_over_noise']:.2f} from all, band holds {100.0 * row['band_holds']:.1f} %; "
+        f"first minute, {row['fitted_start_over_noise']:.2f} from all "
+        f"({row['inside_over_noise']:.2f} on the {100.0 * row['inside_share']:.0f} % inside), "
+        f"band holds {100.0 * row['band_holds']:.1f} %; "
         f"stated {100.0 * OFF_SOC:.0f} points off: {row['off_fitted_start_over_noise']:.2f} x, "
         f"state of charge found to {100.0 * off:.2f} points"
     )
@@ -120,6 +144,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--cells", nargs="+", choices=CELLS, default=list(CELLS))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--train-logs", type=int, default=1, help="logs that the model is fitted to")
     parser.add_argument("--structure", choices=STRUCTURES, default="auto")
     parser.add_argument("--json", action="store_true")
     return parser.parse_args()
