@@ -8,7 +8,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import LINEAR, Effect, Lean, Parameter
-from models.effects.expected import Expected, Form, one_form
+from models.effects.expected import Expected, Form, Told
 from models.effects.reading import Values
 from models.effects.spline import SplineBasis
 from models.effects.view import View
@@ -17,6 +17,8 @@ from models.effects.view import View
 # resistance over the state of charge, which falls as charge is moved.
 _USUAL_GROWTH, _USUAL_THROUGHPUT = 0.3, 5.0
 _MOST_A_CHARGE = 0.3
+# A record of no charge at all, as a share of the usual throughput: keeps its mean growth finite.
+_LEAST_THROUGHPUT = 1e-6
 # Resistances over the state of charge as fine as a cell may have them, in either direction of the current, must leave
 # this share of the squared current times throughput. Drive cycles of one discharge leave 0.0002 and less (Panasonic,
 # pybatteryid, A123), logs that come back to a state of charge 0.02 to 0.25 (Leaf, pybamm, own cells).
@@ -37,8 +39,17 @@ def _columns(view: View, _shape: float) -> FloatArray:
 
 
 def _expected(view: View) -> tuple[Form, ...]:
-    usual = _USUAL_GROWTH / (_USUAL_THROUGHPUT * view.capacity_Ah)
-    return one_form(usual * _columns(view, 0.0), "growth_per_Ah", "1/Ah", usual)
+    """In proportion to the charge that has passed, or to its root, as a film grows that lets ever less through."""
+    throughput_Ah = _USUAL_THROUGHPUT * view.capacity_Ah
+    usual = _USUAL_GROWTH / throughput_Ah
+    aged_Ah = np.maximum(view.aged_Ah, 0.0)
+    slowing_A = view.drive_A * np.sqrt(aged_Ah * throughput_Ah)
+    # Of what slows down a person reads the mean growth over the record.
+    mean = usual * float(np.sqrt(throughput_Ah / max(float(aged_Ah[-1]), _LEAST_THROUGHPUT * throughput_Ah)))
+    return (
+        Form(usual * _columns(view, 0.0), (Told("growth_per_Ah", "1/Ah", (usual,)),)),
+        Form(usual * view.overvoltage(slowing_A)[:, None], (Told("growth_per_Ah", "1/Ah", (mean,)),)),
+    )
 
 
 def _seen_in(views: Sequence[View]) -> bool:
