@@ -17,16 +17,18 @@ from models.effects.view import View
 # resistance over the state of charge, which falls as charge is moved.
 _USUAL_GROWTH, _USUAL_THROUGHPUT = 0.3, 5.0
 _MOST_A_CHARGE = 0.3
-# A record of no charge at all, as a share of the usual throughput: keeps its mean growth finite.
-_LEAST_THROUGHPUT = 1e-6
 # Resistances over the state of charge as fine as a cell may have them, in either direction of the current, must leave
 # this share of the squared current times throughput. Drive cycles of one discharge leave 0.0002 and less (Panasonic,
 # pybatteryid, A123), logs that come back to a state of charge 0.02 to 0.25 (Leaf, pybamm, own cells).
 _BUMPS, _LEAST_SHARE, _LEAST_SPAN = 8, 0.003, 1e-3
 
 
-def _grown_A(view: View) -> FloatArray:
-    return view.drive_A * view.aged_Ah
+def _grown_A(view: View, exponent: float = 1.0) -> FloatArray:
+    """(n,) current times the charge that has passed; of another exponent a charge that is the same at the usual one."""
+    if exponent == 1.0:
+        return view.drive_A * view.aged_Ah
+    usual_Ah = _USUAL_THROUGHPUT * view.capacity_Ah
+    return view.drive_A * usual_Ah * (np.maximum(view.aged_Ah, 0.0) / usual_Ah) ** exponent
 
 
 def _regressors(view: View) -> FloatArray:
@@ -40,15 +42,11 @@ def _columns(view: View, _shape: float) -> FloatArray:
 
 def _expected(view: View) -> tuple[Form, ...]:
     """In proportion to the charge that has passed, or to its root, as a film grows that lets ever less through."""
-    throughput_Ah = _USUAL_THROUGHPUT * view.capacity_Ah
-    usual = _USUAL_GROWTH / throughput_Ah
-    aged_Ah = np.maximum(view.aged_Ah, 0.0)
-    slowing_A = view.drive_A * np.sqrt(aged_Ah * throughput_Ah)
-    # Of what slows down a person reads the mean growth over the record.
-    mean = usual * float(np.sqrt(throughput_Ah / max(float(aged_Ah[-1]), _LEAST_THROUGHPUT * throughput_Ah)))
-    return (
-        Form(usual * _columns(view, 0.0), (Told("growth_per_Ah", "1/Ah", (usual,)),)),
-        Form(usual * view.overvoltage(slowing_A)[:, None], (Told("growth_per_Ah", "1/Ah", (mean,)),)),
+    usual = _USUAL_GROWTH / (_USUAL_THROUGHPUT * view.capacity_Ah)
+    told = (Told("growth_per_Ah", "1/Ah", (usual,)),)
+    return tuple(
+        Form(usual * view.overvoltage(_grown_A(view, exponent))[:, None], told, (("exponent", "1", exponent),))
+        for exponent in (1.0, 0.5)
     )
 
 
@@ -75,7 +73,7 @@ def _seen_in(views: Sequence[View]) -> bool:
 
 
 def _grown_V(view: View, values: Values) -> FloatArray:
-    return values["growth_per_Ah"] * view.overvoltage(_grown_A(view))
+    return values["growth_per_Ah"] * view.overvoltage(_grown_A(view, values.get("exponent", 1.0)))
 
 
 EFFECT = Effect(
@@ -83,7 +81,10 @@ EFFECT = Effect(
     title="Growing resistance (ageing within the record)",
     recognise="overvoltages of equal pulses grow from the beginning of a record to its end",
     source="Bloom et al., J. Power Sources 101, 2001",
-    parameters=(Parameter("growth_per_Ah", "1/Ah", "relative growth of the resistance for each Ah, either way"),),
+    parameters=(
+        Parameter("growth_per_Ah", "1/Ah", "relative growth for each Ah, either way, over 5 capacities"),
+        Parameter("exponent", "1", "of the charge that the growth goes with: 1, or 0.5 where it slows down"),
+    ),
     shows_over=("throughput_Ah", "time_h"),
     slow=True,
     regressors=_regressors,
