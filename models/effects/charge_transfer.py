@@ -68,14 +68,21 @@ def _at_two_speeds(structure: Structure, exchange_A: float, activation_K: float)
 
 
 def _expected(view: View) -> tuple[Form, ...]:
-    """Curves that reach 20 mV at the current of the capacity, with what acts as a resistance left free beside them."""
+    """Curves that reach 20 mV at the current of the capacity; and those whose small currents meet what they met before.
+
+    The latter are kinetics that bend more, or less, at the same exchange current: the curve without its tangent.
+    """
     forms = []
     for rate in _EXPECTED_RATES:
-        curve = np.arcsinh(view.run.current_A[view.index] / (2.0 * rate * view.capacity_Ah))
-        amplitude_V = _USUAL_V / float(np.arcsinh(0.5 / rate))
-        told = (Told("amplitude_V", "V", (amplitude_V,)),)
-        fixed = (("exchange_current_A", "A", rate * view.capacity_Ah),)
-        forms.append(Form(amplitude_V * curve[:, None], told, fixed))
+        drive = view.run.current_A[view.index] / (2.0 * rate * view.capacity_Ah)
+        at_capacity = 0.5 / rate
+        whole = (np.arcsinh(drive), float(np.arcsinh(at_capacity)))
+        bent = (np.arcsinh(drive) - drive, at_capacity - float(np.arcsinh(at_capacity)))
+        for curve, usual in (whole, bent):
+            amplitude_V = min(_USUAL_V / usual, _LARGEST_V)
+            told = (Told("amplitude_V", "V", (amplitude_V,)),)
+            fixed = (("exchange_current_A", "A", rate * view.capacity_Ah),)
+            forms.append(Form(amplitude_V * curve[:, None], told, fixed))
     return tuple(forms)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import LINEAR, Effect, Lean, Parameter
-from models.effects.expected import Expected, Form, one_form
+from models.effects.expected import Expected, Form, Told
 from models.effects.reading import Values
 from models.effects.spline import SplineBasis
 from models.effects.view import View
@@ -23,8 +23,12 @@ _MOST_A_CHARGE = 0.3
 _BUMPS, _LEAST_SHARE, _LEAST_SPAN = 8, 0.003, 1e-3
 
 
-def _grown_A(view: View) -> FloatArray:
-    return view.drive_A * view.aged_Ah
+def _grown_A(view: View, exponent: float = 1.0) -> FloatArray:
+    """(n,) current times the charge that has passed; of another exponent a charge that is the same at the usual one."""
+    if exponent == 1.0:
+        return view.drive_A * view.aged_Ah
+    usual_Ah = _USUAL_THROUGHPUT * view.capacity_Ah
+    return view.drive_A * usual_Ah * (np.maximum(view.aged_Ah, 0.0) / usual_Ah) ** exponent
 
 
 def _regressors(view: View) -> FloatArray:
@@ -37,8 +41,13 @@ def _columns(view: View, _shape: float) -> FloatArray:
 
 
 def _expected(view: View) -> tuple[Form, ...]:
+    """In proportion to the charge that has passed, or to its root, as a film grows that lets ever less through."""
     usual = _USUAL_GROWTH / (_USUAL_THROUGHPUT * view.capacity_Ah)
-    return one_form(usual * _columns(view, 0.0), "growth_per_Ah", "1/Ah", usual)
+    told = (Told("growth_per_Ah", "1/Ah", (usual,)),)
+    return tuple(
+        Form(usual * view.overvoltage(_grown_A(view, exponent))[:, None], told, (("exponent", "1", exponent),))
+        for exponent in (1.0, 0.5)
+    )
 
 
 def _seen_in(views: Sequence[View]) -> bool:
@@ -64,7 +73,7 @@ def _seen_in(views: Sequence[View]) -> bool:
 
 
 def _grown_V(view: View, values: Values) -> FloatArray:
-    return values["growth_per_Ah"] * view.overvoltage(_grown_A(view))
+    return values["growth_per_Ah"] * view.overvoltage(_grown_A(view, values.get("exponent", 1.0)))
 
 
 EFFECT = Effect(
@@ -72,7 +81,10 @@ EFFECT = Effect(
     title="Growing resistance (ageing within the record)",
     recognise="overvoltages of equal pulses grow from the beginning of a record to its end",
     source="Bloom et al., J. Power Sources 101, 2001",
-    parameters=(Parameter("growth_per_Ah", "1/Ah", "relative growth of the resistance for each Ah, either way"),),
+    parameters=(
+        Parameter("growth_per_Ah", "1/Ah", "relative growth for each Ah, either way, over 5 capacities"),
+        Parameter("exponent", "1", "of the charge that the growth goes with: 1, or 0.5 where it slows down"),
+    ),
     shows_over=("throughput_Ah", "time_h"),
     slow=True,
     regressors=_regressors,

@@ -73,6 +73,17 @@ def test_a_gain_of_the_voltage_is_a_share_of_it(view: View) -> None:
     np.testing.assert_allclose(form.columns[:, 0] / form.told[0].weights[0], view.voltage_V, atol=1e-12)
 
 
+def test_kinetics_may_bend_more_at_the_resistance_that_small_currents_met_before(view: View) -> None:
+    forms = effect("charge_transfer").expected.forms
+    assert forms is not None
+    whole, bent = forms(view)[:2]
+    assert whole.fixed == bent.fixed
+    current_A = view.run.current_A[view.index]
+    drive = current_A / (2.0 * whole.fixed[0][2])
+    np.testing.assert_allclose(whole.columns[:, 0] / whole.told[0].weights[0], np.arcsinh(drive), atol=1e-12)
+    np.testing.assert_allclose(bent.columns[:, 0] / bent.told[0].weights[0], np.arcsinh(drive) - drive, atol=1e-12)
+
+
 def test_gains_are_put_right() -> None:
     read = Reading(1.02, 3.737, 25.0, 25.0)
     for name, value in (("current_gain", 0.02), ("voltage_gain", 0.01)):

@@ -53,3 +53,19 @@ def test_what_it_makes_of_the_voltage_grows_with_the_charge_that_has_passed() ->
     later = replace(view, passed_Ah=2.0)
     more = expected + (0.05 * RESISTANCE_OHM * 2.0 * SWINGING)[view.index]
     np.testing.assert_allclose(EFFECT.fault_V(later, {"growth_per_Ah": 0.05}), more, atol=1e-12)
+
+
+def test_a_film_that_lets_ever_less_through_grows_with_the_root_of_the_charge() -> None:
+    view = played(SWINGING)
+    assert EFFECT.expected.forms is not None and EFFECT.fault_V is not None
+    steady, slowing = EFFECT.expected.forms(view)
+    passed_Ah = np.cumsum(np.abs(SWINGING)) / 3600.0
+    mean, usual_Ah = 0.02, 5.0 * view.capacity_Ah
+    for form, growth in ((steady, mean * passed_Ah), (slowing, mean * np.sqrt(passed_Ah * usual_Ah))):
+        size = mean / form.told[0].weights[0]
+        expected = (RESISTANCE_OHM * growth * SWINGING)[view.index]
+        np.testing.assert_allclose(size * form.columns[:, 0], expected, atol=1e-12)
+        # What is told of it is what is taken out of a run again.
+        told = {"growth_per_Ah": mean, **{name: value for name, _, value in form.fixed}}
+        np.testing.assert_allclose(EFFECT.fault_V(view, told), expected, atol=1e-12)
+    assert np.isfinite(EFFECT.expected.forms(played(np.zeros(N)))[1].columns).all()
