@@ -180,7 +180,13 @@ def plan_of(experiment: Experiment, request: DesignRequest) -> SequencePlan:
         gentle_share=_GENTLE if request.cycle_A is None and len(request.soc_levels) >= _GENTLE_LEVELS else 1.0,
         mean_A=_mean_A(request),
     )
-    return fitted_to(plan, request.active_s)
+    try:
+        return fitted_to(plan, request.active_s)
+    except InfeasibleError as error:
+        if request.limits.voltage_V is None:
+            raise
+        # Near its limits the voltage leaves so little current that the way takes long.
+        raise InfeasibleError(f"{error}, a wider limit voltage_V{experiment.colder}") from None
 
 
 def _within(levels: tuple[float, ...], reached: Window) -> tuple[float, ...]:
