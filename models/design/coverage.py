@@ -75,7 +75,7 @@ def coverage_of(
     plan : of a sequence; None: it is another signal, whose way is its own
     temperature_degC : (N,) expected, or None
     meant_soc : where another signal goes by itself, before the limits change it; None: not known
-    colder : see `Experiment`
+    colder : what to do about a cell that may be colder than predicted; see `voltage_band.colder_words`
     """
     reached = float(soc.min()), float(soc.max())
     short = max(reached[0] - limits.soc[0], 0.0), max(limits.soc[1] - reached[1], 0.0)

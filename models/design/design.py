@@ -11,6 +11,7 @@ from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.design.constraints.feasible import Feasible
 from models.design.constraints.limits import InfeasibleError, Limits, Window, soc_path
+from models.design.constraints.voltage_band import colder_words
 from models.design.coverage import Coverage, coverage_of
 from models.design.information.coloured import told_information
 from models.design.information.criteria import CRITERIA
@@ -196,7 +197,7 @@ def _coverage(
     predicted, dt_s = experiment.predicted, experiment.network.structure.dt_s
     temperature_of = predicted_temperature(predicted.network, predicted.initial_soc, predicted.temperature_degC, 0.0)
     degC = None if temperature_of is None else temperature_of(current_A)
-    return coverage_of(limits, soc, current_A, dt_s, plan, degC, meant_soc, experiment.colder)
+    return coverage_of(limits, soc, current_A, dt_s, plan, degC, meant_soc, colder_words(experiment))
 
 
 def _meant_soc(experiment: Experiment, limits: Limits, current_A: FloatArray) -> Window:

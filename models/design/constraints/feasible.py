@@ -13,7 +13,7 @@ from models.design.constraints.limiter import FlatLimits, limit
 from models.design.constraints.limits import CurrentBounds, InfeasibleError, Limits, broken, soc_path
 from models.design.constraints.projection import nearest_within
 from models.design.constraints.reachable import corridor, reachable_bounds
-from models.design.constraints.voltage_band import Band
+from models.design.constraints.voltage_band import Band, colder_words
 from models.design.information.experiment import Evaluator, Experiment
 from models.network.compiled_network import flat_network
 
@@ -258,7 +258,7 @@ class Feasible:
             return (
                 f"limit voltage_V is {limits.voltage_V[0]:g}..{limits.voltage_V[1]:g} V, but with the smallest current "
                 f"that the other limits leave the model expects {low.min():.3f}..{high.max():.3f} V, its uncertainty "
-                "included: widen the window, start at another SoC, refine the model" + self._experiment.colder
+                "included: widen the window, start at another SoC, refine the model" + colder_words(self._experiment)
             )
         names = ", ".join(f"{name} (by {excess:.3g})" for name, excess in left.items())
         return f"limits are in conflict: no current keeps {names} together with the others"

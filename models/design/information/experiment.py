@@ -21,8 +21,6 @@ SENSITIVITIES = ("free_run", "one_step")
 DEFAULT_TEMPERATURE_DEGC = 25.0
 # What tests tell most about changes as slowly as this.
 _MIDDLE_S = 60.0
-# Colder by less is as good as the same: a cell's overvoltages grow by a few percent per kelvin.
-_COLDER_K = 1.0
 
 
 @dataclass(frozen=True)
@@ -87,13 +85,6 @@ class Experiment:
         fade = float(np.exp(-self.network.structure.dt_s / _MIDDLE_S)) * self.memory.keep
         worth = self.memory.white + float(self.memory.shares @ ((1.0 + fade) / (1.0 - fade)))
         return self.noise_V * float(np.sqrt(worth))
-
-    @property
-    def colder(self) -> str:
-        """What to do about a cell that may be colder than it is predicted at, in words that go on; empty: it is not."""
-        if self.coldest_degC is None or self.coldest_degC > self.temperature_degC - _COLDER_K:
-            return ""
-        return f", or state ambient_degC: the cell is taken to be as cold as {self.coldest_degC:.1f} degC"
 
     @property
     def lead(self) -> int:

@@ -12,7 +12,7 @@ from models.data.timeseries import FloatArray
 from models.design.constraints.feasible import Demands
 from models.design.constraints.limitation import LimitationRatio, default_ratio, limitation_ratio
 from models.design.constraints.limits import CurrentBounds, InfeasibleError, Limits, Window
-from models.design.constraints.voltage_band import recorded_band
+from models.design.constraints.voltage_band import colder_words, recorded_band
 from models.design.information.experiment import Evaluator, Experiment
 from models.design.optimise.ascent import Objective, Optimum, optimise
 from models.design.optimise.reference_model import predicted_temperature
@@ -186,7 +186,7 @@ def plan_of(experiment: Experiment, request: DesignRequest) -> SequencePlan:
         if request.limits.voltage_V is None:
             raise
         # Near its limits the voltage leaves so little current that the way takes long.
-        raise InfeasibleError(f"{error}, a wider limit voltage_V{experiment.colder}") from None
+        raise InfeasibleError(f"{error}, a wider limit voltage_V{colder_words(experiment)}") from None
 
 
 def _within(levels: tuple[float, ...], reached: Window) -> tuple[float, ...]:

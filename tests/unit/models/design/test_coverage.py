@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from models.design.constraints.limits import InfeasibleError, Limits
+from models.design.constraints.voltage_band import colder_words
 from models.design.coverage import coverage_of
 from models.design.design import Design, design
 from models.design.optimise.block_design import DesignRequest
@@ -65,13 +66,13 @@ def test_another_signal_says_where_it_does_not_go() -> None:
 
 def test_a_signal_that_the_voltage_cuts_says_so_and_what_to_do() -> None:
     limits, rest = Limits((-6.0, 4.0), WINDOW, voltage_V=(3.0, 4.3)), np.full(9, 0.5)
-    doubt = replace(experiment(), coldest_degC=-10.0, temperature_degC=10.0).colder
+    doubt = colder_words(replace(experiment(), coldest_degC=-10.0, temperature_degC=10.0))
     said = coverage_of(limits, rest, np.zeros(9), 1.0, meant_soc=(0.1, 0.5), colder=doubt)
     assert (
         "limit voltage_V" in said.reasons[0] and "state ambient_degC" in said.reasons[0] and "-10.0" in said.reasons[0]
     )
     assert "soc_levels" in said.reasons[1] and "ambient" not in said.reasons[1]
-    assert replace(experiment(), coldest_degC=24.5).colder == experiment().colder == ""
+    assert colder_words(replace(experiment(), coldest_degC=24.5)) == colder_words(experiment()) == ""
 
 
 def test_a_way_that_the_voltage_slows_down_is_named_with_the_unknown_ambient() -> None:
