@@ -62,6 +62,8 @@ def coverage_of(
     dt_s: float,
     plan: SequencePlan | None = None,
     temperature_degC: FloatArray | None = None,
+    meant_soc: Window | None = None,
+    colder: str = "",
 ) -> Coverage:
     """Say where a test goes.
 
@@ -72,10 +74,19 @@ def coverage_of(
     dt_s : sampling time
     plan : of a sequence; None: it is another signal, whose way is its own
     temperature_degC : (N,) expected, or None
+    meant_soc : where another signal goes by itself, before the limits change it; None: not known
+    colder : what to do about a cell that may be colder than predicted; see `voltage_band.colder_words`
     """
     reached = float(soc.min()), float(soc.max())
     short = max(reached[0] - limits.soc[0], 0.0), max(limits.soc[1] - reached[1], 0.0)
+    meant = reached if meant_soc is None else meant_soc
+    cut = (meant[0] < reached[0] - NEAR_SOC, meant[1] > reached[1] + NEAR_SOC)
     expected = None if temperature_degC is None else (float(temperature_degC.min()), float(temperature_degC.max()))
+    reasons = []
+    for side, name in enumerate(("lowest", "highest")):
+        if short[side] > NEAR_SOC:
+            said = f"SoC {limits.soc[side]:.3f} is not reached, the {name} is {reached[side]:.3f}"
+            reasons.append(f"{said} ({short[side]:.3f} short): {_cause(plan, cut[side], colder)}")
     return Coverage(
         share=_share(limits, soc, current_A, dt_s),
         soc=reached,
@@ -83,9 +94,7 @@ def coverage_of(
         current_A=(float(current_A.min()), float(current_A.max())),
         temperature_degC=expected,
         temperature_share=_within(limits.temperature_degC, expected),
-        reasons=tuple(
-            _reason(limits, plan, side, reached[side], short[side]) for side in (0, 1) if short[side] > NEAR_SOC
-        ),
+        reasons=tuple(reasons),
     )
 
 
@@ -101,15 +110,15 @@ def _within(asked: Window | None, expected: Window | None) -> float | None:
     return max(min(asked[1], expected[1] + _NEAR_K) - max(asked[0], expected[0] - _NEAR_K), 0.0) / (asked[1] - asked[0])
 
 
-def _reason(limits: Limits, plan: SequencePlan | None, side: int, reached: float, short: float) -> str:
-    end, name = limits.soc[side], ("lowest", "highest")[side]
-    said = f"SoC {end:.3f} is not reached, the {name} is {reached:.3f} ({short:.3f} short): "
-    if plan is None:
-        return said + "the signal does not go there in its time; a sequence over soc_levels does"
-    if plan.ends is None and len(plan.soc_levels) > 1:
-        return said + "the duration leaves no time for the way beyond the levels; give more"
-    if plan.ends is None:
-        return said + "the levels are not spread over the window"
-    return said + (
+def _cause(plan: SequencePlan | None, is_cut: bool, colder: str) -> str:
+    """Why an end is not reached, and what to do about it; a signal that is no sequence may be cut by the limits."""
+    if plan is None and not is_cut:
+        return "the signal does not go there in its time; a sequence over soc_levels does"
+    if plan is not None and plan.ends is None:
+        if len(plan.soc_levels) > 1:
+            return "the duration leaves no time for the way beyond the levels; give more"
+        return "the levels are not spread over the window"
+    return (
         "the expected voltage, its uncertainty included, would leave limit voltage_V; widen it, or refine the model"
+        + colder
     )

@@ -10,7 +10,8 @@ import numpy as np
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.design.constraints.feasible import Feasible
-from models.design.constraints.limits import InfeasibleError, Limits
+from models.design.constraints.limits import InfeasibleError, Limits, Window, soc_path
+from models.design.constraints.voltage_band import colder_words
 from models.design.coverage import Coverage, coverage_of
 from models.design.information.coloured import told_information
 from models.design.information.criteria import CRITERIA
@@ -144,7 +145,8 @@ def design(experiment: Experiment, request: DesignRequest, progress: Progress | 
     report(1.0, "done")
     seconds = time.perf_counter() - began
     planned_s = None if plan is None else estimated_duration_s(plan) + request.rest_s
-    return judged(experiment, request.criterion, feasible, current, blocks, optima, seconds, planned_s, plan)
+    meant = None if request.limits.voltage_V is None else _meant_soc(experiment, request.limits, raw)
+    return judged(experiment, request.criterion, feasible, current, blocks, optima, seconds, planned_s, plan, meant)
 
 
 def judged(
@@ -157,6 +159,7 @@ def judged(
     seconds: float = 0.0,
     planned_s: float | None = None,
     plan: SequencePlan | None = None,
+    meant_soc: Window | None = None,
 ) -> Design:
     """Say what a current would tell."""
     information = told_information(experiment, current_A)
@@ -179,17 +182,30 @@ def judged(
         optima=optima,
         seconds=seconds,
         planned_s=len(current_A) * dt_s if planned_s is None else planned_s,
-        coverage=_coverage(experiment, feasible.limits, predicted.soc, current_A, plan),
+        coverage=_coverage(experiment, feasible.limits, predicted.soc, current_A, plan, meant_soc),
     )
 
 
 def _coverage(
-    experiment: Experiment, limits: Limits, soc: FloatArray, current_A: FloatArray, plan: SequencePlan | None
+    experiment: Experiment,
+    limits: Limits,
+    soc: FloatArray,
+    current_A: FloatArray,
+    plan: SequencePlan | None,
+    meant_soc: Window | None,
 ) -> Coverage:
     predicted, dt_s = experiment.predicted, experiment.network.structure.dt_s
     temperature_of = predicted_temperature(predicted.network, predicted.initial_soc, predicted.temperature_degC, 0.0)
     degC = None if temperature_of is None else temperature_of(current_A)
-    return coverage_of(limits, soc, current_A, dt_s, plan, degC)
+    return coverage_of(limits, soc, current_A, dt_s, plan, degC, meant_soc, colder_words(experiment))
+
+
+def _meant_soc(experiment: Experiment, limits: Limits, current_A: FloatArray) -> Window:
+    """How far a current goes inside the window of the state of charge, before the voltage is looked at."""
+    cell = experiment.network.cell
+    per_A = experiment.network.structure.dt_s / 3600.0 / cell.capacity_Ah
+    soc = np.clip(soc_path(current_A, experiment.initial_soc, per_A, cell.efficiency), *limits.soc)
+    return float(soc.min()), float(soc.max())
 
 
 def _single(experiment: Experiment, request: DesignRequest, n_samples: int, report: Progress) -> Optimum:

@@ -13,7 +13,7 @@ from models.design.constraints.limiter import FlatLimits, limit
 from models.design.constraints.limits import CurrentBounds, InfeasibleError, Limits, broken, soc_path
 from models.design.constraints.projection import nearest_within
 from models.design.constraints.reachable import corridor, reachable_bounds
-from models.design.constraints.voltage_band import Band
+from models.design.constraints.voltage_band import Band, colder_words
 from models.design.information.experiment import Evaluator, Experiment
 from models.network.compiled_network import flat_network
 
@@ -251,12 +251,6 @@ class Feasible:
         soc = soc_path(current_A, self._experiment.initial_soc, self._soc_per_A, self._efficiency)
         return broken(self._demands.limits, self._bounds, current_A, soc, self._dt_s)
 
-    def _warmth(self) -> str:
-        coldest_degC = self._experiment.coldest_degC
-        if coldest_degC is None:
-            return ""
-        return f", or state ambient_degC: the cell is taken to be as cold as {coldest_degC:.1f} degC"
-
     def _complaint(self, current_A: FloatArray, left: dict[str, float]) -> str:
         limits = self._demands.limits
         if "voltage_V" in left and limits.voltage_V is not None:
@@ -264,7 +258,7 @@ class Feasible:
             return (
                 f"limit voltage_V is {limits.voltage_V[0]:g}..{limits.voltage_V[1]:g} V, but with the smallest current "
                 f"that the other limits leave the model expects {low.min():.3f}..{high.max():.3f} V, its uncertainty "
-                "included: widen the window, start at another SoC, refine the model" + self._warmth()
+                "included: widen the window, start at another SoC, refine the model" + colder_words(self._experiment)
             )
         names = ", ".join(f"{name} (by {excess:.3g})" for name, excess in left.items())
         return f"limits are in conflict: no current keeps {names} together with the others"

@@ -30,6 +30,8 @@ _LAPLACE_FALL = float(np.sqrt(0.5))
 _LAPLACE_P95 = -_LAPLACE_FALL * float(np.log(_BEYOND))
 # How rarely the largest error so far may be as small as it is, and the fewest beyond the 95 % that tell anything.
 _UNLUCKY, _FEWEST_BEYOND = 0.025, 8.0
+# Colder by less is as good as the same: a cell's overvoltages grow by a few percent per kelvin.
+_COLDER_K = 1.0
 
 
 class Band(Protocol):
@@ -155,6 +157,13 @@ def colder_V(experiment: Experiment, current_A: FloatArray, prediction: Predicti
     run = planned_run(replace(experiment, temperature_degC=coldest_degC), current_A)
     cold_V = free_run_V(network, run, experiment.initial_soc)[experiment.lead :]
     return np.abs(cold_V - prediction.voltage_V)
+
+
+def colder_words(experiment: Experiment) -> str:
+    """What to do about a cell that may be colder than it is predicted at, in words that go on; empty: it is not."""
+    if experiment.coldest_degC is None or experiment.coldest_degC > experiment.temperature_degC - _COLDER_K:
+        return ""
+    return f", or state ambient_degC: the cell is taken to be as cold as {experiment.coldest_degC:.1f} degC"
 
 
 def recorded_band(network: LocalModelNetwork) -> Band:

@@ -12,7 +12,7 @@ from models.data.timeseries import FloatArray
 from models.design.constraints.feasible import Demands
 from models.design.constraints.limitation import LimitationRatio, default_ratio, limitation_ratio
 from models.design.constraints.limits import CurrentBounds, InfeasibleError, Limits, Window
-from models.design.constraints.voltage_band import recorded_band
+from models.design.constraints.voltage_band import colder_words, recorded_band
 from models.design.information.experiment import Evaluator, Experiment
 from models.design.optimise.ascent import Objective, Optimum, optimise
 from models.design.optimise.reference_model import predicted_temperature
@@ -180,7 +180,13 @@ def plan_of(experiment: Experiment, request: DesignRequest) -> SequencePlan:
         gentle_share=_GENTLE if request.cycle_A is None and len(request.soc_levels) >= _GENTLE_LEVELS else 1.0,
         mean_A=_mean_A(request),
     )
-    return fitted_to(plan, request.active_s)
+    try:
+        return fitted_to(plan, request.active_s)
+    except InfeasibleError as error:
+        if request.limits.voltage_V is None:
+            raise
+        # Near its limits the voltage leaves so little current that the way takes long.
+        raise InfeasibleError(f"{error}, a wider limit voltage_V{colder_words(experiment)}") from None
 
 
 def _within(levels: tuple[float, ...], reached: Window) -> tuple[float, ...]:

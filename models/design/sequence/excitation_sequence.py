@@ -192,7 +192,7 @@ def _filled(plan: SequencePlan, duration_s: float) -> SequencePlan:
     if fixed_s > duration_s:
         raise InfeasibleError(
             f"duration is {duration_s:g} s without the rest at the end, but pulses, rests and moves between "
-            f"{len(plan.soc_levels)} levels alone take {fixed_s:.0f} s: give more time, fewer soc_levels or a smaller "
+            f"{len(plan.soc_levels)} levels alone take {fixed_s:.0f} s: give more time, fewer soc_levels, a smaller "
             "rest_ratio"
         )
     least, most = 1, int(duration_s / (len(plan.visits()) * plan.dt_s)) + 1

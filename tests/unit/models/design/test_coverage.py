@@ -1,9 +1,12 @@
 """A sequence goes to the ends of the window that was asked for, or says what keeps it from there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from models.design.constraints.limits import Limits
+from models.design.constraints.limits import InfeasibleError, Limits
+from models.design.constraints.voltage_band import colder_words
 from models.design.coverage import coverage_of
 from models.design.design import Design, design
 from models.design.optimise.block_design import DesignRequest
@@ -59,6 +62,24 @@ def test_a_duration_that_forbids_the_ends_is_named() -> None:
 def test_another_signal_says_where_it_does_not_go() -> None:
     said = designed(signal="aprbs", duration_s=2000.0).coverage
     assert "soc_levels" in said.reasons[0] and said.share < 0.5
+
+
+def test_a_signal_that_the_voltage_cuts_says_so_and_what_to_do() -> None:
+    limits, rest = Limits((-6.0, 4.0), WINDOW, voltage_V=(3.0, 4.3)), np.full(9, 0.5)
+    doubt = colder_words(replace(experiment(), coldest_degC=-10.0, temperature_degC=10.0))
+    said = coverage_of(limits, rest, np.zeros(9), 1.0, meant_soc=(0.1, 0.5), colder=doubt)
+    assert (
+        "limit voltage_V" in said.reasons[0] and "state ambient_degC" in said.reasons[0] and "-10.0" in said.reasons[0]
+    )
+    assert "soc_levels" in said.reasons[1] and "ambient" not in said.reasons[1]
+    assert colder_words(replace(experiment(), coldest_degC=24.5)) == colder_words(experiment()) == ""
+
+
+def test_a_way_that_the_voltage_slows_down_is_named_with_the_unknown_ambient() -> None:
+    cold = replace(experiment(), coldest_degC=-10.0)
+    asked = DesignRequest(Limits((-6.0, 4.0), WINDOW, voltage_V=(3.0, 4.3)), 2000.0, soc_levels=(0.3, 0.5, 0.7))
+    with pytest.raises(InfeasibleError, match="give more time.* limit voltage_V, or state ambient_degC.* -10.0 degC"):
+        design(cold, asked)
 
 
 def test_shares_are_counted_in_cells() -> None:
