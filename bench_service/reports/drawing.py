@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from itertools import pairwise
 from typing import Any
@@ -28,7 +28,10 @@ Values = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Line:
-    """One curve with its half band, both over the same x; NaN where there is nothing to draw."""
+    """One curve with its half band, both over the same x; NaN where there is nothing to draw.
+
+    The band ends at `least`, where nothing can be lower.
+    """
 
     label: str
     x: Values
@@ -37,6 +40,17 @@ class Line:
     colour: str = BLUE
     dashed: bool = False
     dots: bool = False
+    least: float = -np.inf
+
+    @property
+    def low(self) -> Values | None:
+        """Lower edge of the band."""
+        return None if self.half_band is None else np.maximum(self.y - self.half_band, self.least)
+
+    @property
+    def high(self) -> Values | None:
+        """Upper edge of the band."""
+        return None if self.half_band is None else self.y + self.half_band
 
 
 @dataclass(frozen=True)
@@ -57,11 +71,10 @@ def thinned(line: Line) -> Line:
     """Draw no more points than a page can show; no peak is lost."""
     if len(line.y) <= _POINTS:
         return line
-    half = line.half_band
-    shapes = {"y": line.y} if half is None else {"low": line.y - half, "high": line.y + half}
+    shapes = {"y": line.y} if line.low is None or line.high is None else {"low": line.low, "high": line.high}
     rows = kept_rows(shapes, len(line.y), _POINTS, tuple(shapes))
-    band = None if half is None else half[rows]
-    return Line(line.label, line.x[rows], line.y[rows], band, line.colour, line.dashed, line.dots)
+    band = None if line.half_band is None else line.half_band[rows]
+    return replace(line, x=line.x[rows], y=line.y[rows], half_band=band)
 
 
 def level(label: str, x: Values, value: float) -> Line:
@@ -101,9 +114,9 @@ def _drawn(line: Line, px: Callable[[Values], Values], py: Callable[[Values], Va
     dash = ' stroke-dasharray="6 4"' if line.dashed else ""
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         x, y = px(line.x[start:stop]), line.y[start:stop]
-        if line.half_band is not None:
-            half = np.nan_to_num(line.half_band[start:stop])
-            outline = _points(np.concatenate([x, x[::-1]]), np.concatenate([py(y + half), py(y - half)[::-1]]))
+        if line.low is not None and line.high is not None:
+            low, high = (np.where(np.isfinite(edge), edge, line.y)[start:stop] for edge in (line.low, line.high))
+            outline = _points(np.concatenate([x, x[::-1]]), np.concatenate([py(high), py(low)[::-1]]))
             edge = f'stroke="{line.colour}" stroke-opacity="0.45" stroke-width="0.8"'
             body.append(f'<polygon points="{outline}" fill="{line.colour}" fill-opacity="0.15" {edge}/>')
         points = _points(x, py(y))
@@ -126,8 +139,8 @@ def _range(lines: Sequence[Line]) -> tuple[float, float]:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     # Something that stands still is drawn as a level line in the middle, not as its last digit.
     span = max(high - low, 1e-3 * max(abs(high), abs(low)), 1e-9)
-    ends = np.concatenate([line.y + sign * line.half_band for line in lines if line.half_band is not None
-                           for sign in (-1.0, 1.0)] or [values])  # fmt: skip
+    edges = [edge for line in lines for edge in (line.low, line.high) if edge is not None]
+    ends = np.concatenate(edges or [values])
     least, most = min(low, float(np.nanmin(ends))), max(high, float(np.nanmax(ends)))
     return max(least, low - span) - 0.04 * span, min(most, high + span) + 0.04 * span
 

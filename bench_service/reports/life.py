@@ -12,6 +12,8 @@ from bench_service.reports.comparison import usability_parts
 from bench_service.reports.document import Figure, Heading, Key, Keys, Part, Points, Report, Section, Table
 from bench_service.reports.drawing import BLUE, GREEN, RUST, Axis, Line, Piece, curves, cut_bars, every, level
 
+# No resistance is negative, however little a run says of it.
+_RESISTANCE = "Resistance of the first moment, with 95 % bands, cut at zero"
 # Standard deviations of the bands: 95 %.
 _BAND = 2.0
 _NEAR_SOC = 0.06
@@ -44,7 +46,7 @@ def life_report(heading: Heading, result: Mapping[str, Any], called: Mapping[str
     sections = [
         Section("Capacity", [over_runs("Capacity, with 95 % band", [("capacity", capacity)], "Ah"),
                              *_ahead(result.get("forecast"))]),
-        Section("Resistance", [over_runs("Resistance of the first moment, with 95 % bands", resistance, "mΩ")]),
+        Section("Resistance", [over_runs(_RESISTANCE, resistance, "mΩ", 0.0)]),
         Section("What explains the error", [explained(runs)]),
         Section("What is new", [*_since(result.get("change_points", ()), names), *_open(result),
                                 Table(heads, rows, frozenset({1}))]),
@@ -158,14 +160,16 @@ def where_told(entry: Mapping[str, Any]) -> Mapping[str, Any] | None:
     return min(entry["resistance"], key=lambda each: each["std_Ohm"], default=None)
 
 
-def over_runs(caption: str, lines: Sequence[tuple[str, Sequence[Told]]], unit: str) -> Figure | str:
-    """Draw values over the number of the run, each with its band."""
+def over_runs(
+    caption: str, lines: Sequence[tuple[str, Sequence[Told]]], unit: str, least: float = -np.inf
+) -> Figure | str:
+    """Draw values over the number of the run, each with its band, which ends where nothing can be lower."""
     drawn, colours = [], (BLUE, GREEN, RUST)
     for number, (name, values) in enumerate(lines):
         middle = np.array([np.nan if told is None else told[0] for told in values])
         half = np.array([np.nan if told is None else _BAND * told[1] for told in values])
         runs = np.arange(1.0, len(values) + 1.0)
-        drawn.append(Line(name, runs, middle, half, colours[number % len(colours)], dots=True))
+        drawn.append(Line(name, runs, middle, half, colours[number % len(colours)], dots=True, least=least))
     if not drawn:
         return "None is told."
     count = max(len(line.x) for line in drawn)

@@ -39,7 +39,7 @@ export function drawLife(node, life, nameOf) {
   const unit = life.forecast?.unit ?? "run";
   const shown = [
     ["Capacity, shaded: 95 % band", `Capacity over the ${unit}s with its 95 % band and its forecast`, (colours) => capacityOption(colours, life, unit)],
-    ["Resistance of the first moment, shaded: 95 % bands", `Resistance over the ${unit}s with 95 % bands`, (colours) => resistanceOption(colours, life, unit)],
+    ["Resistance of the first moment, shaded: 95 % bands, cut at zero", `Resistance over the ${unit}s with 95 % bands, cut at zero`, (colours) => resistanceOption(colours, life, unit)],
     ["What explains the error", `Error of the model over the ${unit}s, stacked by what explains it`, (colours) => explainedOption(colours, life, unit)],
     ["Error before and after", `Error of the model over the ${unit}s before and after what was found`, (colours) => errorOption(colours, life, unit)],
   ];
@@ -62,7 +62,7 @@ function table(life, nameOf) {
     el("tbody", {}, rows.map((row) => el("tr", {}, row.map((cell) => el("td", { text: cell })))))));
 }
 
-const withBand = (run, { value, std }) => [run.at, value - BAND * std, value + BAND * std];
+const withBand = (run, { value, std }, least = -Infinity) => [run.at, Math.max(value - BAND * std, least), value + BAND * std];
 
 function capacityOption(colours, life, unit) {
   const points = life.runs.map((run) => [run.at, run.capacity_Ah.value]);
@@ -88,7 +88,7 @@ function resistanceOption(colours, life, unit) {
     const told = life.runs.map((run) => ({ run, each: run.resistance.find((one) => Math.abs(one.soc - soc) < 0.01) })).filter(({ each }) => each);
     const milli = ({ value_Ohm, std_Ohm }) => ({ value: 1e3 * value_Ohm, std: 1e3 * std_Ohm });
     return [
-      band(`band ${soc}`, colour, 0, told.map(({ run, each }) => withBand(run, milli(each)))),
+      band(`band ${soc}`, colour, 0, told.map(({ run, each }) => withBand(run, milli(each), 0))),
       { ...line(`SoC ${fixed(soc, 1)}`, colour, 0, told.map(({ run, each }) => [run.at, milli(each).value])), showSymbol: true, symbolSize: 5 },
     ];
   });

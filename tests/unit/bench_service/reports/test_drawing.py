@@ -36,6 +36,14 @@ def test_a_curve_rises_where_its_values_do_and_its_band_surrounds_it() -> None:
     assert {"3.0", "4.0", "voltage / V", "state of charge"} <= texts
 
 
+def test_a_band_ends_where_nothing_can_be_lower() -> None:
+    x, y = np.arange(3.0), np.array([1.0, 1.0, 4.0])
+    line = Line("", x, y, np.full(3, 2.0), least=0.0)
+    assert line.low is not None and line.high is not None
+    np.testing.assert_array_equal(line.low, [0.0, 0.0, 2.0])
+    np.testing.assert_array_equal(line.high, [3.0, 3.0, 6.0])
+
+
 def test_a_band_far_wider_than_the_curve_does_not_flatten_it() -> None:
     (curve,) = points(drawn(Line("a", SOC, SOC, np.full(11, 100.0))), "polyline")
     assert np.ptp(curve[:, 1]) > 50.0
