@@ -28,10 +28,7 @@ Values = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Line:
-    """One curve with its half band, both over the same x; NaN where there is nothing to draw.
-
-    The band ends at `least`, where nothing can be lower.
-    """
+    """One curve with its half band, down to `least` at most, both over the same x; NaN where nothing is to be drawn."""
 
     label: str
     x: Values

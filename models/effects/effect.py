@@ -153,6 +153,7 @@ class Effect:
         by `correction` or `assumption`, or by a refit alone
     bounded_part : part of a bounded network that stands for it; "": it is always in one; None: it cannot be
     renews : what of a bounded network a change of it is estimated in, beside that part: kinds of signals, or `CURVE`
+    read_out : figure of a bounded network's `summary` that its first parameter is, and the share of it; None: none is
     ways_in : steps to a richer structure, tried beside `extend`
     correction : how it is put right in a run's columns; None: it is not in the sensors
     fault_V : (view, values of the parameters) -> (n,) voltage that it makes of a run now and then, or more and more,
@@ -192,6 +193,7 @@ class Effect:
     extend: Callable[[Structure, Values, float], Structure] | None = None
     bounded_part: str | None = None
     renews: tuple[str, ...] = ()
+    read_out: tuple[str, float] | None = None
     ways_in: tuple[WayIn, ...] = ()
     correction: InputCorrection | None = None
     fault_V: Callable[[View, Values], FloatArray] | None = None

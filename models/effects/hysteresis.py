@@ -67,5 +67,6 @@ EFFECT = Effect(
     reference_terms=("hysteresis",),
     extend=_extend,
     bounded_part="hysteresis",
+    read_out=("hysteresis_V", 0.5),
     expected=Expected(_expected),
 )

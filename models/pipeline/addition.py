@@ -26,7 +26,7 @@ from models.network.model_record import AddedEffect
 from models.network.structure import Structure
 from models.pipeline.anew import Options, name_with, refitted
 from models.pipeline.bounded_refit import remembers
-from models.pipeline.effect_sizes import changed, missing, sized
+from models.pipeline.effect_sizes import changed, in_network, missing, sized
 from models.pipeline.faults import Logs, freed
 from models.pipeline.known_effect import Again, difference, estimated_again, is_own
 from models.readouts.counted_on import Counting, counted_anew
@@ -166,7 +166,8 @@ def _in_structure(task: _Task) -> tuple[Again, dict[str, Value]]:
     without = tuple(choices.get("without", ()))
     if chosen.name in without:
         left = tuple(each for each in without if each != chosen.name)
-        return task.fitted(_FREED, without=left), missing(network, chosen, own)
+        made = task.fitted(_FREED, without=left)
+        return made, in_network(made.network, chosen) or missing(network, chosen, own)
     if chosen.bounded_part is None:
         return task.fitted(_OTHER_KIND, structure="full"), sized(chosen, own, network)
     if task.can_be_held:

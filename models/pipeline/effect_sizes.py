@@ -17,6 +17,7 @@ from models.diagnosis.reference.reference import fit_reference
 from models.diagnosis.structure.structure import analyse_structure
 from models.effects import Effect
 from models.network.local_model_network import LocalModelNetwork
+from models.readouts.tables import summary
 
 
 def missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[str, Value]:
@@ -26,6 +27,20 @@ def missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[str
     found = analyse_structure(network, reference, own.runs, own.soc, [], [], [chosen])
     named = Named(found.comparison, found.ranking)
     return Readings((named,)).parameters(named, found.ranking.candidates[0])
+
+
+def in_network(network: LocalModelNetwork, chosen: Effect) -> dict[str, Value]:
+    """The same as a refitted bounded network has it; none where it has no figure for it.
+
+    What runs show to first order may contradict the network: a loop that is inside out, where they pass each state of
+    charge once.
+    """
+    if chosen.read_out is None:
+        return {}
+    figure, share = chosen.read_out
+    value = {**summary(network)}[figure]
+    first = chosen.parameters[0]
+    return {first.name: Value(share * value, None, first.unit)} if isinstance(value, float) else {}
 
 
 def changed(chosen: Effect, own: Record, network: LocalModelNetwork) -> dict[str, Value]:

@@ -12,6 +12,7 @@ from models.data.timeseries import TimeSeries
 from models.network.lineage import version_of
 from models.pipeline.addition import Addition, add_effect
 from models.pipeline.bounded_refit import remembers
+from models.readouts.tables import summary
 from tests.unit.models.diagnosis.cells import SOC, measured
 from tests.unit.models.pipeline.bounded_cell import CELL, fitted, run
 
@@ -37,7 +38,10 @@ def test_an_effect_that_was_left_out_is_put_in_with_bounds() -> None:
     assert choices is not None and choices["family"] == "bounded" and choices["without"] == []
     assert any("hysteresis" in term["effects"] for term in choices["terms"])
     assert version is not None and (version.number, version.made_by) == (2, "effect")
+    # A network's loop is told as the network has it, whatever the runs show to first order.
     assert made.parameters["amplitude_V"].value == pytest.approx(0.02, rel=0.5)
+    gap_V = summary(network)["hysteresis_V"]
+    assert gap_V is not None and made.parameters["amplitude_V"].value == pytest.approx(0.5 * gap_V)
 
 
 @pytest.mark.proof
