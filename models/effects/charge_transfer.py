@@ -70,7 +70,8 @@ def _at_two_speeds(structure: Structure, exchange_A: float, activation_K: float)
 def _expected(view: View) -> tuple[Form, ...]:
     """Curves that reach 20 mV at the current of the capacity; and those whose small currents meet what they met before.
 
-    The latter are kinetics that bend more, or less, at the same exchange current: the curve without its tangent.
+    The latter are kinetics that bend more, or less, at the same exchange current: the curve without its tangent, of no
+    larger amplitude than two electrodes have.
     """
     forms = []
     for rate in _EXPECTED_RATES:

@@ -80,7 +80,7 @@ EFFECT = Effect(
     name="resistance_growth",
     title="Growing resistance (ageing within the record)",
     recognise="overvoltages of equal pulses grow from the beginning of a record to its end",
-    source="Bloom et al., J. Power Sources 101, 2001",
+    source="Bloom et al., J. Power Sources 101, 2001; of films: Ploehn et al., J. Electrochem. Soc. 151, 2004",
     parameters=(
         Parameter("growth_per_Ah", "1/Ah", "relative growth for each Ah, either way, over 5 capacities"),
         Parameter("exponent", "1", "of the charge that the growth goes with: 1, or 0.5 where it slows down"),

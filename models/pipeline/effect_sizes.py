@@ -30,7 +30,7 @@ def missing(network: LocalModelNetwork, chosen: Effect, own: Record) -> dict[str
 
 
 def in_network(network: LocalModelNetwork, chosen: Effect) -> dict[str, Value]:
-    """The same as a refitted bounded network has it; none where it has no figure for it.
+    """First parameter of an effect, in its unit, as a refitted bounded network has it; none without a figure for it.
 
     What runs show to first order may contradict the network: a loop that is inside out, where they pass each state of
     charge once.
