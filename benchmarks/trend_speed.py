@@ -4,7 +4,9 @@
 
 FOLDER holds `samsung30q` and `nasa` as for `trend_measured.py`. The cell's later records are taken again and again, two
 for each cycle, until there are as many cycles as are wanted, each time with other noise of 0.1 mV: a series takes no
-record twice. Told is processor time of one core: of what is learned of the fresh cell, once, and of the series.
+record twice. Told is processor time of one core: of what is learned of the fresh cell, once, and of the series; then
+the time by the wall of the same series in this process alone, and over as many processes as there are processors, as
+`bench-service trend` and the service's jobs do it, with their start.
 """
 
 import argparse
@@ -14,6 +16,7 @@ import pstats
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from itertools import cycle, islice
 from pathlib import Path
 
@@ -21,6 +24,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 from trend_measured import Aged, lives
 
+from bench_service.jobs.beside import spread
 from models.data.resampling import to_grid
 from models.diagnosis.diagnosis import known_of
 from models.diagnosis.reference.record import make_record
@@ -56,13 +60,25 @@ def main() -> int:
         rng = np.random.default_rng(0)
         series = [_noisy(each, rng) for each in islice(cycle(later), 2 * options.cycles)]
         places = Places(np.repeat(np.arange(1.0, options.cycles + 1.0), 2).tolist(), "cycle")
-        began = time.process_time()
+        follow = partial(
+            trend,
+            network,
+            [each.run for each in series],
+            [each.begins for each in series],
+            memory=memory,
+            places=places,
+        )
+        began, wall = time.process_time(), time.perf_counter()
         if options.profile:
             profile.enable()
-        trend(network, [each.run for each in series], [each.begins for each in series], memory=memory, places=places)
+        follow()
         profile.disable()
-        followed_s = time.process_time() - began
+        followed_s, alone_s = time.process_time() - began, time.perf_counter() - wall
+        wall = time.perf_counter()
+        follow(spread=spread)
+        beside_s = time.perf_counter() - wall
     out = {"cycles": options.cycles, "runs": len(series), "learned_s": learned_s, "followed_s": followed_s}
+    out |= {"alone_s": alone_s, "side_by_side_s": beside_s}
     print(json.dumps(out) if options.json else "\n".join(f"{name}: {each:.4g}" for name, each in out.items()))
     if options.profile:
         pstats.Stats(profile, stream=sys.stderr).sort_stats("tottime").print_stats(25)

@@ -29,6 +29,7 @@ def follow_runs(
         ``at`` (places of the runs or null), ``unit`` and ``end``.
     """
     # Lazy: numba and scipy take 890 ms.
+    from bench_service.jobs.beside import spread
     from models.diagnosis.trend.life import Places
     from models.diagnosis.trend.trend import trend
     from models.network.local_model_network import LocalModelNetwork
@@ -44,5 +45,6 @@ def follow_runs(
         soc_std=None if initial_soc_std is None else [initial_soc_std] * len(runs),
         places=Places(along["at"], along["unit"], along["end"]),
         progress=lambda share, name: report(0.05 + 0.95 * share, f"following the cell: run {name}"),
+        spread=spread,
     )
     return plain(found.to_json())

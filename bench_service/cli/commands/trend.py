@@ -41,6 +41,7 @@ def _arguments(parser: ArgumentParser) -> None:
 
 def _run(options: Namespace, output: Output) -> int:
     # Lazy: numba and scipy take 1.3 s.
+    from bench_service.jobs.beside import spread
     from models.diagnosis.trend.trend import trend
 
     check_report(options)
@@ -57,6 +58,7 @@ def _run(options: Namespace, output: Output) -> int:
             soc_std=judged.soc_std,
             places=_places(options),
             progress=report,
+            spread=spread,
         )
     result = found.to_json() | {"usability": judged.network.record.usability}
     if options.report is not None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -33,6 +34,27 @@ from models.readouts.stages import stages_of
 _STAND_IN = 3
 
 Progress = Callable[[float, str], None]
+# The model and what is known of its training runs; a run with its state of charge at the start, and what that is held
+# to be uncertain by; and what became of it: the network's error on it, and when it was begun.
+_Cell = tuple[LocalModelNetwork, KnownRuns]
+_Given = tuple[TimeSeries, float, float]
+_Held = tuple[Weighed, Record, float]
+S = TypeVar("S")
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Spread(Protocol):
+    """Does the same to many pieces, which share one thing, and gives what became of each in their order."""
+
+    def __call__(self, function: Callable[[S, T], R], shared: S, pieces: Sequence[T]) -> Iterator[R]:
+        """Begin with the first; `function` is a module's own, so that another process can find it."""
+        ...
+
+
+def in_turn(function: Callable[[S, T], R], shared: S, pieces: Sequence[T]) -> Iterator[R]:
+    """One piece after the other."""
+    return (function(shared, each) for each in pieces)
 
 
 def trend(
@@ -46,6 +68,7 @@ def trend(
     memory: KnownRuns | None = None,
     places: Places | None = None,
     progress: Progress = lambda share, text: None,
+    spread: Spread = in_turn,
 ) -> Trend:
     """Follow a cell through a series of runs.
 
@@ -58,6 +81,7 @@ def trend(
     memory : of the training runs, where it is at hand already
     places : of the runs along the life of the cell, and its end; None: they are counted
     progress : called with the share done and what is being done
+    spread : does the same to all cycles, several at a time where there is more than one processor
 
     Raises
     ------
@@ -75,10 +99,12 @@ def trend(
     known = memory if memory is not None else _known(network, runs, initial_soc, train or [], train_soc or [])
     stds = soc_std or [KNOWN.start_soc] * len(runs)
     groups = together(known.cell, at, np.array([_moved_Ah(run) for run in runs]))
-    held: list[tuple[Weighed, Record, float]] = []
-    for group in groups:
-        progress(group[0] / len(runs), runs[group[0]].name)
-        held += _held(network, known, [(runs[k], initial_soc[k], stds[k]) for k in group])
+    given = [[(runs[k], initial_soc[k], stds[k]) for k in group] for group in groups]
+    held: list[_Held] = []
+    progress(0.0, runs[0].name)
+    for group, those in zip(groups, spread(_held, (network, known), given), strict=True):
+        held += those
+        progress((group[-1] + 1) / len(runs), runs[group[-1]].name)
     told = [agreed([held[k][0].chances for k in group]) for group in groups]
     by_group = smoothed(told)
     said = _said(told, by_group)
@@ -139,11 +165,9 @@ def _moved_Ah(run: TimeSeries) -> float:
     return float(np.sum(np.nan_to_num(run.current_A[1:]) * np.diff(run.time_s))) / 3600.0
 
 
-def _held(
-    network: LocalModelNetwork, known: KnownRuns, given: list[tuple[TimeSeries, float, float]]
-) -> list[tuple[Weighed, Record, float]]:
-    """Runs of one cycle: what each says of the cell, the network's error on it, and when it was begun."""
-    looked = [_seen(network, known, each) for each in given]
+def _held(cell: _Cell, given: list[_Given]) -> list[_Held]:
+    """Runs of one cycle, held against the cell as it was."""
+    looked = [_seen(cell, each) for each in given]
     out = []
     for k, (run, record, started) in enumerate(looked):
         other = looked[1 - k][0] if len(looked) > 1 else None
@@ -152,10 +176,8 @@ def _held(
     return out
 
 
-def _seen(
-    network: LocalModelNetwork, known: KnownRuns, given: tuple[TimeSeries, float, float]
-) -> tuple[Seen, Record, float]:
-    run, soc, std = given
+def _seen(cell: _Cell, given: _Given) -> tuple[Seen, Record, float]:
+    (network, known), (run, soc, std) = cell, given
     started = time.perf_counter()
     with _named(run):
         record = make_record(network, [run], [soc])
