@@ -100,11 +100,7 @@ def trend(
     stds = soc_std or [KNOWN.start_soc] * len(runs)
     groups = together(known.cell, at, np.array([_moved_Ah(run) for run in runs]))
     given = [[(runs[k], initial_soc[k], stds[k]) for k in group] for group in groups]
-    held: list[_Held] = []
-    progress(0.0, runs[0].name)
-    for group, those in zip(groups, spread(_held, (network, known), given), strict=True):
-        held += those
-        progress((group[-1] + 1) / len(runs), runs[group[-1]].name)
+    held = _every(spread(_held, (network, known), given), given, progress)
     told = [agreed([held[k][0].chances for k in group]) for group in groups]
     by_group = smoothed(told)
     said = _said(told, by_group)
@@ -163,6 +159,17 @@ def _said(told: list[Chances], by_group: FloatArray) -> np.ndarray:
 def _moved_Ah(run: TimeSeries) -> float:
     """Charge that a run has moved, positive where it charges."""
     return float(np.sum(np.nan_to_num(run.current_A[1:]) * np.diff(run.time_s))) / 3600.0
+
+
+def _every(found: Iterator[list[_Held]], given: list[list[_Given]], progress: Progress) -> list[_Held]:
+    """All runs as they come, with word of how many are done."""
+    held: list[_Held] = []
+    whole = sum(len(group) for group in given)
+    progress(0.0, given[0][0][0].name)
+    for group, those in zip(given, found, strict=True):
+        held += those
+        progress(len(held) / whole, group[-1][0].name)
+    return held
 
 
 def _held(cell: _Cell, given: list[_Given]) -> list[_Held]:
