@@ -37,11 +37,14 @@ class Form:
     columns : (m, k) V, each for a change of its usual size
     told : figures, the effect's first parameter first
     fixed : values of the shape, by name and unit
+    least : smallest change that the first column can stand for, in units of its usual size: what is nothing already
+        cannot become less
     """
 
     columns: FloatArray
     told: tuple[Told, ...]
     fixed: tuple[tuple[str, str, float], ...] = ()
+    least: float = -np.inf
 
 
 @dataclass(frozen=True)

@@ -41,11 +41,13 @@ def _expected(view: View) -> tuple[Form, ...]:
     """A loop of 8 mV, and as much again of change along the state of charge."""
     low, high = view.model.soc_range
     along = 2.0 * (view.soc[view.index] - low) / (high - low) - 1.0
+    # A loop can close, but not turn inside out.
+    least = -float(np.mean(view.model.loop_V(view.soc[view.index]))) / _USUAL_V
     forms = []
     for rate in _EXPECTED_RATES:
         loop_V = _USUAL_V * view.hysteresis(rate)
         told = (Told("amplitude_V", "V", (_USUAL_V, 0.0)),)
-        forms.append(Form(np.column_stack([loop_V, along * loop_V]), told, (("rate", "1", rate),)))
+        forms.append(Form(np.column_stack([loop_V, along * loop_V]), told, (("rate", "1", rate),), least))
     return tuple(forms)
 
 

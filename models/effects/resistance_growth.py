@@ -41,11 +41,16 @@ def _columns(view: View, _shape: float) -> FloatArray:
 
 
 def _expected(view: View) -> tuple[Form, ...]:
-    """In proportion to the charge that has passed, or to its root, as a film grows that lets ever less through."""
+    """In proportion to the charge that has passed, or to its root, as a film grows that lets ever less through.
+
+    Charge that passes makes no film thinner.
+    """
     usual = _USUAL_GROWTH / (_USUAL_THROUGHPUT * view.capacity_Ah)
     told = (Told("growth_per_Ah", "1/Ah", (usual,)),)
     return tuple(
-        Form(usual * view.overvoltage(_grown_A(view, exponent))[:, None], told, (("exponent", "1", exponent),))
+        Form(
+            usual * view.overvoltage(_grown_A(view, exponent))[:, None], told, (("exponent", "1", exponent),), least=0.0
+        )
         for exponent in (1.0, 0.5)
     )
 

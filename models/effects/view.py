@@ -90,6 +90,10 @@ class OwnModel(Protocol):
         """(n,) open-circuit voltage at 25 degC."""
         ...
 
+    def loop_V(self, soc: FloatArray) -> FloatArray:
+        """(n,) half the width of the model's hysteresis loop."""
+        ...
+
     def overvoltage_V(self, run: GridRun, soc: FloatArray, index: np.ndarray, drive_A: FloatArray) -> FloatArray:
         """(m,) voltage across the model's resistances, linearised, for a scaled current through them."""
         ...

@@ -97,6 +97,13 @@ class KnownCell:
                 out += np.einsum("bm,bm->m", here, signals[numbers[own]])
         return out
 
+    def loop_V(self, soc: FloatArray) -> FloatArray:
+        """(n,) half the width of the hysteresis loop."""
+        loops = self.terms_of("hysteresis_state")
+        ends = np.zeros((len(self.layout.basis.terms), len(soc)))
+        ends[loops] = 1.0 / self.layout.scale[loops, None]
+        return self.through(ends, soc, loops)
+
     def overvoltage_V(self, run: GridRun, soc: FloatArray, index: np.ndarray, drive_A: FloatArray) -> FloatArray:
         """(m,) voltage across the resistances for another current, to first order around the run's own."""
         largest = max(float(np.abs(drive_A).max()), 1e-9)

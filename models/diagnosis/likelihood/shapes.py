@@ -35,6 +35,7 @@ class Linear:
     fixed : name, unit and value of what the shape is given by
     number : of the shape among those of its effect
     scale : (k,) of the effect's regressors, where it does not say how large it usually is
+    least : smallest size that the first column can have
     """
 
     columns: FloatArray
@@ -42,6 +43,7 @@ class Linear:
     fixed: tuple[tuple[str, str, float], ...]
     number: int
     scale: FloatArray | None = None
+    least: float = -np.inf
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,8 @@ def _linear(sight: Sight, one: Effect) -> tuple[Linear, ...]:
                 kelvins.append(np.zeros((len(run.warm_place), form.columns.shape[1])))
         for share in shares:
             warmed = [share * each if heats else each for each in kelvins]
-            out.append(Linear(sight.stacked(volts, warmed), forms[0].told, forms[0].fixed, number))
+            least = max(form.least for form in forms)
+            out.append(Linear(sight.stacked(volts, warmed), forms[0].told, forms[0].fixed, number, least=least))
     return tuple(out)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background, Weighed, Whitened, log_sum
+from models.diagnosis.likelihood.possible import possible
 from models.diagnosis.likelihood.profile import profile
 from models.diagnosis.likelihood.shapes import Linear, Moving
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
@@ -75,7 +76,8 @@ def try_shapes(back: Background, one: Effect, shapes: tuple[Linear | Moving, ...
 
 
 def _linear(back: Background, one: Effect, shape: Linear) -> Tried:
-    return Tried(one, shape, shape.columns, None, back.weigh(shape.columns))
+    weighed, more = possible(back.weigh(shape.columns), shape.least)
+    return Tried(one, shape, shape.columns, None, replace(weighed, log_likelihood=weighed.log_likelihood + more))
 
 
 def _moving(back: Background, one: Effect, shape: Moving) -> Tried:
@@ -134,7 +136,7 @@ def weigh_both(back: Background, both: Sequence[Tried]) -> tuple[FloatArray, flo
 
     Beside each other both have other sizes than alone, for which derivatives may promise what no simulation bears out.
     """
-    weighed, part = together(back, both)
+    weighed, part, can_be = _together(back, both)
     first = both[0].columns.shape[1]
     sizes = (weighed.mean[:first], weighed.mean[first:])
     truly = np.sum([each.truly(own) for each, own in zip(both, sizes, strict=True)], axis=0)
@@ -142,14 +144,24 @@ def weigh_both(back: Background, both: Sequence[Tried]) -> tuple[FloatArray, flo
     promised = [error - white for error, white in zip(back.white_errors, back.whites(part, scales), strict=True)]
     broken = _beyond(back, truly, promised) - sum(each.broken for each in both)
     rare = sum(each.rare(own) for each, own in zip(both, sizes, strict=True))
-    return part, rare - THRESHOLDS.tempering * max(broken, 0.0)
+    return part, rare + THRESHOLDS.tempering * (can_be - max(broken, 0.0))
 
 
 def together(back: Background, several: Sequence[Tried]) -> tuple[Weighed, FloatArray]:
     """Sizes of effects that are there at once, in their order, and (N,) what they stand for."""
+    weighed, part, _ = _together(back, several)
+    return weighed, part
+
+
+def _together(back: Background, several: Sequence[Tried]) -> tuple[Weighed, FloatArray, float]:
     moved = [each.moved for each in several if each.moved is not None]
     columns = np.column_stack([each.columns for each in several])
     whole = np.sum(moved, axis=0) if moved else None
-    weighed = back.weigh(columns, whole)
+    weighed, can_be, column = back.weigh(columns, whole), 0.0, 0
+    for each in several:
+        if isinstance(each.shape, Linear):
+            weighed, more = possible(weighed, each.shape.least, column)
+            can_be += more
+        column += each.columns.shape[1]
     part = columns @ weighed.mean
-    return weighed, part if whole is None else part + whole
+    return weighed, part if whole is None else part + whole, can_be

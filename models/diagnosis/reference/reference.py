@@ -127,6 +127,11 @@ class Reference:
                 out += np.einsum("mb,bm->m", gains, signals[own])
         return out
 
+    def loop_V(self, soc: FloatArray) -> FloatArray:
+        """(n,) half the width of the hysteresis loop."""
+        blocks = [block for block in self.layout.blocks if block.term == "hysteresis"]
+        return self._through(self.layout.splines(soc), blocks, np.ones((len(blocks), len(soc))))
+
     def open_circuit_V(self, soc: FloatArray) -> FloatArray:
         """(n,) open-circuit voltage at 25 degC."""
         return self.layout.bases[OCV_BUMPS].matrix(soc) @ self.coefficients[self.layout.blocks[0].part]

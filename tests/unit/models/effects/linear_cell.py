@@ -36,6 +36,9 @@ class LinearCell:
     def open_circuit_V(self, soc):
         return 3.0 + SLOPE_V * soc
 
+    def loop_V(self, soc):
+        return np.zeros(len(soc))
+
     def voltage_V(self, inputs, soc):
         return 3.0 + SLOPE_V * soc + RESISTANCE_OHM * inputs.signals[0]
 

@@ -1,0 +1,39 @@
+"""Sizes that a change cannot have: a loop that is narrower than none, a film that charge makes thinner."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from models.diagnosis.likelihood.background import Weighed, log_sum
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
+
+
+def possible(weighed: Weighed, least: float, column: int = 0) -> tuple[Weighed, float]:
+    """Sizes of which one cannot be less than so much, and what that adds to the logarithm of their evidence.
+
+    The normal distribution that the runs leave is cut off there (Johnson, Kotz and Balakrishnan, Continuous univariate
+    distributions 1, 1994, ch. 13.10). What is added is the logarithm of how much of it can be, over how much could
+    before the runs were looked at: something at the edge of what can be is no evidence, however well it fits beyond.
+
+    Parameters
+    ----------
+    weighed : sizes as if they could be anything
+    least : the smallest that can be, in units of the usual one; minus infinity: anything
+    column : which of the sizes
+    """
+    if np.isneginf(least):
+        return weighed, 0.0
+    std = float(np.sqrt(weighed.covariance[column, column]))
+    edge = (least - float(weighed.mean[column])) / std
+    before = log_sum(log_ndtr(-least / np.array(THRESHOLDS.sizes))) - float(np.log(len(THRESHOLDS.sizes)))
+    log_left = float(log_ndtr(-edge))
+    # Density at the edge over what is left beyond it.
+    hazard = float(np.exp(-0.5 * edge**2 - 0.5 * np.log(2.0 * np.pi) - log_left))
+    along = weighed.covariance[:, column] / std
+    mean = weighed.mean + along * hazard
+    narrower = max(hazard * (hazard - edge), 0.0)
+    covariance = weighed.covariance - min(narrower, 1.0) * np.outer(along, along)
+    return replace(weighed, mean=mean, covariance=covariance), log_left - before

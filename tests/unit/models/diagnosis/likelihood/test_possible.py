@@ -1,0 +1,79 @@
+"""What is nothing already cannot become less."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import truncnorm
+
+from models.data.resampling import to_grid
+from models.data.timeseries import TimeSeries
+from models.diagnosis import diagnose
+from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.likelihood.background import Weighed
+from models.diagnosis.likelihood.learning import know
+from models.diagnosis.likelihood.possible import possible
+from models.effects import effect, effects
+from models.identification.bounded.variants import Variant
+from models.network.signals import RunSignals
+from simulators.catalogue import CELLS
+from tests.unit.models.diagnosis.cells import SOC, measured, simple_network
+from tests.unit.models.effects.linear_cell import linear_view
+
+CELL = CELLS["nmc"].parameters
+LOOP_V = 0.03
+
+
+@pytest.mark.parametrize(
+    ("least", "mean", "gain"),
+    [
+        (-np.inf, -5.0, 0.0),  # may be anything: nothing is gained or lost
+        (0.0, 5.0, np.log(2.0)),  # half of what was possible is what was seen
+        (0.0, -5.0, -14.4),  # log of 2 Phi(-5)
+        (-5.0, -5.0, np.log(0.5)),  # at the edge of what can be, which nearly all sizes are within
+    ],
+)
+def test_a_size_that_cannot_be_costs_what_its_probability_says(least: float, mean: float, gain: float) -> None:
+    weighed = Weighed(3.0, np.array([mean]), np.eye(1))
+    assert possible(weighed, least)[1] == pytest.approx(gain, abs=0.06)
+
+
+@pytest.mark.parametrize("mean", [-6.0, -1.0, 0.0, 2.0])
+def test_sizes_are_those_of_the_distribution_that_is_left(mean: float) -> None:
+    covariance = np.array([[1.0, 0.6], [0.6, 2.0]])
+    found, _ = possible(Weighed(0.0, np.array([mean, 1.0]), covariance), -0.5)
+    left = truncnorm(-0.5 - mean, np.inf, loc=mean)
+    assert found.mean[0] == pytest.approx(left.mean(), rel=1e-6)
+    assert found.covariance[0, 0] == pytest.approx(left.var(), rel=1e-4)
+    assert found.mean[1] == pytest.approx(1.0 + 0.6 * (left.mean() - mean))
+    assert np.linalg.eigvalsh(found.covariance).min() > 0.0
+
+
+def test_a_loop_can_close_and_no_more_and_charge_makes_no_film_thinner() -> None:
+    forms = effect("hysteresis").expected.forms
+    growth = effect("resistance_growth").expected.forms
+    assert forms is not None
+    assert growth is not None
+    assert {each.least for each in forms(linear_view())} == {0.0}
+    assert {each.least for each in growth(linear_view())} == {0.0}
+
+
+@pytest.fixture(scope="module")
+def memory() -> KnownRuns:
+    return know([to_grid(measured(CELL, 1), 1.0)], [SOC], CELL.capacity_Ah, list(effects().values()), Variant())
+
+
+def inside_out(run: TimeSeries) -> TimeSeries:
+    """The same log with a loop that is lower after charge than after discharge."""
+    grid = to_grid(run, 1.0)
+    signals = RunSignals(grid.current_A, grid.temperature_degC, np.zeros(len(grid)), 1.0, CELL.capacity_Ah)
+    loop_V = np.interp(run.time_s, grid.time_s, signals.values("hysteresis_state:20"))
+    return replace(run, voltage_V=run.voltage_V - LOOP_V * loop_V)
+
+
+def test_a_loop_that_is_inside_out_is_told_as_one_that_has_closed_at_the_most(memory: KnownRuns) -> None:
+    odd = inside_out(measured(CELL, 2))
+    answer = diagnose(simple_network(CELL.capacity_Ah), [odd], [SOC], mode="change", memory=memory)
+    had_V = float(np.mean(memory.cell.loop_V(np.linspace(0.2, 0.9, 8))))
+    loops = [each.parameters["amplitude_V"].value for each in answer.findings if each.effect == "hysteresis"]
+    assert all(each >= -had_V - 1e-6 for each in loops)
