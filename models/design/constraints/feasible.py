@@ -19,6 +19,9 @@ from models.network.compiled_network import flat_network
 
 _RENEWALS = 12
 _BAND_SLACK = 0.01
+# Of the widest band that a sample has had, at each renewal: where its current was made smaller, the band is narrower,
+# and the wide one would let no current pass there any more.
+_KEPT_WIDTH = 0.85
 _BLENDS = 40
 # From which renewal on the current is made smaller, over which time before each sample that is outside, and to which
 # share.
@@ -139,10 +142,10 @@ class Feasible:
         for number in range(_RENEWALS):
             if not self.excess(current_A):
                 return current_A
-            # The band moves with the current that it is taken at: each sample keeps the widest that it has had, else
-            # they would take turns.
+            # The band moves with the current that it is taken at: each sample keeps most of the widest that it has
+            # had, else they would take turns.
             width = self._width_V(current_A)
-            widest = np.maximum(widest, (1.0 + number * _BAND_SLACK) * width)
+            widest = np.maximum(_KEPT_WIDTH * widest, (1.0 + number * _BAND_SLACK) * width)
             self._take(widest)
             if number >= _EASED_AFTER:
                 current_A = self._eased(current_A, width)

@@ -85,7 +85,7 @@ class DesignRequest:
     rest_ratio: float = 8.0
     final_rest_s: float | None = None
     cycle_A: FloatArray | None = None
-    amplitude_levels: tuple[float, ...] = (0.8, 0.4, 0.15)
+    amplitude_levels: tuple[float, ...] = (0.8, 0.5, 0.25, 0.12, 0.05)
     target_std: float | None = None
     n_starts: int | None = None
     seed: int = 0
