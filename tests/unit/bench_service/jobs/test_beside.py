@@ -69,7 +69,7 @@ def test_a_process_that_dies_is_told_with_what_to_do(two_processors):
 
 
 def test_a_life_is_told_alike_to_the_last_bit_whoever_weighs_its_runs(two_processors):
-    runs = [true_run(steps_A(1200, seed, largest_A=4.0), noise_V=5e-4, seed=seed) for seed in range(40)]
+    runs = [true_run(steps_A(600, seed, largest_A=4.0), noise_V=5e-4, seed=seed) for seed in range(40)]
 
     def told(spread):
         with threadpool_limits(1, user_api="blas"):

@@ -85,7 +85,16 @@ LOGS: dict[str, Log] = {
 }
 
 # Where a diagnosis takes longest: one more kind of what the others show.
-_LONG = {"CC-CV", "one direction", "outliers of the temperature", "steps missing", "tiny currents", "two samples"}
+_LONG = {
+    "CC-CV",
+    "one direction",
+    "outliers of the temperature",
+    "outliers of the voltage",
+    "coarse converter",
+    "steps missing",
+    "tiny currents",
+    "two samples",
+}
 
 
 def ends_well(what: Callable[[], object]) -> None:
