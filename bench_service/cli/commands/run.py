@@ -68,10 +68,10 @@ def _run(options: Namespace, output: Output) -> int:
     config = load_config(options.config)
     if options.initial_soc is None:
         output.warn(f"no --initial-soc: limits on state of charge take {_DEFAULT_SOC:g} as the start")
-    with _interruptible(), connected(config, options.bench) as client:
+    with _interruptible() as interrupts, connected(config, options.bench) as client:
         if options.acknowledge:
             acknowledge(client, options.bench)
-        run = _play(client, profile, options, output)
+        run = _play(client, profile, options, (output, interrupts))
         if (hardware := run["commissioning"] or {}).get("state") in _UNVERIFIED:
             output.warn(f"the hardware of {options.bench} is not commissioned ({hardware['reason']}); the run says so")
         answer = {
@@ -93,8 +93,14 @@ def _run(options: Namespace, output: Output) -> int:
     return 0 if run["state"] == "completed" else 1
 
 
-def _play(client: BenchClient, profile: Playable, options: Namespace, output: Output) -> dict[str, Any]:
+def _play(
+    client: BenchClient, profile: Playable, options: Namespace, to_person: tuple[Output, _Interrupts]
+) -> dict[str, Any]:
     """Start the run and wait for its end; Ctrl-C stops it safely and waits for that."""
+    # Lazy: httpx takes 200 ms.
+    from bench_service.client import ENDED_RUN_STATES
+
+    output, interrupts = to_person
     dt_s = options.dt or min(_LONGEST_DEFAULT_DT_S, profile.shortest_s)
     soc = _DEFAULT_SOC if options.initial_soc is None else options.initial_soc
     profile_id, further = profile.upload(client, options.bench)
@@ -103,13 +109,23 @@ def _play(client: BenchClient, profile: Playable, options: Namespace, output: Ou
     if options.on_interruption is not None:
         further["on_interruption"] = options.on_interruption
     further["name"] = profile.name
+    # From here on somebody has to stop what has begun.
+    interrupts.wait = True
     run = client.start_run(options.bench, profile_id, dt_s, soc, **further)
     try:
         with output.progress(f"Playing {profile.name} on {options.bench}") as report:
-            return client.wait_run(run["id"], lambda _, live: _tell(report, live))
+
+            def look(now: dict[str, Any], live: dict[str, Any] | None) -> None:
+                _tell(report, live)
+                if interrupts.asked and now["state"] not in ENDED_RUN_STATES:
+                    raise KeyboardInterrupt
+
+            return client.wait_run(run["id"], look)
     except KeyboardInterrupt:
         client.stop_run(run["id"])
         return client.wait_run(run["id"], timeout_s=_STOP_TIMEOUT_S)
+    finally:
+        interrupts.wait = False
 
 
 def _tell(report: Report, live: dict[str, Any] | None) -> None:
@@ -129,18 +145,36 @@ def _sentence(answer: dict[str, Any]) -> str:
     )
 
 
+class _Interrupts:
+    """Signals that end the command as Ctrl-C does: the run is stopped, the output switched off.
+
+    A first one is kept while it is to wait, and looked at between two requests: an exception that is raised wherever
+    the program happens to be can be lost there (in a destructor, in a callback), and the run would go on.
+
+    Attributes
+    ----------
+    wait : whether it is to
+    asked : whether one came since
+    """
+
+    def __init__(self) -> None:
+        self.wait = self.asked = False
+
+    def __call__(self, _number: int, _frame: object) -> None:
+        if not self.wait or self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+
+
 @contextmanager
-def _interruptible() -> Iterator[None]:
-    """Let SIGTERM end the command as Ctrl-C does: the run is stopped, the output switched off."""
-
-    def interrupt(_number: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
+def _interruptible() -> Iterator[_Interrupts]:
+    interrupts = _Interrupts()
+    before = {number: signal.signal(number, interrupts) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield interrupts
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 COMMAND = Command("run", "play a current profile on a bench and keep the measurement", _arguments, _run)

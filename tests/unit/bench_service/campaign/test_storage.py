@@ -92,6 +92,8 @@ async def test_what_was_damaged_before_the_start_is_found_at_it_and_what_is_whol
     storage, journal = await rig.started()
     await until(lambda: storage.to_json()["damaged_runs"] == 1)
     await until(lambda: rig.events() == ["run_damaged"])
+    # Whoever reads all runs in the background must not find it damaged once more after it was said to be whole.
+    await until(storage._tasks[1].done)  # noqa: SLF001
     noted = rig.store.runs.get(run.id)
     assert noted.damage is not None
     storage.note_damage(noted, noted.damage)
