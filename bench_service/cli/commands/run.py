@@ -71,7 +71,7 @@ def _run(options: Namespace, output: Output) -> int:
     with _interruptible() as interrupts, connected(config, options.bench) as client:
         if options.acknowledge:
             acknowledge(client, options.bench)
-        run = _play(client, profile, options, (output, interrupts))
+        run = _play(client, profile, options, output, interrupts)
         if (hardware := run["commissioning"] or {}).get("state") in _UNVERIFIED:
             output.warn(f"the hardware of {options.bench} is not commissioned ({hardware['reason']}); the run says so")
         answer = {
@@ -94,13 +94,12 @@ def _run(options: Namespace, output: Output) -> int:
 
 
 def _play(
-    client: BenchClient, profile: Playable, options: Namespace, to_person: tuple[Output, _Interrupts]
+    client: BenchClient, profile: Playable, options: Namespace, output: Output, interrupts: _Interrupts
 ) -> dict[str, Any]:
     """Start the run and wait for its end; Ctrl-C stops it safely and waits for that."""
     # Lazy: httpx takes 200 ms.
     from bench_service.client import ENDED_RUN_STATES
 
-    output, interrupts = to_person
     dt_s = options.dt or min(_LONGEST_DEFAULT_DT_S, profile.shortest_s)
     soc = _DEFAULT_SOC if options.initial_soc is None else options.initial_soc
     profile_id, further = profile.upload(client, options.bench)
@@ -110,22 +109,20 @@ def _play(
         further["on_interruption"] = options.on_interruption
     further["name"] = profile.name
     # From here on somebody has to stop what has begun.
-    interrupts.wait = True
-    run = client.start_run(options.bench, profile_id, dt_s, soc, **further)
-    try:
-        with output.progress(f"Playing {profile.name} on {options.bench}") as report:
+    with interrupts.kept():
+        run = client.start_run(options.bench, profile_id, dt_s, soc, **further)
+        try:
+            with output.progress(f"Playing {profile.name} on {options.bench}") as report:
 
-            def look(now: dict[str, Any], live: dict[str, Any] | None) -> None:
-                _tell(report, live)
-                if interrupts.asked and now["state"] not in ENDED_RUN_STATES:
-                    raise KeyboardInterrupt
+                def look(now: dict[str, Any], live: dict[str, Any] | None) -> None:
+                    _tell(report, live)
+                    if interrupts.asked and now["state"] not in ENDED_RUN_STATES:
+                        raise KeyboardInterrupt
 
-            return client.wait_run(run["id"], look)
-    except KeyboardInterrupt:
-        client.stop_run(run["id"])
-        return client.wait_run(run["id"], timeout_s=_STOP_TIMEOUT_S)
-    finally:
-        interrupts.wait = False
+                return client.wait_run(run["id"], look)
+        except KeyboardInterrupt:
+            client.stop_run(run["id"])
+            return client.wait_run(run["id"], timeout_s=_STOP_TIMEOUT_S)
 
 
 def _tell(report: Report, live: dict[str, Any] | None) -> None:
@@ -148,22 +145,30 @@ def _sentence(answer: dict[str, Any]) -> str:
 class _Interrupts:
     """Signals that end the command as Ctrl-C does: the run is stopped, the output switched off.
 
-    A first one is kept while it is to wait, and looked at between two requests: an exception that is raised wherever
+    A first one that comes while they are kept is looked at between two requests: an exception that is raised wherever
     the program happens to be can be lost there (in a destructor, in a callback), and the run would go on.
 
     Attributes
     ----------
-    wait : whether it is to
-    asked : whether one came since
+    asked : whether one came while they were kept
     """
 
     def __init__(self) -> None:
-        self.wait = self.asked = False
+        self.asked = self._keep = False
 
     def __call__(self, _number: int, _frame: object) -> None:
-        if not self.wait or self.asked:
+        if not self._keep or self.asked:
             raise KeyboardInterrupt
         self.asked = True
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Keep the first one; a second ends the command at once, as one does afterwards."""
+        self._keep = True
+        try:
+            yield
+        finally:
+            self._keep = False
 
 
 @contextmanager

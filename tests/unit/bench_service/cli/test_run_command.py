@@ -9,6 +9,7 @@ from typing import Any, cast
 import pytest
 
 from bench_service.cli.commands.run import _interruptible, _play
+from bench_service.client import ClientError
 
 OPTIONS = Namespace(bench="sim", dt=1.0, initial_soc=0.5, resume=None, on_interruption=None)
 RUNNING, STOPPED, COMPLETED = ({"id": "r", "state": state} for state in ("running", "stopped", "completed"))
@@ -35,6 +36,8 @@ class Service:
         self.calls.append("start")
         if self.at == "start":
             interrupt()
+        if self.at == "refused":
+            raise ClientError("the bench has a run")
         return RUNNING
 
     def stop_run(self, _run_id: str) -> None:
@@ -80,17 +83,26 @@ class Terminal:
 def test_a_run_that_was_begun_is_stopped_wherever_the_interruption_comes(at: str, calls: list[str], ends: str) -> None:
     service = Service(at)
     with _interruptible() as interrupts:
-        run = _play(cast(Any, service), cast(Any, Profile()), OPTIONS, (cast(Any, Terminal()), interrupts))
+        run = _play(cast(Any, service), cast(Any, Profile()), OPTIONS, cast(Any, Terminal()), interrupts)
     assert (service.calls, run["state"]) == (calls, ends)
-    assert not interrupts.wait
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_once_a_run_is_over_or_was_refused_an_interruption_ends_the_command_at_once(refused: bool) -> None:
+    service = Service("refused" if refused else "never")
+    with _interruptible() as interrupts:
+        with pytest.raises(ClientError) if refused else nullcontext():
+            _play(cast(Any, service), cast(Any, Profile()), OPTIONS, cast(Any, Terminal()), interrupts)
+        with pytest.raises(KeyboardInterrupt):
+            interrupt()
 
 
 def test_before_a_run_is_begun_and_the_second_time_an_interruption_ends_the_command_at_once() -> None:
     with _interruptible() as interrupts:
         with pytest.raises(KeyboardInterrupt):
             interrupt()
-        interrupts.wait = True
-        interrupt()
-        assert interrupts.asked
-        with pytest.raises(KeyboardInterrupt):
+        with interrupts.kept():
             interrupt()
+            assert interrupts.asked
+            with pytest.raises(KeyboardInterrupt):
+                interrupt()
