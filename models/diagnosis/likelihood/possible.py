@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import log_ndtr
+from scipy.special import erfcx, log_ndtr
 
 from models.diagnosis.likelihood.background import Weighed, log_sum
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
+
+# Part of a variance that an edge can take at the most.
+_MOST_NARROWED = 1.0 - 1e-9
 
 
 def possible(weighed: Weighed, least: float, column: int = 0) -> tuple[Weighed, float]:
@@ -31,9 +34,11 @@ def possible(weighed: Weighed, least: float, column: int = 0) -> tuple[Weighed, 
     before = log_sum(log_ndtr(-least / np.array(THRESHOLDS.sizes))) - float(np.log(len(THRESHOLDS.sizes)))
     log_left = float(log_ndtr(-edge))
     # Density at the edge over what is left beyond it.
-    hazard = float(np.exp(-0.5 * edge**2 - 0.5 * np.log(2.0 * np.pi) - log_left))
+    hazard = float(np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)))
     along = weighed.covariance[:, column] / std
     mean = weighed.mean + along * hazard
-    narrower = max(hazard * (hazard - edge), 0.0)
-    covariance = weighed.covariance - min(narrower, 1.0) * np.outer(along, along)
+    mean[column] = max(mean[column], least)
+    # Far beyond the edge the difference is lost to rounding; something is always left open.
+    narrower = min(max(hazard * (hazard - edge), 0.0), _MOST_NARROWED)
+    covariance = weighed.covariance - narrower * np.outer(along, along)
     return replace(weighed, mean=mean, covariance=covariance), log_left - before

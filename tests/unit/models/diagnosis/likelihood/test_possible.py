@@ -49,6 +49,15 @@ def test_sizes_are_those_of_the_distribution_that_is_left(mean: float) -> None:
     assert np.linalg.eigvalsh(found.covariance).min() > 0.0
 
 
+@pytest.mark.parametrize("mean", [-1e3, -1e9])
+def test_what_lies_absurdly_far_beyond_the_edge_is_still_a_distribution(mean: float) -> None:
+    covariance = np.array([[1.0, 0.6], [0.6, 2.0]])
+    found, more = possible(Weighed(0.0, np.array([mean, 1.0]), covariance), 0.0)
+    assert 0.0 <= found.mean[0] < 1.0
+    assert np.isfinite(found.mean).all() and more < -1e5
+    assert np.linalg.eigvalsh(found.covariance).min() > 0.0
+
+
 def test_a_loop_can_close_and_no_more_and_charge_makes_no_film_thinner() -> None:
     forms = effect("hysteresis").expected.forms
     growth = effect("resistance_growth").expected.forms
