@@ -27,7 +27,8 @@ from models.diagnosis.trend.alarms import claimed
 from models.diagnosis.trend.estimate import seen, weighed
 from models.diagnosis.trend.series import agreed, smoothed, together
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weighing import EVERY, Chances
+from models.diagnosis.trend.weights.sizes import EVERY
+from models.diagnosis.trend.weights.weighing import Chances
 from models.effects import effects
 from models.identification.bounded.variants import Variant
 

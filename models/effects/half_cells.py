@@ -95,6 +95,11 @@ class HalfCells:
         return known + beyond - NEGATIVES[self.negative](charge / self.negative_Ah)
 
     @property
+    def published(self) -> bool:
+        """Whether published curves make the cell's own, these or others."""
+        return self.left_V <= _GOOD_V and self.covered >= _SURE_SOC
+
+    @property
     def sure(self) -> bool:
         """Whether published curves make the cell's own so well that they are its."""
         return self.left_V <= _SURE_V and self.covered >= _SURE_SOC and self.chance >= _SURE_CHANCE

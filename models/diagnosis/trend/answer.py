@@ -13,12 +13,13 @@ from models.diagnosis.answer.findings import Diagnosis, Finding
 from models.diagnosis.answer.next_experiment import discriminating_request
 from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.reference.record import Record
-from models.diagnosis.trend import latent
 from models.diagnosis.trend.estimate import Weighed
 from models.diagnosis.trend.loss.origin import Origin, origin_of
 from models.diagnosis.trend.prior import aged
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weighing import CAPACITY, CHANGES, CURVE, EVERY, RESISTANCE, Changes, Held
+from models.diagnosis.trend.weights import latent
+from models.diagnosis.trend.weights.sizes import CAPACITY, CHANGES, CURVE, EVERY, RESISTANCE, Changes
+from models.diagnosis.trend.weights.weighing import Held
 from models.effects import Effect, effects
 from models.effects.view import View
 
@@ -172,10 +173,11 @@ def parts_V(weighed: Weighed, found: Held, way: int = -1) -> dict[str, FloatArra
     if way in weighed.causes:
         bent_V = weighed.causes[way].loss.curve_V(view.soc[index] + view.inputs.surface)
     columns = latent.latent(view, slope_V, weighed.now.usual_Ohm).volts
+    # The columns begin after that of the capacity.
     weights = found.mean[1:]
-    resistive = slice(latent.QUICK.start - 1, latent.SLOWER.stop - 1)
-    slip = np.r_[latent.SLIP.start - 1 : latent.SLIP.stop - 1, latent.SHIFT.start - 1]
-    local = np.r_[latent.CURVE.start - 1 : latent.CURVE.stop - 1, latent.LOOP.start - 1]
+    resistive = np.r_[latent.QUICK, latent.SLOWER, latent.SERIES, latent.OVERALL] - 1
+    slip = np.r_[latent.SLIP, latent.SHIFT] - 1
+    local = np.r_[latent.CURVE, latent.LOOP] - 1
     out = {
         RESISTANCE: columns[:, resistive] @ weights[resistive],
         CAPACITY: view.voltage_V + bent_V - old.voltage_V,
@@ -201,7 +203,8 @@ def _values(weighed: Weighed, found: Held, change: str) -> dict[str, Value]:
 
 def growth_Ohm(weighed: Weighed, found: Held) -> tuple[FloatArray, FloatArray]:
     """(n,) growth of the resistance of the first moment over SoC since the cell was fresh, and its std."""
-    turn = latent.resistances(weighed.now.fresh_Ohm, weighed.now.usual_Ohm)
+    now = weighed.now
+    turn = latent.resistances(now.fresh_Ohm, now.usual_Ohm, now.typical_Ohm)
     std = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", turn, found.covariance, turn), 0.0))
     return turn @ found.mean, std
 

@@ -19,25 +19,14 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.trend.choice import chosen, looked_at
 from models.diagnosis.trend.ends import Ends, ends_of
-from models.diagnosis.trend.latent import COUNT, DIFFERENT, LOOP, NODES, SHIFT, SLIP
 from models.diagnosis.trend.loss.causes import caused
 from models.diagnosis.trend.prior import About, Given, about
 from models.diagnosis.trend.quick import steps_of
 from models.diagnosis.trend.settings import SETTINGS, USUAL
-from models.diagnosis.trend.summed import Summed
-from models.diagnosis.trend.weighing import (
-    CAPACITY,
-    CHANGES,
-    RESISTANCE,
-    Caused,
-    Chances,
-    Changes,
-    Held,
-    chances,
-    held,
-    held_beside,
-    mixed,
-)
+from models.diagnosis.trend.weights.latent import COUNT, DIFFERENT, LOOP, NODES, SHIFT, SLIP
+from models.diagnosis.trend.weights.sizes import CAPACITY, CHANGES, RESISTANCE, Changes
+from models.diagnosis.trend.weights.summed import Summed
+from models.diagnosis.trend.weights.weighing import Caused, Chances, Held, chances, held, held_beside, mixed
 from models.effects.half_cells import half_cells
 from models.effects.view import View
 
@@ -176,7 +165,7 @@ def weighed(run: Seen, other: Seen | None = None) -> Weighed:
     causes = caused(given, run.now, None if other is None else (other.given, other.now))
     chance = chances(fresh, now, causes)
     electrodes = half_cells(given.known.cell)
-    taken = causes if electrodes is not None and electrodes.sure else {}
+    taken = causes if electrodes is not None and electrodes.published else {}
     state = _state(given.known.cell, _averaged(chance, now, taken), held(now, CHANGES))
     return Weighed(given, state, chance, now, causes)
 

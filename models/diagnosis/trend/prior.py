@@ -16,10 +16,10 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.start import start_columns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.trend.ends import Ends
-from models.diagnosis.trend.latent import NODES, latent, usual_Ohm
 from models.diagnosis.trend.quick import Steps, quick_rows, step_points
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.summed import Summed, White
+from models.diagnosis.trend.weights.latent import NODES, latent, usual_Ohm
+from models.diagnosis.trend.weights.summed import Summed, White
 from models.effects.view import ModelInputs, View
 
 _STEP = 2e-3
@@ -81,7 +81,7 @@ class About:
     fixed, elsewhere : (N, N) covariances of what is known as it is, and of the model's own error of a usual scale
     fresh : resistances
     fresh_Ohm : (n,) by the coefficients alone
-    usual_Ohm : that resistances are relative to
+    usual_Ohm, typical_Ohm : that resistances are relative to, over SoC and where they are the same everywhere
     n_voltage : voltages
     """
 
@@ -95,6 +95,7 @@ class About:
     fresh: Fresh
     fresh_Ohm: FloatArray
     usual_Ohm: float
+    typical_Ohm: float
     n_voltage: int
 
     @cached_property
@@ -116,7 +117,8 @@ class About:
     def summed(self) -> Summed:
         """What is kept of it."""
         fresh, sums = self.fresh, tuple(each.sums for each in self.white)
-        return Summed(self.change, fresh.mean_Ohm, fresh.known, fresh.open, self.fresh_Ohm, self.usual_Ohm, sums)
+        ohms = (self.fresh_Ohm, self.usual_Ohm, self.typical_Ohm)
+        return Summed(self.change, fresh.mean_Ohm, fresh.known, fresh.open, *ohms, sums)
 
     def at(self, given: Given, change: float) -> About:
         """The same run about another capacity; covariances, and what the current makes, stay as they are."""
@@ -175,6 +177,7 @@ def about(given: Given, change: float) -> About:
         fresh,
         fresh_Ohm,
         usual,
+        cell.typical_Ohm,
         len(mean),
     )
 

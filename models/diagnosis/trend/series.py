@@ -20,7 +20,8 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.trend.loss.losses import WAYS
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weighing import CAPACITY, CHANGES, EVERY, Chances
+from models.diagnosis.trend.weights.sizes import CAPACITY, CHANGES, EVERY
+from models.diagnosis.trend.weights.weighing import Chances
 from models.effects.half_cells import half_cells
 
 # However unlikely one run makes a way, over its prior, others may bring it back.
@@ -61,7 +62,7 @@ def together(cell: KnownCell, at: FloatArray, moved_Ah: FloatArray) -> list[tupl
     that is known: else what both show alike of it would be told as a change beside the loss.
     """
     electrodes = half_cells(cell)
-    if electrodes is None or not electrodes.sure:
+    if electrodes is None or not electrodes.published:
         return [(k,) for k in range(len(at))]
     return cycles(at, moved_Ah, cell.capacity_Ah)
 

@@ -25,7 +25,8 @@ from models.diagnosis.trend.forecast import forecast
 from models.diagnosis.trend.life import Places, RunTrend, Trend
 from models.diagnosis.trend.series import agreed, change_points, smoothed, together, ways_of
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weighing import EVERY, Chances
+from models.diagnosis.trend.weights.sizes import EVERY
+from models.diagnosis.trend.weights.weighing import Chances
 from models.effects.input_correction import as_read
 from models.network.local_model_network import LocalModelNetwork
 from models.readouts.stages import stages_of

@@ -12,12 +12,13 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.trend.latent import DIFFERENT, root
 from models.diagnosis.trend.loss.losses import SHARES, WAYS, Loss, losses_of
 from models.diagnosis.trend.prior import About, Given, off
 from models.diagnosis.trend.settings import SETTINGS, Sizes
-from models.diagnosis.trend.summed import Sums, Told, White, in_units_of
-from models.diagnosis.trend.weighing import CAPACITY, EVERY, Caused, Changes, cause_sizes, log_sum
+from models.diagnosis.trend.weights.latent import DIFFERENT, root
+from models.diagnosis.trend.weights.sizes import CAPACITY, EVERY, Changes, cause_sizes
+from models.diagnosis.trend.weights.summed import Sums, Told, White, in_units_of
+from models.diagnosis.trend.weights.weighing import Caused, log_sum
 from models.effects.half_cells import apart, own_curve
 
 # What can be beside a cause.

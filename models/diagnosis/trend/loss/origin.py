@@ -12,7 +12,7 @@ from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.trend.estimate import Weighed
 from models.diagnosis.trend.loss.losses import CAUSES, WAYS
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weighing import CAPACITY, CURVE, Changes
+from models.diagnosis.trend.weights.sizes import CAPACITY, CURVE, Changes
 from models.effects import Effect, effects
 from models.effects.half_cells import half_cells
 
@@ -63,13 +63,13 @@ def origin_of(weighed: Weighed, changes: Changes, by_way: FloatArray | None, bes
     beside : other runs at the same place of the series, which saw the cell in the same state
     """
     electrodes = half_cells(weighed.given.known.cell)
-    if by_way is None or CAPACITY not in changes or electrodes is None or not electrodes.sure:
+    if by_way is None or CAPACITY not in changes or electrodes is None or not electrodes.published:
         return Origin()
     chances = {cause: float(sum(by_way[k] for k, way in enumerate(WAYS) if way.cause == cause)) for cause in CAUSES}
     called = {_effect(cause).name + _of(cause): p for cause, p in chances.items()}
     cause = max(chances, key=lambda each: chances[each])
     own = {k: float(by_way[k]) for k, way in enumerate(WAYS) if way.cause == cause and k in weighed.causes}
-    if chances[cause] < SETTINGS.cause or not own:
+    if chances[cause] < (SETTINGS.cause if electrodes.sure else SETTINGS.cause_alike) or not own:
         return Origin(chances=called)
     way = max(own, key=lambda each: own[each])
     p = np.array(list(own.values())) / sum(own.values())

@@ -9,7 +9,7 @@ import pytest
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend.answer import answer, parts_V, where
 from models.diagnosis.trend.estimate import Weighed, seen, weighed
-from models.diagnosis.trend.weighing import EVERY
+from models.diagnosis.trend.weights.sizes import EVERY
 from models.effects.view import View
 from tests.unit.models.diagnosis.trend.test_estimate import discharge, whole
 from tests.unit.models.hand_network import CAPACITY_AH

@@ -6,6 +6,7 @@ import pytest
 from models.data.errors import ModelError
 from models.data.resampling import GridRun
 from models.diagnosis.known.memory import KnownRuns
+from models.diagnosis.trend.answer import growth_Ohm
 from models.diagnosis.trend.choice import around_steps, chosen
 from models.diagnosis.trend.ends import ends_of
 from models.diagnosis.trend.estimate import seen, weighed
@@ -53,6 +54,13 @@ def test_a_run_that_ends_half_way_ends_nowhere(whole: KnownRuns) -> None:
 def test_the_step_at_its_start_tells_the_resistance(whole: KnownRuns) -> None:
     state = weighed(seen(whole, discharge(0.9 * CAPACITY_AH, grown_Ohm=0.012), 1.0, 0.005)).state
     assert state.resistance_Ohm[-1] == pytest.approx(FRESH_OHM + 0.012, rel=0.15)
+
+
+def test_ohms_that_are_the_same_everywhere_are_told_where_the_current_never_steps(whole: KnownRuns) -> None:
+    found = weighed(seen(whole, discharge(CAPACITY_AH, grown_Ohm=0.012), 1.0, 0.005))
+    grown, std = growth_Ohm(found, found.told(("resistance",)))
+    assert grown == pytest.approx(0.012, rel=0.15)
+    assert float(std.max()) < 0.15 * 0.012
 
 
 def test_resistance_of_the_fresh_cell_is_read_off_its_coefficients(whole: KnownRuns) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from models.diagnosis.trend.series import change_points, smoothed, ways_of
-from models.diagnosis.trend.weighing import EVERY, Chances
+from models.diagnosis.trend.weights.sizes import EVERY
+from models.diagnosis.trend.weights.weighing import Chances
 
 
 def run(likely: tuple[str, ...], chance: float, unknown: float = 0.0) -> Chances:

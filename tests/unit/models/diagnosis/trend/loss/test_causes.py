@@ -12,9 +12,10 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend.answer import answer
 from models.diagnosis.trend.estimate import Weighed, seen, weighed
+from models.diagnosis.trend.loss import origin
 from models.diagnosis.trend.loss.losses import LITHIUM, NEGATIVE, POSITIVE, SHARES, WAYS, losses_of
 from models.diagnosis.trend.series import ways_of
-from models.diagnosis.trend.weighing import EVERY
+from models.diagnosis.trend.weights.sizes import EVERY
 from models.effects.half_cell_curves import NEGATIVES, POSITIVES
 from models.effects.half_cells import HalfCells, half_cells, own_curve
 from models.effects.view import View
@@ -122,6 +123,21 @@ def test_a_loss_is_named_with_its_share(
 def test_a_moved_curve_that_the_loss_explains_is_not_named_beside_it(known: KnownRuns, electrodes: HalfCells) -> None:
     found = judged(known, electrodes, electrodes.less_lithium(LOST))
     assert [each.effect for each in told(found, ("capacity", "curve")).findings] == ["lithium_loss"]
+
+
+def test_of_electrodes_that_others_match_as_well_a_cause_has_to_be_surer(
+    known: KnownRuns, electrodes: HalfCells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = judged(known, electrodes, electrodes.less_lithium(LOST))
+    monkeypatch.setattr(origin, "half_cells", lambda cell: replace(electrodes, chance=0.4))
+
+    def cause(chance: float) -> str:
+        by_way = np.full(len(WAYS) + 1, (1.0 - chance) / len(WAYS))
+        by_way[0] = chance
+        return origin.origin_of(found, ("capacity",), by_way).cause
+
+    assert WAYS[0].cause == LITHIUM
+    assert cause(0.9) == "" and cause(0.99) == LITHIUM
 
 
 def test_a_cell_that_published_curves_do_not_make_has_lost_capacity_and_no_more(known: KnownRuns) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.trend.latent import COUNT, QUICK
+from models.diagnosis.trend.weights.latent import COUNT, QUICK
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Summed:
     ----------
     change : of the capacity
     mean_Ohm, known, open : (n,) of the resistances before, as in `Fresh`
-    fresh_Ohm, usual_Ohm : as in `About`
+    fresh_Ohm, usual_Ohm, typical_Ohm : as in `About`
     sums : one for each scale
     """
 
@@ -99,6 +99,7 @@ class Summed:
     open: FloatArray
     fresh_Ohm: FloatArray
     usual_Ohm: float
+    typical_Ohm: float
     sums: tuple[Sums, ...]
 
     def beside(self, other: Summed, spread: FloatArray) -> Summed:

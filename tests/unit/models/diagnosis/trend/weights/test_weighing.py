@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.diagnosis.trend.latent import COUNT, root
 from models.diagnosis.trend.settings import CHANGED, SETTINGS, USUAL
-from models.diagnosis.trend.summed import Sums
-from models.diagnosis.trend.weighing import log_of, logs_of
+from models.diagnosis.trend.weights.latent import COUNT, root
+from models.diagnosis.trend.weights.summed import Sums
+from models.diagnosis.trend.weights.weighing import log_of, logs_of
 
 _SAMPLES = 60
 

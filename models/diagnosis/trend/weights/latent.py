@@ -1,4 +1,4 @@
-"""What may have changed in a cell, as weights of columns: capacity, resistance over SoC, curve, slip and loop."""
+"""What may have changed in a cell, as weights of columns: capacity, resistance, curve, slip and loop."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ CURVE = slice(SLOWER.stop, SLOWER.stop + _N)
 SLIP = slice(CURVE.stop, CURVE.stop + _N)
 LOOP = slice(SLIP.stop, SLIP.stop + 1)
 SHIFT = slice(LOOP.stop, LOOP.stop + 1)
-COUNT = SHIFT.stop
+SERIES = slice(SHIFT.stop, SHIFT.stop + 1)
+OVERALL = slice(SERIES.stop, SERIES.stop + 1)
+COUNT = OVERALL.stop
 # Share of the variance of resistances that is alike at every state of charge.
 _COMMON = 0.5
 # Rate at which a loop's place is left, over the capacity.
@@ -34,8 +36,8 @@ class Latent:
 
     Attributes
     ----------
-    volts : (m, COUNT - 1) V of all but the capacity: resistances relative to `usual_Ohm` and to their own, then V,
-        SoC, V and SoC
+    volts : (m, COUNT - 1) V of all but the capacity: resistances over SoC relative to `usual_Ohm` and to their own,
+        then V, SoC, V and SoC, then a resistance relative to `KnownCell.typical_Ohm`, and all relative to their own
     usual_Ohm : of the first moment
     """
 
@@ -56,8 +58,11 @@ def latent(view: View, slope_V: FloatArray, usual_Ohm: float) -> Latent:
     here = hats(NODES, np.clip(view.soc[view.index], 0.0, 1.0))
     quick = usual_Ohm * here * current_A[view.index][:, None]
     slower = here * view.overvoltage(current_A)[:, None]
+    # The same at all states of charge: what a clamp has, and all by one factor.
+    alike = np.column_stack([view.model.typical_Ohm * current_A[view.index], view.overvoltage(current_A)])
     loop = view.hysteresis(_LOOP_RATE)[:, None]
-    return Latent(np.hstack([quick, slower, here, here * slope_V[:, None], loop, slope_V[:, None]]), usual_Ohm)
+    slip = here * slope_V[:, None]
+    return Latent(np.hstack([quick, slower, here, slip, loop, slope_V[:, None], alike]), usual_Ohm)
 
 
 def root(sizes: Sizes) -> FloatArray:
@@ -70,20 +75,24 @@ def root(sizes: Sizes) -> FloatArray:
     out[SLIP, SLIP] = sizes.slip * _ROOTS["slip"]
     out[LOOP, LOOP] = sizes.loop_V
     out[SHIFT, SHIFT] = sizes.shift
+    out[SERIES, SERIES] = sizes.series
+    out[OVERALL, OVERALL] = sizes.overall
     return out
 
 
-def resistances(fresh_Ohm: FloatArray, usual: float) -> FloatArray:
+def resistances(fresh_Ohm: FloatArray, usual: float, typical: float) -> FloatArray:
     """(n, COUNT) Ohm that each weight changes the resistances of the first moment by, one for each node.
 
     Parameters
     ----------
     fresh_Ohm : (n,) as they were
-    usual : that they are relative to
+    usual, typical : that they are relative to, over SoC and where they are the same everywhere
     """
     out = np.zeros((len(fresh_Ohm), COUNT))
     out[:, QUICK] = usual * np.eye(len(out))
     out[:, SLOWER] = np.diag(fresh_Ohm)
+    out[:, SERIES] = typical
+    out[:, OVERALL] = fresh_Ohm[:, None]
     return out
 
 

@@ -8,21 +8,24 @@ as it does from run to run; a change that is not needed makes a run less likely 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from itertools import combinations, product
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.trend.latent import resistances, root
 from models.diagnosis.trend.loss.losses import WAYS, Loss
-from models.diagnosis.trend.settings import CHANGED, SETTINGS, USUAL, Sizes
-from models.diagnosis.trend.summed import Summed, Sums
-
-Changes = tuple[str, ...]
-CAPACITY, RESISTANCE, CURVE = "capacity", "resistance", "curve"
-CHANGES = (CAPACITY, RESISTANCE, CURVE)
-EVERY: tuple[Changes, ...] = tuple(each for n in range(len(CHANGES) + 1) for each in combinations(CHANGES, n))
+from models.diagnosis.trend.settings import SETTINGS, USUAL, Sizes
+from models.diagnosis.trend.weights.latent import resistances, root
+from models.diagnosis.trend.weights.sizes import (
+    CAPACITY,
+    EVERY,
+    Changes,
+    cause_largest,
+    every_size,
+    largest,
+    sizes_of,
+)
+from models.diagnosis.trend.weights.summed import Summed, Sums
 
 # Scales of the error whose likelihood's logarithm is that much lower than the best say nothing.
 _UNLIKELY = 9.0
@@ -69,40 +72,6 @@ class Chances:
         return sum(p for each, p in self.of.items() if change in each)
 
 
-def sizes_of(changes: dict[str, float], capacity: float) -> Sizes:
-    """What may differ where some of it has changed.
-
-    Parameters
-    ----------
-    changes : size of each that is there, in units of the largest that is usual
-    capacity : how much of it is lost: by a part of that electrodes have slipped
-    """
-    own = USUAL
-    if CAPACITY in changes:
-        slip = float(np.hypot(USUAL.slip, SETTINGS.slip_of_capacity * capacity))
-        own = replace(own, capacity=changes[CAPACITY] * CHANGED.capacity, slip=slip)
-    if RESISTANCE in changes:
-        size = changes[RESISTANCE]
-        own = replace(own, resistance=size * CHANGED.resistance, slower=size * CHANGED.slower)
-    if CURVE in changes:
-        size = changes[CURVE]
-        slip = float(np.hypot(own.slip, size * CHANGED.slip))
-        own = replace(
-            own, curve_V=size * CHANGED.curve_V, slip=slip, shift=size * CHANGED.shift, loop_V=size * CHANGED.loop_V
-        )
-    return own
-
-
-def every_size(changes: Changes) -> list[dict[str, float]]:
-    """Sizes that changes may have, as likely: a small one may stand beside a large one."""
-    return [dict(zip(changes, each, strict=True)) for each in product(SETTINGS.sizes, repeat=len(changes))]
-
-
-def largest(changes: Changes) -> dict[str, float]:
-    """The largest sizes of changes."""
-    return dict.fromkeys(changes, max(SETTINGS.sizes))
-
-
 @dataclass(frozen=True)
 class Caused:
     """What a run says of one way to lose a capacity.
@@ -122,24 +91,6 @@ class Caused:
     loss: Loss
     about: Summed
     matched_V: float
-
-
-def cause_sizes(beside: Changes, change: float, matched_V: float) -> list[Sizes]:
-    """What may differ beside a loss that is known with its curve, from the least to the largest, as likely.
-
-    Parameters
-    ----------
-    beside : what else has changed
-    change : of the capacity: half-cell curves are off by a part of it
-    matched_V : what half-cell curves leave of that of the fresh cell
-    """
-    out = []
-    for each in every_size(beside):
-        own = sizes_of(each, change)
-        slip = float(np.hypot(own.slip, SETTINGS.slip_of_loss * change))
-        curve_V = float(np.sqrt(own.curve_V**2 + (SETTINGS.curve_of_loss_V * change) ** 2 + matched_V**2))
-        out.append(replace(own, slip=slip, curve_V=curve_V))
-    return out
 
 
 def chances(fresh: Summed, now: Summed, causes: dict[int, Caused]) -> Chances:
@@ -213,20 +164,21 @@ def logs_of(sums: Sums, spreads: FloatArray) -> FloatArray:
     return power * sums.log + gained
 
 
-def held(about: Summed, changes: Changes, sizes: Sizes | None = None) -> Held:
-    """Weights and resistances where some things have changed, over all scales of the model's error.
+def held(about: Summed, changes: Changes, sizes: list[Sizes] | None = None) -> Held:
+    """Weights and resistances where some things have changed, over their forms and all scales of the model's error.
 
     Parameters
     ----------
     about : the run about the capacity that it asks for
     changes : what may be large
-    sizes : of all that differs; None: those of the changes
+    sizes : of all that differs, as likely; None: those of the changes
     """
-    spread = root(sizes or sizes_of(largest(changes), about.change))
+    open_ones = sizes or [sizes_of(each, about.change) for each in largest(changes)]
+    spreads = np.array([root(each) for each in open_ones])
     known = [(sums, w) for sums, w in zip(about.sums, SETTINGS.weights, strict=True) if w > 0.0]
-    told = [float(np.log(w)) + log_of(sums, spread) for sums, w in known]
-    likely = [each for each, log in zip(known, told, strict=True) if log > max(told) - _UNLIKELY]
-    every = [_one(about, changes, each, spread) for each in likely]
+    told = np.array([np.log(w) + logs_of(sums, spreads) for sums, w in known])
+    likely = np.argwhere(told > told.max() - _UNLIKELY)
+    every = [_one(about, changes, known[scale], spreads[form]) for scale, form in likely.tolist()]
     logs = np.array([each.log for each in every])
     return mixed(every, np.exp(logs - logs.max()), changes)
 
@@ -240,7 +192,7 @@ def held_beside(found: Caused, changes: Changes) -> Held:
     changes : what may be large, the capacity among them
     """
     beside = tuple(each for each in changes if each != CAPACITY)
-    own = held(found.about, changes, cause_sizes(beside, found.about.change, found.matched_V)[-1])
+    own = held(found.about, changes, cause_largest(beside, found.about.change, found.matched_V))
     mean = own.mean.copy()
     mean[0] += found.about.change
     return replace(own, mean=mean)
@@ -276,7 +228,7 @@ def _one(about: Summed, changes: tuple[str, ...], scale: tuple[Sums, float], spr
     mean = covariance @ sums.right
     own = spread.T @ sums.right
     log = sums.log + 0.5 * float(own @ cho_solve(factor, own)) - float(np.sum(np.log(np.diag(factor[0]))))
-    turn = resistances(about.fresh_Ohm, about.usual_Ohm)
+    turn = resistances(about.fresh_Ohm, about.usual_Ohm, about.typical_Ohm)
     through = turn - sums.across_columns
     ohm = about.mean_Ohm + sums.across_error + through @ mean
     variance = about.known + sums.scale**2 * about.open - sums.across
