@@ -27,11 +27,12 @@ class Ends:
     Attributes
     ----------
     index : (e,) samples
-    soc : (e,) state of charge there, a fraction of what the cell holds now
+    soc, std : (e,) state of charge there, a fraction of what the cell holds now, and how surely
     """
 
     index: np.ndarray
     soc: FloatArray
+    std: FloatArray
 
 
 def ends_of(cell: KnownCell, run: GridRun, start: float) -> Ends:
@@ -42,7 +43,7 @@ def ends_of(cell: KnownCell, run: GridRun, start: float) -> Ends:
     cell : as it was
     run, start : with its SoC at the start
     """
-    index, found = [], []
+    index, found, stds = [], [], []
     low, high = cell.soc_range
     least_A = SETTINGS.load_C * cell.capacity_Ah
     for sign, full in ((1.0, True), (-1.0, False)):
@@ -58,13 +59,20 @@ def ends_of(cell: KnownCell, run: GridRun, start: float) -> Ends:
         if at_its_end and low <= SETTINGS.end_soc and high >= 1.0 - SETTINGS.end_soc:
             index.append(int(last[-1]))
             found.append(high if full and _tapered(run, loaded) else soc)
-    return Ends(np.array(index, dtype=np.int64), np.array(found))
+            stds.append(SETTINGS.end_std[1 if _pulsed(run, loaded) else 0])
+    return Ends(np.array(index, dtype=np.int64), np.array(found), np.array(stds))
 
 
 def _tapered(run: GridRun, loaded: np.ndarray) -> bool:
     """Whether a charge ended by its current falling at a held voltage: that is what full is, whatever has grown."""
     current_A = run.current_A[loaded]
     return float(current_A[-1]) < SETTINGS.tapered * float(np.max(current_A))
+
+
+def _pulsed(run: GridRun, loaded: np.ndarray) -> bool:
+    """Whether it ended in a pulse: what the model makes of that is less sure than what a steady current makes."""
+    current_A = np.abs(run.current_A[loaded])
+    return float(current_A[-1]) > SETTINGS.pulsed * float(np.mean(current_A))
 
 
 def _last(loaded: np.ndarray) -> np.ndarray:

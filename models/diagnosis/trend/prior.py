@@ -153,7 +153,7 @@ def about(given: Given, change: float) -> About:
     volts[np.diag_indices_from(volts)] += KNOWN.least_V**2
     began = _with_start(start_columns(cell, view, given.soc_std), given.soc_std, e)
     fixed = _with_ends(volts, e) + began @ began.T
-    fixed[np.arange(len(volts), len(fixed)), np.arange(len(volts), len(fixed))] += SETTINGS.end_std**2
+    fixed[np.arange(len(volts), len(fixed)), np.arange(len(volts), len(fixed))] += given.ends.std**2
     fresh = Fresh(
         fresh_Ohm + jump_mean,
         np.einsum("np,pq,nq->n", rows, cell.covariance, rows),
