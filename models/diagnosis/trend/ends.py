@@ -59,7 +59,7 @@ def ends_of(cell: KnownCell, run: GridRun, start: float) -> Ends:
         if at_its_end and low <= SETTINGS.end_soc and high >= 1.0 - SETTINGS.end_soc:
             index.append(int(last[-1]))
             found.append(high if full and _tapered(run, loaded) else soc)
-            stds.append(SETTINGS.end_std[1 if _pulsed(run, loaded) else 0])
+            stds.append(SETTINGS.pulse_end_std if _pulsed(run, loaded) else SETTINGS.end_std)
     return Ends(np.array(index, dtype=np.int64), np.array(found), np.array(stds))
 
 

@@ -11,6 +11,7 @@ from models.diagnosis.trend.choice import around_steps, chosen
 from models.diagnosis.trend.ends import ends_of
 from models.diagnosis.trend.estimate import seen, weighed
 from models.diagnosis.trend.quick import quick_rows, steps_of
+from models.diagnosis.trend.settings import SETTINGS
 from tests.unit.models.diagnosis.hand_reference import EMPTY_V, SLOPE_V
 from tests.unit.models.diagnosis.known.hand_cell import known_runs, true_run
 from tests.unit.models.hand_network import CAPACITY_AH
@@ -49,6 +50,18 @@ def test_a_run_that_ends_half_way_ends_nowhere(whole: KnownRuns) -> None:
     half = discharge(0.5 * CAPACITY_AH)
     run = true_run(half.current_A, soc=1.0, noise_V=2e-4)
     assert len(ends_of(whole.cell, run, 1.0).index) == 0
+
+
+def test_an_end_in_a_pulse_says_less_than_one_of_a_steady_current(whole: KnownRuns) -> None:
+    steady = discharge(CAPACITY_AH)
+    current_A = steady.current_A.copy()
+    current_A[20:-120] *= 0.5
+    current_A = np.concatenate([current_A[:20], np.repeat(current_A[20:-120], 2), current_A[-120:]])
+    pulsed = true_run(current_A, soc=1.0, noise_V=2e-4)
+    found = [ends_of(whole.cell, run, 1.0) for run in (steady, pulsed)]
+    assert [len(each.index) for each in found] == [1, 1]
+    assert [each.std.tolist() for each in found] == [[SETTINGS.end_std], [SETTINGS.pulse_end_std]]
+    assert SETTINGS.end_std < SETTINGS.pulse_end_std
 
 
 def test_the_step_at_its_start_tells_the_resistance(whole: KnownRuns) -> None:
