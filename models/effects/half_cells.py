@@ -14,7 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.effects.electrode_match import USUAL_NEGATIVE, Loaded, Match, loaded, matches
+from models.effects.electrode_match import USUAL_NEGATIVE, Ahead, Loaded, Match, loaded, matches
 from models.effects.half_cell_curves import NEGATIVES, POSITIVES
 from models.effects.view import OwnModel
 
@@ -71,6 +71,7 @@ class HalfCells:
     left_V : by how much these curves are off the cell's voltage under constant currents
     covered : states of charge that the cell's own curve is known over
     chance : how likely these two curves are the cell's, of all that are published
+    ahead : by how much the particles' surfaces are, under current; of the fresh cell's state of charge
     """
 
     negative: str
@@ -83,16 +84,23 @@ class HalfCells:
     left_V: float
     covered: float
     chance: float
+    ahead: Ahead = Ahead()
 
     def voltage_V(self, charge: FloatArray) -> FloatArray:
         """(n,) of the cell at rest for a charge in the negative electrode."""
+        return self._positive_V(charge) - self._negative_V(charge)
+
+    def _negative_V(self, charge: FloatArray) -> FloatArray:
+        return NEGATIVES[self.negative](charge / self.negative_Ah)
+
+    def _positive_V(self, charge: FloatArray) -> FloatArray:
         filling = (self.lithium_Ah - charge) / self.positive_Ah
         known = np.interp(filling, self.filling, self.potential_V)
         low, high = self.filling[0], self.filling[-1]
         ends = np.gradient(self.potential_V, self.filling)[[0, -1]]
         slopes = np.minimum(ends, -_STEEP_V)
         beyond = slopes[0] * np.minimum(filling - low, 0.0) + slopes[1] * np.maximum(filling - high, 0.0)
-        return known + beyond - NEGATIVES[self.negative](charge / self.negative_Ah)
+        return known + beyond
 
     @property
     def published(self) -> bool:
@@ -123,6 +131,12 @@ class HalfCells:
         """(n,) over the state of charge between this cell's own ends."""
         low, high = self.ends
         return self.voltage_V(low + soc * (high - low))
+
+    def electrodes_V(self, soc: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Potentials over lithium, each (n,), of the negative and of the positive electrode, over the same."""
+        low, high = self.ends
+        charge = low + soc * (high - low)
+        return self._negative_V(charge), self._positive_V(charge)
 
     def less_lithium(self, share: float) -> HalfCells:
         """Without lithium that could be cycled, over the fresh capacity: it is bound in a film."""
@@ -190,7 +204,8 @@ def _usual(found: Match) -> bool:
 def _published(found: Match, covered: float, chance: float) -> HalfCells:
     curve = POSITIVES[found.positive]
     filling = np.linspace(curve.low, curve.high, _TABLE)
-    return _cell(found.negative, found.window, filling, curve.potential_V(filling), found.left_V, covered, chance)
+    cell = _cell(found.negative, found.window, filling, curve.potential_V(filling), found.left_V, covered, chance)
+    return replace(cell, ahead=found.ahead)
 
 
 def _learned(curve: Curve, left_V: float) -> HalfCells:

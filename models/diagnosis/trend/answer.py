@@ -21,6 +21,7 @@ from models.diagnosis.trend.weights import latent
 from models.diagnosis.trend.weights.sizes import CAPACITY, CHANGES, CURVE, EVERY, RESISTANCE, Changes
 from models.diagnosis.trend.weights.weighing import Held
 from models.effects import Effect, effects
+from models.effects.bent_curve import slow_rate
 from models.effects.view import View
 
 # Places that a person names, and the name of each.
@@ -171,7 +172,7 @@ def parts_V(weighed: Weighed, found: Held, way: int = -1) -> dict[str, FloatArra
     slope_V = (view.model.open_circuit_V(high) - view.model.open_circuit_V(low)) / 1e-2
     bent_V = 0.0 * slope_V
     if way in weighed.causes:
-        bent_V = weighed.causes[way].loss.curve_V(view.soc[index] + view.inputs.surface)
+        bent_V = weighed.causes[way].loss.bent.voltage_V(view.soc[index], slow_rate(old))
     columns = latent.latent(view, slope_V, weighed.now.usual_Ohm).volts
     # The columns begin after that of the capacity.
     weights = found.mean[1:]

@@ -27,7 +27,6 @@ from models.diagnosis.trend.weights.latent import COUNT, DIFFERENT, LOOP, NODES,
 from models.diagnosis.trend.weights.sizes import CAPACITY, CHANGES, RESISTANCE, Changes
 from models.diagnosis.trend.weights.summed import Summed
 from models.diagnosis.trend.weights.weighing import Caused, Chances, Held, chances, held, held_beside, mixed
-from models.effects.half_cells import half_cells
 from models.effects.view import View
 
 # How far a capacity that is no news may be off, in standard deviations: there the cell as it was is linearised.
@@ -164,9 +163,7 @@ def weighed(run: Seen, other: Seen | None = None) -> Weighed:
         now, fresh = now.beside(other.now.summed, DIFFERENT), fresh.beside(other.fresh.summed, DIFFERENT)
     causes = caused(given, run.now, None if other is None else (other.given, other.now))
     chance = chances(fresh, now, causes)
-    electrodes = half_cells(given.known.cell)
-    taken = causes if electrodes is not None and electrodes.published else {}
-    state = _state(given.known.cell, _averaged(chance, now, taken), held(now, CHANGES))
+    state = _state(given.known.cell, _averaged(chance, now, causes), held(now, CHANGES))
     return Weighed(given, state, chance, now, causes)
 
 

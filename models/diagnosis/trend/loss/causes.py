@@ -19,7 +19,9 @@ from models.diagnosis.trend.weights.latent import DIFFERENT, root
 from models.diagnosis.trend.weights.sizes import CAPACITY, EVERY, Changes, cause_sizes
 from models.diagnosis.trend.weights.summed import Sums, Told, White, in_units_of
 from models.diagnosis.trend.weights.weighing import Caused, log_sum
+from models.effects.bent_curve import slow_rate
 from models.effects.half_cells import apart, own_curve
+from models.effects.view import View
 
 # What can be beside a cause.
 _BESIDE: tuple[Changes, ...] = tuple(each for each in EVERY if CAPACITY not in each)
@@ -28,6 +30,8 @@ _BESIDE: tuple[Changes, ...] = tuple(each for each in EVERY if CAPACITY not in e
 def caused(given: Given, now: About, other: tuple[Given, About] | None = None) -> dict[int, Caused]:
     """Hold each way to lose something against a run, by its number; none where the cell cannot be taken apart.
 
+    Losses of electrodes that do not make the cell's own curve tell nothing of it, and are not held against a run.
+
     Parameters
     ----------
     given : run
@@ -35,14 +39,16 @@ def caused(given: Given, now: About, other: tuple[Given, About] | None = None) -
     other : the same of another run of the cell in the same state, that is held against them with it
     """
     curve = own_curve(given.known.cell)
+    if curve is None or not apart(curve).published:
+        return {}
     away = SETTINGS.near_ends if len(given.ends.index) else SETTINGS.near_none
-    near = [each for each in (() if curve is None else losses_of(curve)) if abs(each.change - now.change) <= away]
+    near = [each for each in losses_of(curve) if abs(each.change - now.change) <= away]
     if not near:
         return {}
     error = np.column_stack([_error(given, now, each) for each in near])
     told = None if other is None else _told_by(*other, near, now.usual_Ohm)
     scales = [_Scale.of(now, k, error, told) for k, w in enumerate(SETTINGS.weights) if w > 0.0]
-    matched_V = apart(curve).left_V if curve else 0.0
+    matched_V = apart(curve).left_V
     chance = np.log([each.chance for each in near])
     logs = {each: chance + _logs(scales, cause_sizes(each, now.change, matched_V)) for each in _BESIDE}
     out = {}
@@ -62,8 +68,9 @@ def caused(given: Given, now: About, other: tuple[Given, About] | None = None) -
 def _error(given: Given, now: About, loss: Loss) -> FloatArray:
     """(N,) by how much a run differs from a cell with a loss."""
     error = off(given, now.inputs, loss.change) - now.mean
+    rate = slow_rate(View(given.known.cell, given.run, given.soc, given.index))
     counted = given.soc + given.run.charge_Ah[given.index] / (given.known.cell.capacity_Ah * (1.0 + loss.change))
-    error[: now.n_voltage] -= loss.curve_V(counted + now.inputs.surface)
+    error[: now.n_voltage] -= loss.bent.voltage_V(counted, rate)
     return error
 
 

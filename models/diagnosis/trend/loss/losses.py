@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from models.data.timeseries import FloatArray
+from models.effects.bent_curve import BentCurve
 from models.effects.half_cells import Curve, HalfCells, likely
 
 LITHIUM, NEGATIVE, POSITIVE = "lithium", "negative", "positive"
@@ -43,8 +43,6 @@ WAYS = (
     Way(NEGATIVE, 0.3, HalfCells.less_negative),
     Way(POSITIVE, 0.3, HalfCells.less_positive),
 )
-# States of charge at which an aged curve is drawn.
-_DRAWN = np.linspace(-0.1, 1.1, 601)
 
 
 @dataclass(frozen=True)
@@ -56,19 +54,15 @@ class Loss:
     way : number of it among `WAYS`
     share : that is lost
     change : of the capacity, relative
-    bent_V : (601,) by how much its open-circuit curve differs from the fresh one over its own state of charge
+    bent : by how much its curve differs from the fresh one
     chance : how likely its electrodes are those of the cell
     """
 
     way: int
     share: float
     change: float
-    bent_V: FloatArray
+    bent: BentCurve
     chance: float
-
-    def curve_V(self, soc: FloatArray) -> FloatArray:
-        """(n,) by how much the open-circuit voltage differs from that of the fresh cell."""
-        return np.interp(soc, _DRAWN, self.bent_V)
 
 
 @lru_cache(maxsize=4)
@@ -76,10 +70,9 @@ def losses_of(curve: Curve) -> tuple[Loss, ...]:
     """All losses that are tried of a cell, by each pair of electrodes that it may have."""
     out = list[Loss]()
     for fresh in likely(curve):
-        fresh_V = fresh.open_circuit_V(_DRAWN)
         for number, way in enumerate(WAYS):
             for share in SHARES.tolist():
                 aged = way.without(fresh, share)
                 change = aged.capacity / fresh.capacity - 1.0
-                out.append(Loss(number, share, change, aged.open_circuit_V(_DRAWN) - fresh_V, fresh.chance))
+                out.append(Loss(number, share, change, BentCurve(fresh, aged), fresh.chance))
     return tuple(out)
