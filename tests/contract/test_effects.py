@@ -35,6 +35,7 @@ FRAMEWORK = {
     "electrode_shift",
     "expected",
     "half_cell_curves",
+    "bent_curve",
     "half_cells",
     "input_correction",
     "reading",
