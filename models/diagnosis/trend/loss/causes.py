@@ -45,7 +45,7 @@ def caused(given: Given, now: About, other: tuple[Given, About] | None = None) -
     near = [each for each in losses_of(curve) if abs(each.change - now.change) <= away]
     if not near:
         return {}
-    error = np.column_stack([_error(given, now, each) for each in near])
+    error = _errors(given, now, near)
     told = None if other is None else _told_by(*other, near, now.usual_Ohm)
     scales = [_Scale.of(now, k, error, told) for k, w in enumerate(SETTINGS.weights) if w > 0.0]
     matched_V = apart(curve).left_V
@@ -59,19 +59,22 @@ def caused(given: Given, now: About, other: tuple[Given, About] | None = None) -
             loss = near[own[best]]
             about = replace(now.summed, change=loss.change, sums=_about(now, error[:, own[best]]))
             if other is not None:
-                its = _about(other[1], _error(*other, loss))
+                its = _about(other[1], _errors(*other, [loss])[:, 0])
                 about = about.beside(replace(other[1].summed, change=loss.change, sums=its), DIFFERENT)
             out[way] = Caused(by_set, mean, std, loss, about, matched_V)
     return out
 
 
-def _error(given: Given, now: About, loss: Loss) -> FloatArray:
-    """(N,) by how much a run differs from a cell with a loss."""
-    error = off(given, now.inputs, loss.change) - now.mean
+def _errors(given: Given, now: About, losses: list[Loss]) -> FloatArray:
+    """(N, M) by how much a run differs from a cell with each loss."""
     rate = slow_rate(View(given.known.cell, given.run, given.soc, given.index))
-    counted = given.soc + given.run.charge_Ah[given.index] / (given.known.cell.capacity_Ah * (1.0 + loss.change))
-    error[: now.n_voltage] -= loss.bent.voltage_V(counted, rate)
-    return error
+    charged = given.run.charge_Ah[given.index] / given.known.cell.capacity_Ah
+    out = np.empty((len(now.error), len(losses)))
+    for k, each in enumerate(losses):
+        out[:, k] = off(given, now.inputs, each.change) - now.mean
+        counted = given.soc + charged / (1.0 + each.change)
+        out[: now.n_voltage, k] -= each.bent.voltage_V(counted, rate)
+    return out
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ def _against(white: White, error: FloatArray) -> tuple[FloatArray, FloatArray, F
 
 def _told_by(given: Given, now: About, losses: list[Loss], usual_Ohm: float) -> list[Told]:
     """What another run tells of each loss, one for each scale; in units of a resistance."""
-    error = np.column_stack([_error(given, now, each) for each in losses])
+    error = _errors(given, now, losses)
     turn = in_units_of(usual_Ohm, now.usual_Ohm)
     return [Told.of(*_against(white, error), turn, DIFFERENT) for white in now.white]
 
