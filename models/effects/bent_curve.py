@@ -14,7 +14,6 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from models.data.timeseries import FloatArray
-from models.effects.electrode_match import Ahead
 from models.effects.half_cells import HalfCells
 from models.effects.view import View
 
@@ -26,13 +25,13 @@ _DRAWN = np.linspace(-0.1, 1.1, 601)
 _UNLIKE_SOC = 0.03
 # Nearer to empty and full than this many of these they are less unlike: a potential that is steep holds them together.
 _TOGETHER = 3.0
-# Of the current of so long before, s, surfaces are ahead.
+# Time constant, s, of the current that surfaces are ahead by: of 120 simulated cells 600 s named 97, 300 s 99.
 _SLOW_S = 300.0
 
 
 @dataclass(frozen=True)
 class BentCurve:
-    """The difference of two cells' curves.
+    """The difference of two cells' curves; the surfaces of the aged one are as far ahead as the fresh one's.
 
     Attributes
     ----------
@@ -41,11 +40,6 @@ class BentCurve:
 
     fresh: HalfCells
     aged: HalfCells
-
-    @property
-    def ahead(self) -> Ahead:
-        """By how much the surfaces are ahead."""
-        return self.fresh.ahead
 
     @cached_property
     def _drawn_V(self) -> tuple[FloatArray, FloatArray]:
@@ -60,9 +54,9 @@ class BentCurve:
         soc : (n,) fraction 0..1
         rate : (n,) current over the fresh capacity, 1/h, as `slow_rate` has it
         """
-        negative_V, positive_V = self._drawn_V
-        raised_V = np.interp(soc + self.ahead.of_positive(soc, rate), _DRAWN, positive_V)
-        return raised_V - np.interp(soc + self.ahead.of_negative(soc, rate), _DRAWN, negative_V)
+        ahead, (negative_V, positive_V) = self.fresh.ahead, self._drawn_V
+        raised_V = np.interp(soc + ahead.of_positive(soc, rate), _DRAWN, positive_V)
+        return raised_V - np.interp(soc + ahead.of_negative(soc, rate), _DRAWN, negative_V)
 
 
 def slow_rate(view: View) -> FloatArray:

@@ -28,6 +28,7 @@ PUBLIC = Path(__file__).with_name("effect_names.txt").read_text(encoding="utf-8"
 EVERY = sorted(effects())
 # What the package is made of besides.
 FRAMEWORK = {
+    "bent_curve",
     "bounded_parts",
     "contact_intervals",
     "effect",
@@ -35,7 +36,6 @@ FRAMEWORK = {
     "electrode_shift",
     "expected",
     "half_cell_curves",
-    "bent_curve",
     "half_cells",
     "input_correction",
     "reading",
