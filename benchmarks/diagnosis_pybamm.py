@@ -124,6 +124,7 @@ def _network(
         return LocalModelNetwork.from_json(json.loads(kept.read_text(encoding="utf-8")))
     network = fit_network(train, capacity_Ah=capacity_Ah, structure=structure).network
     if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_text(json.dumps(network.to_json()), encoding="utf-8")
     return network
 
