@@ -25,6 +25,9 @@ _DRAWN = np.linspace(-0.1, 1.1, 601)
 _UNLIKE_SOC = 0.03
 # Nearer to empty and full than this many of these they are less unlike: a potential that is steep holds them together.
 _TOGETHER = 3.0
+# Nearer to empty a curve is as it is here: where a cell is empty under load is not where it is at rest, and all is
+# steep. Of 41 simulated cells 29 are told within a fifth with 0.1, 26 with 0.06 and 27 with 0.15.
+_EMPTY_SOC = 0.1
 # Time constant, s, of the current that surfaces are ahead by: of 120 simulated cells 600 s named 97, 300 s 99.
 _SLOW_S = 300.0
 
@@ -42,19 +45,31 @@ class BentCurve:
     aged: HalfCells
 
     @cached_property
-    def _drawn_V(self) -> tuple[FloatArray, FloatArray]:
-        before, after = self.fresh.electrodes_V(_DRAWN), self.aged.electrodes_V(_DRAWN)
-        return _unlike(after[0] - before[0]), _unlike(after[1] - before[1])
+    def _drawn_V(self) -> tuple[FloatArray, ...]:
+        """Potentials of the negative and the positive electrode, before and after."""
+        return tuple(_unlike(each) for one in (self.fresh, self.aged) for each in one.electrodes_V(_DRAWN))
 
-    def voltage_V(self, soc: FloatArray, rate: FloatArray) -> FloatArray:
-        """(n,) by how much the aged cell's voltage is higher at the same state of charge of its own.
+    def voltage_V(self, soc: FloatArray, rate: FloatArray, change: float) -> FloatArray:
+        """(n,) by how much the aged cell's voltage is higher than the fresh one's, each as full as the other when full.
 
         Parameters
         ----------
-        soc : (n,) fraction 0..1
+        soc : (n,) fraction 0..1 of the capacity that the aged cell has under load
         rate : (n,) current over the fresh capacity, 1/h, as `slow_rate` has it
+        change : of that capacity against the fresh one, relative; it ends where the voltage under load does, and need
+            not be that at rest
         """
-        ahead, (negative_V, positive_V) = self.fresh.ahead, self._drawn_V
+        soc = np.maximum(soc, _EMPTY_SOC)
+        smaller = self.fresh.capacity / self.aged.capacity
+        own_soc = 1.0 - (1.0 - soc) * (1.0 + change) * smaller
+        negative_V, positive_V, aged_negative_V, aged_positive_V = self._drawn_V
+        # Surfaces are ahead by as much charge as before, which is more of what is left.
+        aged_V = self._at(own_soc, rate * smaller, aged_negative_V, aged_positive_V)
+        return aged_V - self._at(soc, rate, negative_V, positive_V)
+
+    def _at(self, soc: FloatArray, rate: FloatArray, negative_V: FloatArray, positive_V: FloatArray) -> FloatArray:
+        """(n,) cell's voltage of two drawn potentials, with the surfaces ahead."""
+        ahead = self.fresh.ahead
         raised_V = np.interp(soc + ahead.of_positive(soc, rate), _DRAWN, positive_V)
         return raised_V - np.interp(soc + ahead.of_negative(soc, rate), _DRAWN, negative_V)
 

@@ -34,15 +34,15 @@ _TILT, _MOST_TILT = 0.05, 0.2
 # Fillings of graphite in a usual cell, empty and full (Birkl et al., J. Power Sources 341, 2017).
 USUAL_NEGATIVE = (0.03, 0.85)
 # Smallest window of an electrode that is used, and most filling of an empty negative one.
-_LEAST_WINDOW, _MOST_EMPTY = 0.25, 0.2
+_LEAST_WINDOW, _MOST_EMPTY = 0.25, 0.3
 # Beyond these fillings formulas rise out of all bounds, and further off a voltage is as wrong as it can be.
 _FILLINGS, _FAR_V = (0.0, 1.1), 5.0
 # By how much a filling, empty or full, is usually another one, where a flat curve does not tell.
 _UNUSUAL = 0.2
 # Where a search begins, in SoC per C-rate, and the evaluations that it has.
-_STARTS, _EVALUATIONS = (0.02, 0.12), 40
+_STARTS, _EVALUATIONS = ((0.02, 0.03), (0.12, 0.03), (0.05, 0.2)), 40
 # Pairs whose cost is that much above the best one's are not looked for a second time.
-_HOPELESS = 80.0
+_HOPELESS = 250.0
 
 # States of charge, voltages and currents over the capacity, 1/h.
 Loaded = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
@@ -124,12 +124,12 @@ def _direction(model: OwnModel, sign: float, low: float, high: float) -> tuple[F
 def matches(given: Loaded) -> list[Match]:
     """Every pair of published curves, the best first."""
     cell = _Cell.of(given)
-    every = [_matched(cell, n, p, _STARTS[0]) for n in NEGATIVES for p in POSITIVES]
+    every = [_matched(cell, n, p, *_STARTS[0]) for n in NEGATIVES for p in POSITIVES]
     least = min(each.cost for each in every)
     for k, each in enumerate(every):
         if each.cost < least + _HOPELESS:
-            again = _matched(cell, each.negative, each.positive, _STARTS[1])
-            every[k] = min(each, again, key=lambda one: one.cost)
+            others = [_matched(cell, each.negative, each.positive, *start) for start in _STARTS[1:]]
+            every[k] = min((each, *others), key=lambda one: one.cost)
     return sorted(every, key=lambda each: each.cost)
 
 
@@ -166,7 +166,7 @@ class _Cell:
         return cls(soc, voltage_V, rate, weight, np.linalg.inv(lower))
 
 
-def _matched(cell: _Cell, negative: str, positive: str, lead: float) -> Match:
+def _matched(cell: _Cell, negative: str, positive: str, lead: float, x_empty: float) -> Match:
     """The best match of a pair, looked for from a lead of the surfaces on."""
     # Lazy: 100 ms that only a diagnosis of a lithium cell needs.
     from scipy.optimize import least_squares
@@ -193,7 +193,7 @@ def _matched(cell: _Cell, negative: str, positive: str, lead: float) -> Match:
     high = np.array([_MOST_EMPTY, 1.0, curve.high, 1.0, _MOST_LEAD, _MOST_LEAD, _MOST_TILT, _MOST_TILT])
     empty, full = curve.usual
     share = (full - curve.low) / (empty - _LEAST_WINDOW - curve.low)
-    start = np.clip((*USUAL_NEGATIVE, empty, share, lead, lead, 0.0, 0.0), low + 1e-3, high - 1e-3)
+    start = np.clip((x_empty, USUAL_NEGATIVE[1], empty, share, lead, lead, 0.0, 0.0), low + 1e-3, high - 1e-3)
     scale = np.array([0.1, 0.1, 0.1, 0.1, 0.05, 0.05, 0.05, 0.05])
     with np.errstate(over="ignore"):
         found = least_squares(costs, start, bounds=(low, high), x_scale=scale, max_nfev=_EVALUATIONS)

@@ -130,10 +130,10 @@ NEGATIVES: MappingProxyType[str, Callable[[FloatArray], FloatArray]] = MappingPr
 POSITIVES: MappingProxyType[str, PositiveCurve] = MappingProxyType(
     {
         "nmc811": PositiveCurve(0.2, 0.98, (0.9, 0.27), _nmc811),
-        "nmc532": PositiveCurve(0.05, 0.96, (0.9, 0.25), _nmc532),
-        "nca": PositiveCurve(0.36, 0.98, (0.93, 0.42), _nca),
-        "cobalt": PositiveCurve(0.42, 0.975, (0.95, 0.5), _cobalt),
-        "nickel-cobalt": PositiveCurve(0.15, 0.98, (0.9, 0.3), _nickel_cobalt),
+        "nmc532": PositiveCurve(0.0, 0.97, (0.9, 0.25), _nmc532),
+        "nca": PositiveCurve(0.3, 0.987, (0.93, 0.42), _nca),
+        "cobalt": PositiveCurve(0.4, 0.975, (0.95, 0.5), _cobalt),
+        "nickel-cobalt": PositiveCurve(0.1, 0.98, (0.9, 0.3), _nickel_cobalt),
         "olivine": PositiveCurve(0.005, 0.995, (0.95, 0.05), _olivine),
     }
 )

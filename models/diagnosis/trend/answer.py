@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -103,7 +104,7 @@ def _findings(
         return [], record
     found = weighed.told(changes, origin.way)
     parts = parts_V(weighed, found, origin.way)
-    order = _order(record, parts, changes)
+    order = _order(_above_empty(record, weighed), parts, changes, bool(origin.cause))
     named = {each: effect_of(each) for each in order} | ({CAPACITY: origin.effect} if origin.cause else {})
     findings: list[Finding] = []
     left = record
@@ -131,11 +132,25 @@ def _findings(
     return findings, left
 
 
-def _order(record: Record, parts: dict[str, FloatArray], changes: Changes) -> list[str]:
-    """Changes, the one first that leaves least of the error, beside those before it: parts may undo each other."""
+def _above_empty(record: Record, weighed: Weighed) -> Record:
+    """The record without what lies near empty, where a slip of a hundredth is worth more than all else."""
+    given = weighed.given
+    soc = given.soc + given.run.charge_Ah / weighed.state.capacity_Ah
+    kept = soc > SETTINGS.end_soc
+    if not kept.any():
+        return record
+    return replace(record, error_V=[np.where(kept, each, np.nan) for each in record.error_V])
+
+
+def _order(record: Record, parts: dict[str, FloatArray], changes: Changes, caused: bool) -> list[str]:
+    """Changes, the one first that leaves least of the error, beside those before it: parts may undo each other.
+
+    A curve that moved freely stands for whatever is left, so that a loss that bends it in its own way goes before.
+    """
     out, left, open_ones = list[str](), record, list(changes)
     while open_ones:
-        best = min(open_ones, key=lambda each: left.less([parts[each]]).rms_mV)
+        next_ones = [each for each in open_ones if not (each == CURVE and caused and CAPACITY in open_ones)]
+        best = min(next_ones, key=lambda each: left.less([parts[each]]).rms_mV)
         left = left.less([parts[best]])
         out.append(best)
         open_ones.remove(best)
@@ -172,7 +187,7 @@ def parts_V(weighed: Weighed, found: Held, way: int = -1) -> dict[str, FloatArra
     slope_V = (view.model.open_circuit_V(high) - view.model.open_circuit_V(low)) / 1e-2
     bent_V = 0.0 * slope_V
     if way in weighed.causes:
-        bent_V = weighed.causes[way].loss.bent.voltage_V(view.soc[index], slow_rate(old))
+        bent_V = weighed.causes[way].loss.bent.voltage_V(view.soc[index], slow_rate(old), change)
     columns = latent.latent(view, slope_V, weighed.now.usual_Ohm).volts
     # The columns begin after that of the capacity.
     weights = found.mean[1:]

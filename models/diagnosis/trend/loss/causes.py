@@ -23,6 +23,9 @@ from models.effects.bent_curve import slow_rate
 from models.effects.half_cells import apart, own_curve
 from models.effects.view import View
 
+# By how much the capacity under load is another than between the same ends at rest, relative, and how often: most
+# cut-offs lie where any curve is steep, at some a particle's surface is empty while the mean is not.
+_LOADED_STD, _LOADED_SHARE = np.array([0.005, 0.02]), np.array([0.7, 0.3])
 # What can be beside a cause.
 _BESIDE: tuple[Changes, ...] = tuple(each for each in EVERY if CAPACITY not in each)
 
@@ -50,6 +53,8 @@ def caused(given: Given, now: About, other: tuple[Given, About] | None = None) -
     scales = [_Scale.of(now, k, error, told) for k, w in enumerate(SETTINGS.weights) if w > 0.0]
     matched_V = apart(curve).left_V
     chance = np.log([each.chance for each in near])
+    if len(given.ends.index):
+        chance += _as_loaded(np.array([each.change for each in near]) - now.change)
     logs = {each: chance + _logs(scales, cause_sizes(each, now.change, matched_V)) for each in _BESIDE}
     out = {}
     for way in range(len(WAYS)):
@@ -57,10 +62,10 @@ def caused(given: Given, now: About, other: tuple[Given, About] | None = None) -
         if len(own):
             by_set, mean, std, best = _weighed([near[k] for k in own], {name: each[own] for name, each in logs.items()})
             loss = near[own[best]]
-            about = replace(now.summed, change=loss.change, sums=_about(now, error[:, own[best]]))
+            about = replace(now.summed, change=_change(given, now, loss), sums=_about(now, error[:, own[best]]))
             if other is not None:
                 its = _about(other[1], _errors(*other, [loss])[:, 0])
-                about = about.beside(replace(other[1].summed, change=loss.change, sums=its), DIFFERENT)
+                about = about.beside(replace(other[1].summed, change=_change(*other, loss), sums=its), DIFFERENT)
             out[way] = Caused(by_set, mean, std, loss, about, matched_V)
     return out
 
@@ -71,10 +76,25 @@ def _errors(given: Given, now: About, losses: list[Loss]) -> FloatArray:
     charged = given.run.charge_Ah[given.index] / given.known.cell.capacity_Ah
     out = np.empty((len(now.error), len(losses)))
     for k, each in enumerate(losses):
-        out[:, k] = off(given, now.inputs, each.change) - now.mean
-        counted = given.soc + charged / (1.0 + each.change)
-        out[: now.n_voltage, k] -= each.bent.voltage_V(counted, rate)
+        change = _change(given, now, each)
+        out[:, k] = off(given, now.inputs, change) - now.mean
+        counted = given.soc + charged / (1.0 + change)
+        out[: now.n_voltage, k] -= each.bent.voltage_V(counted, rate, change)
     return out
+
+
+def _as_loaded(off: FloatArray) -> FloatArray:
+    """(M,) logarithm of how likely it is that a loss's capacity at rest is that much above the one under load."""
+    densities = _LOADED_SHARE / _LOADED_STD * np.exp(-0.5 * (off[:, None] / _LOADED_STD) ** 2)
+    return np.log(densities.sum(axis=1) / (_LOADED_SHARE / _LOADED_STD).sum())
+
+
+def _change(given: Given, now: About, loss: Loss) -> float:
+    """Of the capacity that a run counts on beside a loss: its own, where it has an end.
+
+    A discharge ends by its voltage under load, and not where the cell would rest empty: full is what both share.
+    """
+    return now.change if len(given.ends.index) else loss.change
 
 
 @dataclass(frozen=True)
