@@ -129,6 +129,13 @@ class Elsewhere:
         whole = np.tensordot(self.variances[len(PLACES) :], parts, axes=1) * np.outer(level, level)
         return whole + self.own_V2 * times[1] + self.noise_V2 * np.eye(len(whole))
 
+    def own_load(self, points: Points) -> FloatArray:
+        """(n, n) covariance in V^2 of what one run, whose points these all are, has of its own of the load."""
+        level = self._level(points)
+        variance = self.variances[len(PLACES) + TIMES.index(OWN_LOAD)]
+        alike = _places(points, points, self.rate_scale)[PLACES.index("load there")]
+        return variance * alike * np.outer(level, level)
+
     def _places(self, a: Points, b: Points) -> FloatArray:
         return np.tensordot(self.variances[: len(PLACES)], _places(a, b, self.rate_scale), axes=1)
 
@@ -169,7 +176,8 @@ def level(points: Points, known: Points, unseen_V: FloatArray) -> FloatArray:
 # part that is each run's own: a model is off by another resistance at low charge in each, which is none of the effects
 # that go through a whole run.
 PLACES = ("place", "load there", "load history there", "lead of the surface")
-TIMES = ("minute", "quarter of an hour", "load, minute", "load, quarter", "slip", "load there, own")
+OWN_LOAD = "load there, own"
+TIMES = ("minute", "quarter of an hour", "load, minute", "load, quarter", "slip", OWN_LOAD)
 WHITE = ("white", "white under load")
 
 

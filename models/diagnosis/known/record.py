@@ -10,7 +10,7 @@ import numpy as np
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
-from models.diagnosis.known.elsewhere import PLACES, TIMES, WHITE, Elsewhere, Points
+from models.diagnosis.known.elsewhere import OWN_LOAD, PLACES, TIMES, WHITE, Elsewhere, Points
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.thermal.heat_balance import HeatBalance
 from models.identification.bounded.knots import Knots
@@ -21,7 +21,7 @@ from models.network.local_model_network import LocalModelNetwork
 SCHEMA_VERSION = 3
 # Documents of this version know nothing of what a run has of its own of the load there: they are read as if it were
 # nothing.
-_WITHOUT_OWN_LOAD, _OWN_LOAD = 2, len(PLACES) + TIMES.index("load there, own")
+_WITHOUT_OWN_LOAD, _PLACE_OF_OWN_LOAD = 2, len(PLACES) + TIMES.index(OWN_LOAD)
 # Digits that are written: far more than the estimates are good for.
 _DIGITS = 8
 
@@ -121,7 +121,7 @@ def _cell(document: dict[str, Any]) -> KnownCell:
 def _elsewhere(document: dict[str, Any]) -> Elsewhere:
     variances = _array(document["variances"])
     return Elsewhere(
-        np.insert(variances, _OWN_LOAD, 0.0) if document["schema_version"] == _WITHOUT_OWN_LOAD else variances,
+        np.insert(variances, _PLACE_OF_OWN_LOAD, 0.0) if document["schema_version"] == _WITHOUT_OWN_LOAD else variances,
         {str(name): float(value) for name, value in document["granted"].items()},
         _array(document["rate_scale"]),
         Points(**{each.name: _array(document["points"][each.name]) for each in fields(Points)}),

@@ -187,14 +187,15 @@ def _elsewhere(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """(m,) mean and (m, m) covariance of the model's error, and (n,), (n,), (n, m) of resistance by it.
 
-    The error of a resistance is that one sample after a step less that without it.
+    The error of a resistance is that one sample after a step less that without it, with what the run has of its own.
     """
-    m, n = len(points.soc), len(NODES)
-    mean, whole = given.known.elsewhere.conditional(Points.joined([points, step_points(cell, given.steps)]))
+    m, n, elsewhere = len(points.soc), len(NODES), given.known.elsewhere
+    both = Points.joined([points, step_points(cell, given.steps)])
+    mean, whole = elsewhere.conditional(both)
     turn = np.hstack([np.eye(n), -np.eye(n)]) / given.steps.current_A
-    variance = np.einsum("ni,ij,nj->n", turn, whole[m:, m:], turn)
-    own = whole[:m, :m] + given.known.elsewhere.in_time(points)
-    return mean[:m], own, turn @ mean[m:], variance, turn @ whole[m:, :m]
+    steps = whole[m:] + elsewhere.own_load(both)[m:]
+    variance = np.einsum("ni,ij,nj->n", turn, steps[:, m:], turn)
+    return mean[:m], whole[:m, :m] + elsewhere.in_time(points), turn @ mean[m:], variance, turn @ steps[:, :m]
 
 
 def _moved(given: Given, inputs: ModelInputs, change: float) -> tuple[FloatArray, FloatArray]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from models.data.errors import ModelError
-from models.diagnosis.known.elsewhere import PLACES, TIMES, Points, level, points_of
+from models.diagnosis.known.elsewhere import OWN_LOAD, PLACES, TIMES, Points, level, points_of
 from models.diagnosis.known.points import spread
 from models.diagnosis.known.record import from_json, to_json
 from models.effects.view import View
@@ -74,7 +74,7 @@ def test_errors_are_as_large_as_near_by() -> None:
 def test_a_run_may_have_another_resistance_at_low_charge_than_the_ones_before() -> None:
     """Alike over an hour of it, and nothing like what another run has of its own."""
     known = known_runs()
-    own = len(PLACES) + TIMES.index("load there, own")
+    own = len(PLACES) + TIMES.index(OWN_LOAD)
     elsewhere = replace(known.elsewhere, variances=np.eye(len(known.elsewhere.variances))[own])
     seen = points_of(View(known.cell, trained(1), SOC, np.arange(100, 110)), 1000, known.cell.domain)
     later = replace(seen, time_s=seen.time_s + 3600.0)
@@ -83,6 +83,7 @@ def test_a_run_may_have_another_resistance_at_low_charge_than_the_ones_before() 
     n = len(seen.time_s)
     np.testing.assert_allclose(whole_V2[:n, n : 2 * n], whole_V2[:n, :n])
     assert not whole_V2[:n, 2 * n :].any() and whole_V2[:n, :n].any()
+    np.testing.assert_allclose(elsewhere.own_load(other), whole_V2[2 * n :, 2 * n :])
 
 
 def test_points_are_spread_over_all_samples() -> None:
@@ -105,7 +106,7 @@ def test_it_survives_as_json_and_a_damaged_one_is_refused() -> None:
 
 def test_a_document_from_before_runs_had_a_load_of_their_own_is_read() -> None:
     known = known_runs()
-    own = len(PLACES) + TIMES.index("load there, own")
+    own = len(PLACES) + TIMES.index(OWN_LOAD)
     document = to_json(known) | {"schema_version": 2, "variances": np.delete(known.elsewhere.variances, own).tolist()}
     variances = from_json(document).elsewhere.variances
     assert variances[own] == 0.0

@@ -5,6 +5,7 @@ import pytest
 
 from models.data.errors import ModelError
 from models.data.resampling import GridRun
+from models.diagnosis.known.elsewhere import OWN_LOAD, PLACES, TIMES
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.trend.answer import growth_Ohm
 from models.diagnosis.trend.choice import around_steps, chosen
@@ -67,6 +68,15 @@ def test_an_end_in_a_pulse_says_less_than_one_of_a_steady_current(whole: KnownRu
 def test_the_step_at_its_start_tells_the_resistance(whole: KnownRuns) -> None:
     state = weighed(seen(whole, discharge(0.9 * CAPACITY_AH, grown_Ohm=0.012), 1.0, 0.005)).state
     assert state.resistance_Ohm[-1] == pytest.approx(FRESH_OHM + 0.012, rel=0.15)
+
+
+def test_the_step_tells_the_resistance_that_a_run_has_of_its_own_too(whole: KnownRuns) -> None:
+    """A cell whose runs differ in their load at each state of charge: what the step shows is still its resistance."""
+    variances = whole.elsewhere.variances.copy()
+    variances[len(PLACES) + TIMES.index(OWN_LOAD)] = 1e4
+    odd = replace(whole, elsewhere=replace(whole.elsewhere, variances=variances))
+    state = weighed(seen(odd, discharge(0.9 * CAPACITY_AH, grown_Ohm=0.012), 1.0, 0.005)).state
+    assert state.resistance_Ohm[-1] == pytest.approx(FRESH_OHM + 0.012, rel=0.05)
 
 
 def test_ohms_that_are_the_same_everywhere_are_told_where_the_current_never_steps(whole: KnownRuns) -> None:
