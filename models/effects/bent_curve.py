@@ -26,7 +26,7 @@ _UNLIKE_SOC = 0.03
 # Nearer to empty and full than this many of these they are less unlike: a potential that is steep holds them together.
 _TOGETHER = 3.0
 # Nearer to empty a curve is as it is here: where a cell is empty under load is not where it is at rest, and all is
-# steep. Of 41 simulated cells 29 are told within a fifth with 0.1, 26 with 0.06 and 27 with 0.15.
+# steep. Of 41 simulated cells 27 were told within a fifth with 0.1, 26 with 0.06 and 25 with 0.15.
 _EMPTY_SOC = 0.1
 # Time constant, s, of the current that surfaces are ahead by: of 120 simulated cells 600 s named 97, 300 s 99.
 _SLOW_S = 300.0
