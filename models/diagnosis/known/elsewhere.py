@@ -129,12 +129,11 @@ class Elsewhere:
         whole = np.tensordot(self.variances[len(PLACES) :], parts, axes=1) * np.outer(level, level)
         return whole + self.own_V2 * times[1] + self.noise_V2 * np.eye(len(whole))
 
-    def own_load(self, points: Points) -> FloatArray:
-        """(n, n) covariance in V^2 of what one run, whose points these all are, has of its own of the load."""
-        level = self._level(points)
+    def own_load(self, a: Points, b: Points) -> FloatArray:
+        """(n, m) covariance in V^2 of what one run, whose points all of these are, has of its own of the load."""
         variance = self.variances[len(PLACES) + TIMES.index(OWN_LOAD)]
-        alike = _places(points, points, self.rate_scale)[PLACES.index("load there")]
-        return variance * alike * np.outer(level, level)
+        alike = _places(a, b, self.rate_scale)[PLACES.index("load there")]
+        return variance * alike * np.outer(self._level(a), self._level(b))
 
     def _places(self, a: Points, b: Points) -> FloatArray:
         return np.tensordot(self.variances[: len(PLACES)], _places(a, b, self.rate_scale), axes=1)

@@ -190,10 +190,11 @@ def _elsewhere(
     The error of a resistance is that one sample after a step less that without it, with what the run has of its own.
     """
     m, n, elsewhere = len(points.soc), len(NODES), given.known.elsewhere
-    both = Points.joined([points, step_points(cell, given.steps)])
+    stepped = step_points(cell, given.steps)
+    both = Points.joined([points, stepped])
     mean, whole = elsewhere.conditional(both)
     turn = np.hstack([np.eye(n), -np.eye(n)]) / given.steps.current_A
-    steps = whole[m:] + elsewhere.own_load(both)[m:]
+    steps = whole[m:] + elsewhere.own_load(stepped, both)
     variance = np.einsum("ni,ij,nj->n", turn, steps[:, m:], turn)
     return mean[:m], whole[:m, :m] + elsewhere.in_time(points), turn @ mean[m:], variance, turn @ steps[:, :m]
 

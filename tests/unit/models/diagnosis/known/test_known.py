@@ -83,7 +83,7 @@ def test_a_run_may_have_another_resistance_at_low_charge_than_the_ones_before() 
     n = len(seen.time_s)
     np.testing.assert_allclose(whole_V2[:n, n : 2 * n], whole_V2[:n, :n])
     assert not whole_V2[:n, 2 * n :].any() and whole_V2[:n, :n].any()
-    np.testing.assert_allclose(elsewhere.own_load(other), whole_V2[2 * n :, 2 * n :])
+    np.testing.assert_allclose(elsewhere.own_load(other, other), whole_V2[2 * n :, 2 * n :])
 
 
 def test_points_are_spread_over_all_samples() -> None:
