@@ -39,9 +39,10 @@ _LEAST_WINDOW, _MOST_EMPTY = 0.25, 0.3
 _FILLINGS, _FAR_V = (0.0, 1.1), 5.0
 # By how much a filling, empty or full, is usually another one, where a flat curve does not tell.
 _UNUSUAL = 0.2
-# Where a search begins, in SoC per C-rate, and the evaluations that it has.
+# Where a search begins: lead of the surfaces in SoC per C-rate, and filling of an empty negative electrode; and the
+# evaluations that it has.
 _STARTS, _EVALUATIONS = ((0.02, 0.03), (0.12, 0.03), (0.05, 0.2)), 40
-# Pairs whose cost is that much above the best one's are not looked for a second time.
+# Pairs whose cost is that much above the best one's are not looked for again.
 _HOPELESS = 250.0
 
 # States of charge, voltages and currents over the capacity, 1/h.
@@ -167,7 +168,7 @@ class _Cell:
 
 
 def _matched(cell: _Cell, negative: str, positive: str, lead: float, x_empty: float) -> Match:
-    """The best match of a pair, looked for from a lead of the surfaces on."""
+    """The best match of a pair, looked for from a lead of the surfaces and a filling of the empty negative one on."""
     # Lazy: 100 ms that only a diagnosis of a lithium cell needs.
     from scipy.optimize import least_squares
 

@@ -29,7 +29,8 @@ _GOOD_V, _NONE_V = 0.004, 1.0
 # One that is off by less than this over so much of the state of charge is hardly by chance: of 18 simulated cells of
 # PyBaMM the right pairs are off by 0.5 to 3.5 mV.
 _SURE_V, _SURE_SOC, _SURE_CHANCE = 0.0037, 0.8, 0.7
-# No cell has larger electrodes than these over its own capacity; a small part of a curve makes many others.
+# No cell has larger electrodes than these over its own capacity (the largest negative one of those whose curves are
+# here has 1.6, Kim et al. 2011); a small part of a curve makes many others.
 _LARGEST_N, _LARGEST_P = 1.7, 2.6
 # How far a right pair is off is not known: the likelihood of each is a power of its cost, by the independent points of
 # a curve (Jeffreys' prior for the scale), above a cost that noise alone makes; and the least probability looked at.
