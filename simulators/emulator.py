@@ -250,12 +250,14 @@ async def _run(
     battery: Battery, settings: EmulatorSettings, publish: Callable[[], None], wake_up: WakeUp, pace: PaceReport
 ) -> None:
     period_s = 1.0 / settings.rate_Hz
+    due = math.inf if settings.seconds is None else math.ceil(settings.seconds * settings.rate_Hz - 1e-9)
     start_s, tick = time.monotonic(), 0
-    while settings.seconds is None or tick * period_s < settings.seconds:
+    while tick < due:
         tick += 1
         await wake_up.until(start_s + tick * period_s)
         late_s = time.monotonic() - start_s - tick * period_s
-        skipped = int(late_s / period_s)  # time does not stand still: the step is longer then
+        # Time does not stand still: the step is longer then, but never past the end that was asked for.
+        skipped = int(min(late_s / period_s, due - tick))
         battery.advance((1 + skipped) * period_s)
         publish()
         tick += skipped

@@ -18,7 +18,7 @@ from drivers.register_map import MAPS
 from simulators.can_bus import CanBusSettings
 from simulators.catalogue import cell_type
 from simulators.cell import Cell
-from simulators.emulator import Battery, EmulatorSettings, serve_battery
+from simulators.emulator import Battery, EmulatorSettings, PaceReport, _run, serve_battery
 from tests.patience import PATIENCE_S
 from tests.unit.models import hand_network
 
@@ -63,6 +63,20 @@ async def test_over_modbus_tcp():
     client.close()
     pace = await task
     assert pace.ticks + pace.missed == 200
+
+
+async def test_a_last_tick_that_comes_late_does_not_count_past_the_end():
+    pace = PaceReport()
+
+    class Late:
+        """A clock that wakes up 80 ms late, eight ticks, every time."""
+
+        async def until(self, due_s):
+            await asyncio.sleep(max(0.0, due_s + 0.08 - time.monotonic()))
+
+    await _run(Battery(nmc()), EmulatorSettings(seconds=0.2), lambda: None, Late(), pace)
+    assert pace.ticks + pace.missed == 20
+    assert pace.missed >= 16
 
 
 async def test_over_can():
