@@ -64,6 +64,8 @@ class Expected:
     learned : whether a little of it may be new in any run, by as much as the training runs show; not where another
         effect looks much like it, which stands for both wherever effects are not weighed against each other
     heat_shares : shares of its loss that may warm the cell, equally likely; none: all of it where it is a loss inside
+    unseen : view -> shapes as they might have been in a run in which `forms` finds none, to say what would have shown
+    found_from : view -> smallest size of its first figure that `forms` finds in such a run, nine times in ten
     """
 
     forms: Callable[[View], tuple[Form, ...]] | None = None
@@ -76,6 +78,8 @@ class Expected:
     granted: Callable[[View], float] | None = None
     learned: bool = True
     heat_shares: tuple[float, ...] = ()
+    unseen: Callable[[View], tuple[Form, ...]] | None = None
+    found_from: Callable[[View], float] | None = None
 
 
 def one_form(columns: FloatArray, name: str, unit: str, weight: float) -> tuple[Form, ...]:

@@ -15,12 +15,12 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.likelihood.background import Background, Weighed
 from models.diagnosis.likelihood.granted import granted
-from models.diagnosis.likelihood.power import Power, change_at, first_direction, smallest_shown
+from models.diagnosis.likelihood.power import Power, power_of
 from models.diagnosis.likelihood.shapes import Moving, shapes_of
 from models.diagnosis.likelihood.sight import Sight, background, look
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried, together, try_shapes
-from models.diagnosis.likelihood.verdict import Verdict, chances_of, judge, prior_alone
+from models.diagnosis.likelihood.verdict import Verdict, chances_of, judge
 from models.effects import Effect
 from models.effects.half_cells import half_cells
 from models.effects.view import View
@@ -36,6 +36,7 @@ class Analysis:
     tried : every effect that they can show
     verdict : probabilities
     untold : effects that they may have, but do not tell from what any cell does: none of them is claimed
+    absent : effects of which nothing can be in these runs
     """
 
     sight: Sight
@@ -43,6 +44,7 @@ class Analysis:
     tried: tuple[Tried, ...]
     verdict: Verdict
     untold: tuple[Tried, ...] = ()
+    absent: tuple[Effect, ...] = ()
 
     @cached_property
     def named(self) -> tuple[Tried, ...]:
@@ -198,15 +200,7 @@ class Analysis:
     @cached_property
     def power(self) -> list[Power]:
         """Each effect with the smallest size that would have been seen."""
-        found = []
-        for each, prior in zip(self.tried, prior_alone(list(self.tried)).tolist(), strict=True):
-            size = smallest_shown(self.back, each, prior, self.explained)
-            shown = change_at(each, size) if np.isfinite(size) else np.full(len(self.back.error), np.inf)
-            volts, kelvins = np.split(shown, [self.sight.n_voltage])
-            rms_K = float(np.sqrt(np.mean(kelvins**2))) if len(kelvins) else None
-            rms_V = float(np.sqrt(np.mean(volts**2)))
-            found.append(Power(each, size, first_direction(each)[2], rms_V, rms_K))
-        return found
+        return power_of(self.sight, self.back, self.tried, self.absent, self.explained)
 
     @property
     def hides_best(self) -> tuple[str, ...]:
@@ -281,7 +275,8 @@ def _held(sight: Sight, soc_std: list[float] | None, effects: list[Effect]) -> A
     told = [each.effect.tells(views) for each in every]
     tried = [each for each, own in zip(every, told, strict=True) if own]
     untold = tuple(each for each, own in zip(every, told, strict=True) if not own)
-    return Analysis(sight, back, tuple(tried), judge(back, tried, sight.n_voltage), untold)
+    absent = tuple(one for one in effects if one.name not in shapes)
+    return Analysis(sight, back, tuple(tried), judge(back, tried, sight.n_voltage), untold, absent)
 
 
 def _moved_soc(analysis: Analysis) -> Callable[[View], FloatArray] | None:

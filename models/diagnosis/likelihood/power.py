@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,12 @@ from scipy.special import ndtri
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background, log_sum
-from models.diagnosis.likelihood.shapes import Moving
+from models.diagnosis.likelihood.shapes import Moving, unseen_shapes
+from models.diagnosis.likelihood.sight import Sight
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.tried import Tried
+from models.diagnosis.likelihood.tried import Tried, try_shapes
+from models.diagnosis.likelihood.verdict import prior_alone
+from models.effects import Effect
 
 # Sizes, in units of the usual one, that are looked through.
 _SEARCH, _CLOSE = (1e-3, 1e3), 0.02
@@ -80,6 +84,34 @@ def smallest_shown(back: Background, tried: Tried, prior: float, explained: Floa
             for sign, each in ((1.0, up), (-1.0, down))
         )
     return max(up, down)
+
+
+def power_of(
+    sight: Sight, back: Background, tried: Sequence[Tried], absent: Sequence[Effect], explained: FloatArray
+) -> list[Power]:
+    """Each effect with the smallest size that would have been seen.
+
+    Parameters
+    ----------
+    sight, back : the runs, their error, and its covariance
+    tried : effects
+    absent : effects that have no shape in these runs: those are asked about that might have had one
+    explained : (N,) part of the error that another effect is named for
+    """
+    might = [(one, unseen_shapes(sight, one)) for one in absent]
+    every = [*tried, *(try_shapes(back, one, shapes) for one, shapes in might if shapes)]
+    found = []
+    priors = [*prior_alone(list(tried)), *prior_alone(every)[len(tried) :]]
+    for each, prior in zip(every, priors, strict=True):
+        size = smallest_shown(back, each, float(prior), explained)
+        if each.effect.expected.found_from is not None:
+            size = max(size, min(each.effect.expected.found_from(run.points) for run in sight.runs))
+        shown = change_at(each, size) if np.isfinite(size) else np.full(len(back.error), np.inf)
+        volts, kelvins = np.split(shown, [sight.n_voltage])
+        rms_K = float(np.sqrt(np.mean(kelvins**2))) if len(kelvins) else None
+        rms_V = float(np.sqrt(np.mean(volts**2)))
+        found.append(Power(each, size, first_direction(each)[2], rms_V, rms_K))
+    return found
 
 
 def _along(back: Background, tried: Tried, column: FloatArray, prior: float, explained: FloatArray) -> float:

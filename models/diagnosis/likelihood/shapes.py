@@ -12,7 +12,7 @@ from models.diagnosis.likelihood.sight import RunSight, Sight
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.effects import Effect, effect
 from models.effects.effect import Shift, Warmth
-from models.effects.expected import Told
+from models.effects.expected import Form, Told
 from models.effects.reading import Reading
 from models.effects.view import View
 
@@ -86,7 +86,7 @@ def shapes_of(sight: Sight, one: Effect) -> tuple[Linear | Moving, ...]:
     if one.needs_temperature and not _moves(sight):
         return ()
     if expected.forms is not None:
-        return tuple(each for each in _linear(sight, one) if each.columns.any())
+        return tuple(each for each in _linear(sight, one, expected.forms) if each.columns.any())
     if expected.width is not None and one.shift is not None:
         width = expected.width(sight.runs[0].points)
         moving = [_shifted(sight, one, each, width) for each in (one.shift, *one.or_shifts)]
@@ -124,12 +124,17 @@ def _moves(sight: Sight) -> bool:
     return not np.isnan(degC).any() and float(np.ptp(degC)) >= _LEAST_SPAN_K
 
 
-def _linear(sight: Sight, one: Effect) -> tuple[Linear, ...]:
-    assert one.expected.forms is not None
+def unseen_shapes(sight: Sight, one: Effect) -> tuple[Linear, ...]:
+    """Shapes that an effect might have had in runs in which it is not found; none where nobody can say."""
+    forms = one.expected.unseen
+    return () if forms is None else tuple(each for each in _linear(sight, one, forms) if each.columns.any())
+
+
+def _linear(sight: Sight, one: Effect, forms_of: Callable[[View], tuple[Form, ...]]) -> tuple[Linear, ...]:
     shares = one.expected.heat_shares or (float(one.overpotential),)
     shares = shares if any(run.warm is not None for run in sight.runs) else (0.0,)
     heats = any(shares)
-    found = [one.expected.forms(run.every if heats else run.points) for run in sight.runs]
+    found = [forms_of(run.every if heats else run.points) for run in sight.runs]
     out = []
     for number, forms in enumerate(zip(*found, strict=True)):
         volts, kelvins = [], []

@@ -7,7 +7,7 @@ import pytest
 
 from models.data.timeseries import FloatArray
 from models.effects import effect
-from models.effects.contact_intervals import bad_contact
+from models.effects.contact_intervals import bad_contact, smallest_found_Ohm
 from models.effects.view import View
 from tests.unit.models.effects.linear_cell import LinearCell, linear_view
 
@@ -79,3 +79,32 @@ def test_its_column_is_the_current_while_it_is_bad() -> None:
 def test_a_short_run_has_none() -> None:
     short = linear_view(LinearCell(), n=100)
     assert not bad_contact(short).any()
+
+
+@pytest.mark.parametrize("steady", [False, True])
+def test_the_stated_size_is_found_and_half_of_it_is_not(steady: bool) -> None:
+    def share_found(factor: float) -> float:
+        found = []
+        for seed in range(20, 30):
+            ohm = factor * smallest_found_Ohm(view(lambda current: 0.0 * current, seed, steady=steady), [BAD])
+            found.append(bad_contact(view(lambda current, r=ohm: r * current * BAD, seed, steady=steady)).any())
+        return float(np.mean(found))
+
+    assert share_found(1.1) >= 0.8
+    assert share_found(0.5) <= 0.2
+
+
+def test_a_contact_that_never_comes_or_goes_is_found_at_no_size() -> None:
+    one = view(lambda current: 0.0 * current)
+    assert smallest_found_Ohm(one, [np.zeros(N, dtype=bool)]) == np.inf
+    unmeasured = replace(one, run=replace(one.run, measured=np.arange(N) < 8))
+    assert smallest_found_Ohm(unmeasured, [BAD]) == np.inf
+
+
+def test_where_none_is_found_one_might_have_been_for_some_minutes() -> None:
+    expected = effect("intermittent_contact").expected
+    assert expected.forms is not None and expected.unseen is not None and expected.found_from is not None
+    one = view(lambda current: 0.0 * current)
+    assert not expected.forms(one)[0].columns.any()
+    assert 0.3 < np.mean(expected.unseen(one)[0].columns[one.run.current_A != 0.0] != 0.0) < 0.7
+    assert 0.0 < expected.found_from(one) < 0.1

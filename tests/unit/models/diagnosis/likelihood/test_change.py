@@ -192,6 +192,8 @@ def test_a_log_may_begin_anywhere(memory: KnownRuns) -> None:
         # A volt more is a volt more, everywhere.
         offset = shown["voltage_offset"]
         assert offset["rms_mV"] == pytest.approx(1e3 * offset["size"])
+        # A contact that was bad now and then would have been found from some size on.
+        assert 0.0 < shown["intermittent_contact"]["size"] < 0.1
 
 
 def test_a_wrong_temperature_reading_is_seen_in_the_temperature(memory: KnownRuns) -> None:
