@@ -78,6 +78,15 @@ def test_a_cell_is_followed_from_its_runs_to_its_end(open_page: OpenPage, addres
     rows = form.locator("tbody tr")
     expect(rows).to_have_count(len(_CYCLES))
     assert [row.split("\t")[1] for row in rows.all_inner_texts()] == [f"cycle {number}" for number in _CYCLES]
+    cycles = [form.get_by_label(f"Cycle of cycle {number}", exact=True) for number in _CYCLES]
+    assert [each.input_value() for each in cycles] == [str(number) for number in _CYCLES]
+    cycles[1].fill("30")
+    form.get_by_role("button", name="Follow the cell").click()
+    expect(form.get_by_role("alert")).to_contain_text("cycle 10 has cycle 10, below that of the run before it")
+    cycles[1].fill("")
+    form.get_by_role("button", name="Follow the cell").click()
+    expect(form.get_by_role("alert")).to_contain_text("cycle 1 has no cycle")
+    cycles[1].fill("1")
     form.get_by_label("End of life / %").fill("90")
     form.get_by_role("button", name="Follow the cell").click()
     page.wait_for_function("() => document.body.dataset.drawn === '1'", timeout=1000 * LONG_S)
@@ -92,6 +101,7 @@ def test_a_cell_is_followed_from_its_runs_to_its_end(open_page: OpenPage, addres
         ".series.find((each) => each.name === 'capacity').data"
     )
     assert drawn[-1][1] == pytest.approx(0.8 * CAPACITY_AH, rel=0.06)
+    assert [at for at, _ in drawn] == list(_CYCLES)
 
     table = httpx.get(address + str(life.get_by_role("link", name="Export as CSV").get_attribute("href"))).text
     written = list(csv.DictReader(io.StringIO(table)))

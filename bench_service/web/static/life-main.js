@@ -14,6 +14,19 @@ const place = (id) => document.getElementById(id);
 const inOrder = (runs) => [...runs].reverse();
 const nameOf = (run) => run.label ?? run.name ?? `run ${run.id.slice(0, 8)}`;
 
+/** The cycle that a run's name tells, "" where it tells none. */
+const cycleIn = (name) => name.match(/cyc(?:le)?[\s_#-]*0*(\d+)/i)?.[1] ?? "";
+
+/** Where the chosen runs lie along the life: `{ at, unit }`, `{}` where they are counted, or `{ wrong }` in words. */
+function along(chosen) {
+  const told = chosen.filter(({ cycle }) => cycle !== "");
+  if (!told.length) return {};
+  if (told.length < chosen.length) return { wrong: `${chosen.find(({ cycle }) => cycle === "").name} has no cycle: give one to every chosen run, or to none.` };
+  const back = chosen.find(({ cycle }, k) => k > 0 && Number(cycle) < Number(chosen[k - 1].cycle));
+  if (back) return { wrong: `${back.name} has cycle ${back.cycle}, below that of the run before it: cycles never fall, the oldest run is the first.` };
+  return { at: chosen.map(({ cycle }) => Number(cycle)), unit: "cycle" };
+}
+
 async function choose() {
   // `?cell=C7`: its runs alone; its own models come first.
   const cellId = new URLSearchParams(location.search).get("cell") ?? undefined;
@@ -27,25 +40,30 @@ async function choose() {
   const model = el("select", { id: "life-model" }, models.map((each) => el("option", { value: each.id, text: each.name })));
   const end = el("input", { id: "life-end", type: "number", min: 1, max: 99, step: 1, value: 80, required: true });
   const boxes = runs.map((run) => el("input", { type: "checkbox", value: run.id, checked: true, "aria-label": `Follow ${nameOf(run)}` }));
+  const told = runs.map((run) => cycleIn(nameOf(run)));
+  // Where only some names tell a cycle, or they fall, the person says it, or the runs are counted.
+  const usable = told.every((each, k) => each !== "" && (k === 0 || Number(each) >= Number(told[k - 1])));
+  const cycles = runs.map((run, k) => el("input", { type: "number", min: 0, step: "any", value: usable ? told[k] : "", class: "life-cycle", "aria-label": `Cycle of ${nameOf(run)}` }));
   const start = el("button", { class: "primary", type: "submit", text: "Follow the cell" });
   const form = el("form", { class: "life-form", "aria-label": "Choose model and runs" },
     el("div", { class: "life-fields" },
       el("label", { class: "field", for: "life-model" }, el("span", { text: "Model of the cell as it was" }), model),
       el("label", { class: "field", for: "life-end" }, el("span", { text: "End of life / %" }), end)),
     el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Runs, the oldest first" }, el("table", {},
-      el("thead", {}, el("tr", {}, ["Follow", "Run, the oldest first", "SoC at the start"].map((text) => el("th", { scope: "col", text })))),
-      el("tbody", {}, runs.map((run, k) => el("tr", {}, el("td", {}, boxes[k]), el("td", { text: nameOf(run) }), el("td", { text: Number.isFinite(run.initial_soc) ? run.initial_soc.toFixed(2) : "–" })))))),
+      el("thead", {}, el("tr", {}, ["Follow", "Run, the oldest first", "Cycle", "SoC at the start"].map((text) => el("th", { scope: "col", text })))),
+      el("tbody", {}, runs.map((run, k) => el("tr", {}, el("td", {}, boxes[k]), el("td", { text: nameOf(run) }), el("td", {}, cycles[k]), el("td", { text: Number.isFinite(run.initial_soc) ? run.initial_soc.toFixed(2) : "–" })))))),
     el("div", { class: "form-end" }, start, message));
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
-    const chosen = boxes.filter((box) => box.checked).map((box) => box.value);
-    setText(message, chosen.length ? "" : "Choose at least one run.");
-    if (!chosen.length) return;
+    const chosen = runs.map((run, k) => ({ id: run.id, name: nameOf(run), cycle: cycles[k].value, kept: boxes[k].checked })).filter(({ kept }) => kept);
+    const { wrong = chosen.length ? "" : "Choose at least one run.", ...places } = along(chosen);
+    setText(message, wrong);
+    if (wrong) return;
     start.disabled = true;
     const busy = busyBox("Following the cell");
     form.append(busy.node);
     try {
-      const job = await api.trend({ model_id: model.value, run_ids: chosen, end: Number(end.value) / 100 });
+      const job = await api.trend({ model_id: model.value, run_ids: chosen.map(({ id }) => id), ...places, end: Number(end.value) / 100 });
       show(await follow(job, busy.update), job.id, new Map(runs.map((run) => [run.id, nameOf(run)])));
     } catch (error) {
       setText(message, error.message);
