@@ -32,14 +32,15 @@ from tests.unit.models.hand_network import CAPACITY_AH
 pytestmark = [pytest.mark.needs_program("chromium"), pytest.mark.timeout(2 * LONG_S)]
 
 _CYCLES = (0, 1, 10, 15, 20)
+_STORED = (10, 0, 1, 20, 15)
 
 
 def _store(data_dir: Path) -> None:
-    """Cycles of a cell that loses 1 % a cycle, the oldest first."""
+    """Cycles of a cell that loses 1 % a cycle, stored in no order of theirs."""
     limits = {"voltage_V": [2.5, 4.2], "current_A": [-10.0, 10.0], "temperature_degC": [0.0, 60.0], "soc": [0, 1]}
     with closing(MetadataStore.open(data_dir)) as store, closing(SampleWriter.open(data_dir)) as writer:
         profile = store.profiles.add("swing", np.array([0.0, 1.0]), np.array([0.0, 0.0]))
-        for number in _CYCLES:
+        for number in _STORED:
             made = cycle(number)
             n = len(made.time_s)
             columns = {column.name: np.zeros(n, column.numpy) for column in STREAMS[SAMPLES]} | {

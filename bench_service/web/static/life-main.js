@@ -10,12 +10,18 @@ import { State } from "./state.js";
 
 const place = (id) => document.getElementById(id);
 
-/** The oldest first: that is the order of a life. */
-const inOrder = (runs) => [...runs].reverse();
 const nameOf = (run) => run.label ?? run.name ?? `run ${run.id.slice(0, 8)}`;
 
 /** The cycle that a run's name tells, "" where it tells none. */
 const cycleIn = (name) => name.match(/cyc(?:le)?[\s_#-]*0*(\d+)/i)?.[1] ?? "";
+
+/** The oldest first: by the cycles that all names tell, whenever they were imported; else by when they were stored. */
+function inOrder(runs) {
+  const stored = [...runs].reverse().map((run) => ({ run, cycle: cycleIn(nameOf(run)) }));
+  const known = stored.every(({ cycle }) => cycle !== "");
+  if (known) stored.sort((a, b) => Number(a.cycle) - Number(b.cycle));
+  return { runs: stored.map(({ run }) => run), told: stored.map(({ cycle }) => (known ? cycle : "")) };
+}
 
 /** Where the chosen runs lie along the life: `{ at, unit }`, `{}` where they are counted, or `{ wrong }` in words. */
 function along(chosen) {
@@ -34,16 +40,13 @@ async function choose() {
   if (cell) setText(place("life-choose-title"), `Follow ${cellName(cell)}`);
   const [all, found] = await Promise.all([api.models(), api.runs({ limit: 1000, cell_id: cell?.id })]);
   const models = cell ? [...all.filter((each) => each.cell_id === cell.id), ...all.filter((each) => each.cell_id !== cell.id)] : all;
-  const runs = inOrder(found.filter((run) => run.state === "completed"));
+  const { runs, told } = inOrder(found.filter((run) => run.state === "completed"));
   if (!models.length || !runs.length) return place("life-choose").replaceChildren(el("p", { class: "empty", text: "A model of the cell as it was is needed, and runs that have ended." }));
   const message = el("p", { class: "form-message", role: "alert" });
   const model = el("select", { id: "life-model" }, models.map((each) => el("option", { value: each.id, text: each.name })));
   const end = el("input", { id: "life-end", type: "number", min: 1, max: 99, step: 1, value: 80, required: true });
   const boxes = runs.map((run) => el("input", { type: "checkbox", value: run.id, checked: true, "aria-label": `Follow ${nameOf(run)}` }));
-  const told = runs.map((run) => cycleIn(nameOf(run)));
-  // Where only some names tell a cycle, or they fall, the person says it, or the runs are counted.
-  const usable = told.every((each, k) => each !== "" && (k === 0 || Number(each) >= Number(told[k - 1])));
-  const cycles = runs.map((run, k) => el("input", { type: "number", min: 0, step: "any", value: usable ? told[k] : "", class: "life-cycle", "aria-label": `Cycle of ${nameOf(run)}` }));
+  const cycles = runs.map((run, k) => el("input", { type: "number", min: 0, step: "any", value: told[k], class: "life-cycle", "aria-label": `Cycle of ${nameOf(run)}` }));
   const start = el("button", { class: "primary", type: "submit", text: "Follow the cell" });
   const form = el("form", { class: "life-form", "aria-label": "Choose model and runs" },
     el("div", { class: "life-fields" },
