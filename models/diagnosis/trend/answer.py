@@ -17,6 +17,7 @@ from models.diagnosis.reference.record import Record
 from models.diagnosis.trend.estimate import Weighed
 from models.diagnosis.trend.loss.origin import Origin, origin_of
 from models.diagnosis.trend.prior import aged
+from models.diagnosis.trend.series import likeliest_set
 from models.diagnosis.trend.settings import SETTINGS
 from models.diagnosis.trend.weights import latent
 from models.diagnosis.trend.weights.sizes import CAPACITY, CHANGES, CURVE, EVERY, RESISTANCE, Changes
@@ -64,7 +65,7 @@ def answer(
     by_way : (ways + 1,) probability of each way to lose the capacity by the whole series, last of none that is known
     beside : other runs at the same place of the series
     """
-    changes = EVERY[int(np.argmax(by_set))]
+    changes = likeliest_set(by_set)
     own = weighed.chances
     unknown = borne_out and own.unknown > max([own.nothing, *own.of.values()])
     if unknown or not borne_out:
@@ -72,6 +73,10 @@ def answer(
     remarks = []
     if not borne_out and own.nothing < SETTINGS.claim:
         remarks.append("alone this run would say more than nothing; among so many, one that does is expected by chance")
+    if changes:
+        open_ones = [each for each in EVERY[int(np.argmax(by_set))] if each not in changes]
+        names = [(effect_of(each).replace("_", " "), _there(by_set, each)) for each in open_ones]
+        remarks += [f"{name} may have come as well, with {100.0 * chance:.0f} %" for name, chance in names]
     origin = origin_of(weighed, changes, by_way, beside)
     findings, left = _findings(weighed, record, by_set, origin.beside(weighed, changes), origin)
     rivals = findings[0].confounded_with if len(findings) == 1 else ()
@@ -110,7 +115,7 @@ def _findings(
     left = record
     for rank, change in enumerate(order):
         after = left.less([parts[change]])
-        there = sum(float(p) for p, each in zip(by_set, EVERY, strict=True) if change in each)
+        there = _there(by_set, change)
         rivals = tuple(effect_of(each) for each in _rivals(by_set, changes, change))
         values = _values(weighed, found, change)
         figures: dict[str, Any] = {"beside": [named[each] for each in order[:rank]]}
@@ -130,6 +135,11 @@ def _findings(
         findings.append(finding)
         left = after
     return findings, left
+
+
+def _there(by_set: FloatArray, change: str) -> float:
+    """Probability that a change is there, alone or beside others."""
+    return sum(float(p) for p, each in zip(by_set, EVERY, strict=True) if change in each)
 
 
 def _above_empty(record: Record, weighed: Weighed) -> Record:

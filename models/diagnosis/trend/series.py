@@ -20,7 +20,7 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.trend.loss.losses import WAYS
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weights.sizes import CAPACITY, CHANGES, EVERY
+from models.diagnosis.trend.weights.sizes import CAPACITY, CHANGES, EVERY, Changes
 from models.diagnosis.trend.weights.weighing import Chances
 from models.effects.half_cells import half_cells
 
@@ -151,13 +151,32 @@ def ways_of(runs: list[Chances], by_set: FloatArray) -> FloatArray:
     return _passed(seen, moves, prior)
 
 
+def likeliest_set(by_set: FloatArray) -> Changes:
+    """The likeliest set of changes, without those that are hardly likelier to be there beside the others than not.
+
+    Parameters
+    ----------
+    by_set : (sets,) probability of each, in the order of `EVERY`
+    """
+    chance = dict(zip(EVERY, by_set.tolist(), strict=True))
+    found = max(EVERY, key=lambda each: chance[each])
+    while len(found) > 1:
+        without = [tuple(each for each in found if each != change) for change in found]
+        simpler = max(without, key=lambda each: chance[each])
+        if chance[found] >= SETTINGS.beside * chance[simpler]:
+            break
+        found = simpler
+    return found
+
+
 def change_points(runs: list[Chances]) -> list[ChangePoint]:
     """Where each change that lasts to the end began."""
     by_set, out = smoothed(runs), []
+    told = [likeliest_set(each) for each in by_set]
     for change in CHANGES:
         there = by_set @ np.array([float(change in each) for each in EVERY])
-        absent = np.flatnonzero(there < 0.5)
-        first = int(absent[-1]) + 1 if len(absent) else 0
+        absent = [k for k, each in enumerate(told) if change not in each]
+        first = absent[-1] + 1 if absent else 0
         if first == len(runs):
             continue
         # Runs in which it is neither surely absent nor surely there are those between which it began.

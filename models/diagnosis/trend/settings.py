@@ -82,6 +82,8 @@ class Settings:
         resistance that had grown by 45 % in measured cells beside lost capacity was no news
     nothing, unknown : prior probability of nothing new, and of something that none of these changes stands for
     more : of each further change, over the same without it
+    beside : how much likelier than without it a change has to be to be named beside others: a capacity that is off by
+        a thousandth of the true one makes a resistance half as likely again as none
     begins, ends : probability that a change begins, or is gone again, from one run of a series to the next
     other_way : probability that what is lost from one run of a series to the next is lost in another way
     cause : probability of a cause from which on a lost capacity is called by its name
@@ -126,6 +128,7 @@ class Settings:
     nothing: float = 0.5
     unknown: float = 0.02
     more: float = 0.3
+    beside: float = 2.0
     begins: float = 0.05
     ends: float = 0.01
     other_way: float = 0.02

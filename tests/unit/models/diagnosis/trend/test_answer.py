@@ -51,6 +51,14 @@ def test_what_was_found_takes_off_the_error_it_explains(aged: Weighed) -> None:
     assert told.findings[1].evidence["beside"] == ["capacity"]
 
 
+def test_what_is_hardly_likelier_than_not_beside_a_loss_is_said_and_not_named(aged: Weighed) -> None:
+    both = np.where([each == ("capacity", "resistance") for each in EVERY], 0.55, 0.0)
+    both += np.where([each == ("capacity",) for each in EVERY], 0.45, 0.0)
+    told = answer(aged, record_of(aged), both, True, time.perf_counter())
+    assert [each.effect for each in told.findings] == ["capacity"]
+    assert told.remarks == ("resistance growth may have come as well, with 55 %",)
+
+
 def test_a_curve_that_could_be_it_is_named_as_rival(aged: Weighed) -> None:
     both = np.where([each in (("curve",), ("resistance",)) for each in EVERY], 0.48, 0.04 / 6)
     told = answer(aged, record_of(aged), both, True, time.perf_counter())

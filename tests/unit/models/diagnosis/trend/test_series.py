@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.diagnosis.trend.series import change_points, smoothed, ways_of
+from models.diagnosis.trend.series import change_points, likeliest_set, smoothed, ways_of
 from models.diagnosis.trend.weights.sizes import EVERY
 from models.diagnosis.trend.weights.weighing import Chances
 
@@ -43,6 +43,31 @@ def test_a_single_odd_run_does_not_change_the_cell() -> None:
 def test_a_run_that_nothing_explains_says_nothing_of_the_cell() -> None:
     series = [run(("capacity",), 0.9)] * 3 + [run((), 0.0, unknown=0.999)] + [run(("capacity",), 0.9)] * 3
     assert named(series) == [("capacity",)] * 7
+
+
+def chances(**of: float) -> np.ndarray:
+    """Probabilities of sets, their changes joined by underscores."""
+    return np.array([of.get("_".join(each), 0.0) for each in EVERY])
+
+
+def test_a_change_is_named_beside_others_where_it_is_twice_as_likely_as_not() -> None:
+    assert likeliest_set(chances(capacity_resistance=0.6, capacity=0.4)) == ("capacity",)
+    assert likeliest_set(chances(capacity_resistance=0.7, capacity=0.3)) == ("capacity", "resistance")
+    # Which of two it is may be open where it is sure that one is there.
+    either = chances(capacity_resistance=0.5, capacity_curve=0.4, capacity=0.1)
+    assert likeliest_set(either) == ("capacity", "resistance")
+    every = chances(capacity_resistance_curve=0.4, capacity_resistance=0.3, capacity=0.3)
+    assert likeliest_set(every) == ("capacity",)
+    assert likeliest_set(chances(capacity=0.45, resistance=0.3)) == ("capacity",)
+
+
+def test_a_change_that_is_hardly_likelier_than_not_has_not_begun() -> None:
+    hardly = replace(
+        run(("capacity", "resistance"), 0.5), of=run(("capacity", "resistance"), 0.5).of | {("capacity",): 0.4}
+    )
+    first = [run(("capacity",), 0.95)] * 3
+    assert [each.change for each in change_points([*first, hardly])] == ["capacity"]
+    assert len(change_points([*first, *[run(("capacity", "resistance"), 0.95)] * 3])) == 2
 
 
 def test_a_change_point_lies_where_a_change_begins() -> None:
