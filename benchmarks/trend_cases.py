@@ -1,11 +1,12 @@
 """A cell's life from ordinary CC-CV cycles of cells outside of the models' class: what is named, and how often falsely.
 
-``python benchmarks/trend_cases.py [--families particle,spread] [--cells 6] [--seed 0] [--json]``
+``python benchmarks/trend_cases.py [--families particle,spread] [--cells 6] [--seed 0] [--two-stage] [--json]``
 
 Of each cell (all constants random, see `foreign_cells`) two fresh cycles make what is known of it; then a life of
 seven cycles is followed as one series, each cycle as two files, a charge and a discharge: two fresh ones, three with
 one kind of change that grows, or both, or none. Full is the end of a charge that held its voltage, empty the end of a
-discharge, whatever has changed.
+discharge, whatever has changed. With `--two-stage` a charge goes on with less current from some voltage below the end
+on, and holds the end's voltage last.
 """
 
 import argparse
@@ -25,14 +26,15 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.likelihood.learning import know
 from models.diagnosis.trend.alarms import claimed
 from models.diagnosis.trend.estimate import seen, weighed
-from models.diagnosis.trend.series import agreed, smoothed, together
+from models.diagnosis.trend.series import agreed, likeliest_set, smoothed, together
 from models.diagnosis.trend.settings import SETTINGS
-from models.diagnosis.trend.weights.sizes import EVERY
 from models.diagnosis.trend.weights.weighing import Chances
 from models.effects import effects
 from models.identification.bounded.variants import Variant
 
 _RATE, _TAPER, _REST_S, _LONGEST_S = 1.0, 0.05, 60, 9000
+# The second stage of a charge: from so far below its end on, and its current over that of the first.
+_STAGE_V, _STAGE = 0.08, 0.4
 # Change of each of the seven cycles, in units where 1 is large.
 _GROWS = (0.0, 0.0, 0.5, 0.5, 1.0, 1.0, 1.3)
 LIVES = {
@@ -47,19 +49,28 @@ _SIZE = {"capacity": 1.0, "series_resistance": 2.0}
 
 @dataclass(frozen=True)
 class Window:
-    """How a cell is cycled: voltages at which charge and discharge end, and the largest current, as it ages, too."""
+    """How a cell is cycled, as it ages, too.
+
+    Attributes
+    ----------
+    low_V, high_V : at which discharge and charge end
+    most_A : largest current
+    stage_V : from which on a charge goes on with the current of its second stage; infinite: there is none
+    """
 
     low_V: float
     high_V: float
     most_A: float
+    stage_V: float = np.inf
 
 
-def window_of(rig: Rig) -> Window:
+def window_of(rig: Rig, two_stage: bool = False) -> Window:
     """Voltages of the fresh cell at rest, nearly empty and nearly full, with room for the load."""
     low, high = (
         TRUTHS[rig.family].make(rig.constants, soc, rig.ambient_degC).step(0.0, 0.0)[0] for soc in (0.04, 0.985)
     )
-    return Window(float(low) - 0.1, float(high), _RATE * rig.constants.capacity_Ah)
+    stage_V = float(high) - _STAGE_V if two_stage else np.inf
+    return Window(float(low) - 0.1, float(high), _RATE * rig.constants.capacity_Ah, stage_V)
 
 
 def cycle(rig: Rig, window: Window, seed: int) -> list[TimeSeries]:
@@ -86,9 +97,11 @@ def _charged(cell: Any, window: Window) -> FloatArray:
     for _ in range(_LONGEST_S):
         volts, degC = cell.step(current_A, 1.0)[:2]
         rows.append([current_A, volts, degC])
-        if volts >= window.high_V - 1e-3 or current_A < most_A:
+        if volts >= window.stage_V and most_A == window.most_A:
+            most_A = current_A = _STAGE * window.most_A
+        elif volts >= window.high_V - 1e-3 or current_A < most_A:
             current_A = float(np.clip(current_A + 0.3 * (window.high_V - volts) / slope_Ohm, 0.0, most_A))
-            if current_A < _TAPER * most_A:
+            if current_A < _TAPER * window.most_A:
                 break
     return np.array(rows)
 
@@ -145,7 +158,7 @@ def follow(known: KnownRuns, rig: Rig, window: Window, life: str, seed: int) -> 
     by_set = smoothed(told)[which]
     said = claimed(np.array([each.nothing for each in told]), SETTINGS.nothing, SETTINGS.alarms)[which]
     for row, chance, claim in zip(rows, by_set, said, strict=True):
-        row["named"] = list(EVERY[int(np.argmax(chance))]) if claim else []
+        row["named"] = list(likeliest_set(chance)) if claim else []
     return rows
 
 
@@ -176,6 +189,7 @@ def main() -> None:
     parser.add_argument("--families", default="particle,spread")
     parser.add_argument("--cells", type=int, default=6)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--two-stage", action="store_true", help="charges of two currents")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     out = {}
@@ -185,7 +199,7 @@ def main() -> None:
             for number in range(options.cells):
                 seed = options.seed + number
                 rig = replace(random_rig(family, np.random.default_rng([seed, len(family)])), swing_K=0.0)
-                window = window_of(rig)
+                window = window_of(rig, options.two_stage)
                 known, _ = known_of(rig, window, seed)
                 for life in LIVES:
                     rows += follow(known, rig, window, life, seed)
