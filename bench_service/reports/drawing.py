@@ -240,7 +240,7 @@ def cut_bars(caption: str, columns: Sequence[Sequence[Piece]], axes: tuple[Axis,
     def py(y: Values) -> Values:
         return _TOP + (1.0 - y / most) * (_HEIGHT - _BOTTOM - _TOP)
 
-    axis = Axis(axes[0].name, axes[0].unit, [(float(k), str(k + 1)) for k in every(n)])
+    axis = replace(axes[0], ticks=axes[0].ticks or [(float(k), str(k + 1)) for k in every(n)])
     body, width = [_axes((0.0, n - 1.0), (0.0, most), (axis, axes[1]), px, py)], 0.7 / n * (_WIDTH - _RIGHT - _LEFT)
     for k, pieces in enumerate(columns):
         x = float(px(np.array([float(k)]))[0]) - 0.5 * width

@@ -20,6 +20,9 @@ _NEAR_SOC = 0.06
 # Name of a parameter that is a share, before what it is of.
 _SHARE = "share_lost"
 
+# Effects that take capacity.
+_TAKES = frozenset({"capacity", "lithium_loss", "active_material_loss"})
+
 # Value and standard deviation of one run; None: not told.
 Told = tuple[float, float] | None
 
@@ -38,16 +41,18 @@ def life_report(heading: Heading, result: Mapping[str, Any], called: Mapping[str
     places = sorted({each["soc"] for entry in runs for each in entry["resistance"]})
     shown = dict.fromkeys((places[0], places[len(places) // 2], places[-1])) if places else ()
     resistance = [(f"at {100.0 * soc:.0f} % state of charge", [_at(each, soc) for each in runs]) for soc in shown]
+    at, unit = places_of(runs), words.plain(result.get("unit") or "run")
     heads = ("Run", "Capacity", "What is new")
     rows = [
         (each["run"], words.quantity(each["capacity_Ah"]["value"], "Ah", each["capacity_Ah"]["std"]), in_words(each))
         for each in runs
     ]
     sections = [
-        Section("Capacity", [over_runs("Capacity, with 95 % band", [("capacity", capacity)], "Ah"),
+        Section("Capacity", [over_runs("Capacity, with 95 % band", [("capacity", capacity)], "Ah", at, unit),
                              *_ahead(result.get("forecast"))]),
-        Section("Resistance", [over_runs(_RESISTANCE, resistance, "mΩ", 0.0)]),
-        Section("What explains the error", [explained(runs)]),
+        Section("Resistance", [over_runs(_RESISTANCE, resistance, "mΩ", at, unit, 0.0)]),
+        Section("What the capacity was lost by", [lost_by(runs, result.get("fresh_capacity_Ah"), unit)]),
+        Section("What explains the error", [explained(runs, unit)]),
         Section("What is new", [*_since(result.get("change_points", ()), names), *_open(result),
                                 Table(heads, rows, frozenset({1}))]),
     ]  # fmt: skip
@@ -70,7 +75,38 @@ def _keys(runs: Sequence[Mapping[str, Any]], result: Mapping[str, Any]) -> Keys:
     return Keys(keys)
 
 
-def explained(runs: Sequence[Mapping[str, Any]]) -> Figure | str:
+def places_of(runs: Sequence[Mapping[str, Any]]) -> list[float]:
+    """Where runs lie along the life; counted where their entries do not say it."""
+    return [float(each.get("at", k + 1.0)) for k, each in enumerate(runs)]
+
+
+def _bars(unit: str, runs: Sequence[Mapping[str, Any]]) -> Axis:
+    """The axis under one bar a run."""
+    places = places_of(runs)
+    return Axis(unit, ticks=[(float(k), f"{places[k]:g}") for k in every(len(runs))])
+
+
+def lost_by(runs: Sequence[Mapping[str, Any]], fresh_Ah: float | None, unit: str = "run") -> Figure | str:
+    """Draw one bar a run: the capacity that is lost, in the colour of what it was lost by."""
+    if fresh_Ah is None:
+        return "The capacity of the cell as it was is not told."
+    lost_Ah = [max(fresh_Ah - float(each["capacity_Ah"]["value"]), 0.0) for each in runs]
+    if not any(lost_Ah):
+        return "None is lost."
+    columns = []
+    for each, lost in zip(runs, lost_Ah, strict=True):
+        causes = [_finding_in_words(finding).split(" (")[0] for finding in each["findings"] if _takes(finding)]
+        columns.append([Piece((causes or ["not told from none"])[0], lost, 0.0)])
+    caption = f"Capacity lost since {fresh_Ah:.3g} Ah, by what it was lost by"
+    return cut_bars(caption, columns, (_bars(unit, runs), Axis("lost", "Ah")))
+
+
+def _takes(finding: Mapping[str, Any]) -> bool:
+    """Whether what was found takes capacity."""
+    return finding["effect"] in _TAKES
+
+
+def explained(runs: Sequence[Mapping[str, Any]], unit: str = "run") -> Figure | str:
     """Draw one bar a run: the model's error as it was, cut into what each change explains and what is left."""
     if not any(each.get("error_mV") for each in runs):
         return "No error is told."
@@ -82,7 +118,7 @@ def explained(runs: Sequence[Mapping[str, Any]]) -> Figure | str:
             top = min(top, foot)
         columns.append(pieces)
     caption = "RMS error of the model as it was, cut into what each change explains and what is left"
-    return cut_bars(caption, columns, (Axis("run"), Axis("error", "mV")))
+    return cut_bars(caption, columns, (_bars(unit, runs), Axis("error", "mV")))
 
 
 def steps_of(entry: Mapping[str, Any]) -> list[tuple[str, float]]:
@@ -161,20 +197,32 @@ def where_told(entry: Mapping[str, Any]) -> Mapping[str, Any] | None:
 
 
 def over_runs(
-    caption: str, lines: Sequence[tuple[str, Sequence[Told]]], unit: str, least: float = -np.inf
+    caption: str,
+    lines: Sequence[tuple[str, Sequence[Told]]],
+    unit: str,
+    at: Sequence[float],
+    along: str = "run",
+    least: float = -np.inf,
 ) -> Figure | str:
-    """Draw values over the number of the run, each with its band, which ends where nothing can be lower."""
+    """Draw values over the life, each with its band, which ends where nothing can be lower.
+
+    Parameters
+    ----------
+    lines : name and values of each line, a value for each run
+    unit : of the values
+    at, along : places of the runs, and their unit
+    least : that a value can have
+    """
     drawn, colours = [], (BLUE, GREEN, RUST)
     for number, (name, values) in enumerate(lines):
         middle = np.array([np.nan if told is None else told[0] for told in values])
         half = np.array([np.nan if told is None else _BAND * told[1] for told in values])
-        runs = np.arange(1.0, len(values) + 1.0)
-        drawn.append(Line(name, runs, middle, half, colours[number % len(colours)], dots=True, least=least))
+        places = np.array(at, dtype=np.float64)
+        drawn.append(Line(name, places, middle, half, colours[number % len(colours)], dots=True, least=least))
     if not drawn:
         return "None is told."
-    count = max(len(line.x) for line in drawn)
-    ticks = [(k + 1.0, str(k + 1)) for k in every(count)]
-    return curves(caption, drawn, Axis("run", ticks=ticks), Axis(caption.split(",")[0].split()[0].lower(), unit))
+    ticks = [(float(at[k]), f"{at[k]:g}") for k in every(len(at))] if along == "run" else None
+    return curves(caption, drawn, Axis(along, ticks=ticks), Axis(caption.split(",")[0].split()[0].lower(), unit))
 
 
 def _at(entry: Mapping[str, Any], soc: float) -> Told:

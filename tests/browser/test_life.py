@@ -93,7 +93,7 @@ def test_a_cell_is_followed_from_its_runs_to_its_end(open_page: OpenPage, addres
     page.wait_for_function("() => document.body.dataset.drawn === '1'", timeout=1000 * LONG_S)
 
     life = page.locator("#life-section")
-    expect(life.locator(".life-plot canvas")).to_have_count(4)
+    expect(life.locator(".life-plot canvas")).to_have_count(5)
     expect(life.locator(".life-words").first).to_contain_text("1.8 Ah")
     told = life.locator("tbody tr")
     assert "nothing" in told.first.inner_text() and "capacity" in told.last.inner_text()
@@ -103,6 +103,11 @@ def test_a_cell_is_followed_from_its_runs_to_its_end(open_page: OpenPage, addres
     )
     assert drawn[-1][1] == pytest.approx(0.8 * CAPACITY_AH, rel=0.06)
     assert [at for at, _ in drawn] == list(_CYCLES)
+    taken = page.evaluate(
+        "() => echarts.getInstanceByDom(document.querySelectorAll('.life-plot')[1]).getOption()"
+        ".series.find((each) => each.name === 'capacity').data"
+    )
+    assert taken[-1][1] == pytest.approx(CAPACITY_AH - drawn[-1][1], abs=0.02) and taken[0][1] == 0.0
 
     table = httpx.get(address + str(life.get_by_role("link", name="Export as CSV").get_attribute("href"))).text
     written = list(csv.DictReader(io.StringIO(table)))

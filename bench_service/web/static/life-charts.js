@@ -1,4 +1,4 @@
-// Four pictures of a cell's life over its runs: capacity with its forecast, resistance, what explains the error, what is left.
+// Pictures of a cell's life over its runs: capacity with its forecast, what took it, resistance, what explains the error.
 import { Chart, band, line } from "./charts.js";
 import { el } from "./dom.js";
 import { BAND, fixed } from "./format.js";
@@ -8,6 +8,8 @@ const EXPLAINED = ["voltage", "current", "residual", "soc"]; // colours of what 
 const plain = (effect) => effect.replaceAll("_", " ");
 
 const SHARE = "share_lost"; // name of a parameter that is a share, before what it is of
+
+const TAKES = ["capacity", "lithium_loss", "active_material_loss"]; // effects that take capacity
 
 /** A resistance with its place, a loss with its share and electrode, anything else by its name. */
 function findingInWords({ effect, evidence, parameters }) {
@@ -36,9 +38,10 @@ function changeInWords({ effect, run, between }, nameOf) {
 
 /** Draw a life into a node; `nameOf` gives a run's name. */
 export function drawLife(node, life, nameOf) {
-  const unit = life.forecast?.unit ?? "run";
+  const unit = life.unit ?? "run";
   const shown = [
     ["Capacity, shaded: 95 % band", `Capacity over the ${unit}s with its 95 % band and its forecast`, (colours) => capacityOption(colours, life, unit)],
+    ["What the capacity was lost by", `Capacity lost over the ${unit}s, by what took it`, (colours) => lostOption(colours, life, unit)],
     ["Resistance of the first moment, shaded: 95 % bands, cut at zero", `Resistance over the ${unit}s with 95 % bands, cut at zero`, (colours) => resistanceOption(colours, life, unit)],
     ["What explains the error", `Error of the model over the ${unit}s, stacked by what explains it`, (colours) => explainedOption(colours, life, unit)],
     ["Error before and after", `Error of the model over the ${unit}s before and after what was found`, (colours) => errorOption(colours, life, unit)],
@@ -55,7 +58,7 @@ export function drawLife(node, life, nameOf) {
 }
 
 function table(life, nameOf) {
-  const heads = [life.forecast?.unit === "cycle" ? "Cycle" : "No.", "Run", "What is new", "Capacity / Ah", "Std / Ah", "Error before / mV", "After / mV"];
+  const heads = [life.unit === "cycle" ? "Cycle" : "No.", "Run", "What is new", "Capacity / Ah", "Std / Ah", "Error before / mV", "After / mV"];
   const rows = life.runs.map((run) => [String(Math.round(10 * run.at) / 10), nameOf(run.run), inWords(run), fixed(run.capacity_Ah.value, 3), fixed(run.capacity_Ah.std, 3), fixed(run.error_mV, 1), fixed(run.unexplained_mV, 1)]);
   return el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Runs" }, el("table", {},
     el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))),
@@ -106,10 +109,26 @@ function explainedOption(colours, life, unit) {
     }
     return 0;
   };
-  const bars = (name, colour, values) => ({ name, type: "bar", stack: "error", data: life.runs.map((run, k) => [k, values(run)]), itemStyle: { color: colour }, barMaxWidth: 28 });
-  const series = [bars("left", colours.neutral, (run) => Math.min(run.unexplained_mV, run.error_mV)),
-    ...names.map((name, k) => bars(plain(name), colours[EXPLAINED[k % EXPLAINED.length]], (run) => part(run, name)))];
-  const option = axes(colours, unit, "Error / mV", series);
+  const pieces = [["left", colours.neutral, (run) => Math.min(run.unexplained_mV, run.error_mV)],
+    ...names.map((name, k) => [plain(name), colours[EXPLAINED[k % EXPLAINED.length]], (run) => part(run, name)])];
+  return stacked(colours, life, unit, "Error / mV", pieces);
+}
+
+/** The capacity that is lost, in the colour of what took it. */
+function lostOption(colours, life, unit) {
+  const NOT_TOLD = "not told from none";
+  const tookIt = (run) => { const found = run.findings.find(({ effect }) => TAKES.includes(effect)); return found ? findingInWords(found).split(" (")[0] : NOT_TOLD; };
+  const lost = (run) => Math.max(0, life.fresh_capacity_Ah - run.capacity_Ah.value);
+  const names = [...new Set(life.runs.map(tookIt))].sort((a, b) => (a === NOT_TOLD ? -1 : b === NOT_TOLD ? 1 : a < b ? -1 : 1));
+  const known = names.filter((name) => name !== NOT_TOLD);
+  const colour = (name) => (name === NOT_TOLD ? colours.neutral : colours[EXPLAINED[known.indexOf(name) % EXPLAINED.length]]);
+  return stacked(colours, life, unit, "Lost / Ah", names.map((name) => [name, colour(name), (run) => (tookIt(run) === name ? lost(run) : 0)]));
+}
+
+/** One bar a run, cut into pieces of a name, a colour and a value of the run. */
+function stacked(colours, life, unit, axis, pieces) {
+  const series = pieces.map(([name, color, values]) => ({ name, type: "bar", stack: "all", data: life.runs.map((run, k) => [k, values(run)]), itemStyle: { color }, barMaxWidth: 28 }));
+  const option = axes(colours, unit, axis, series);
   const labels = life.runs.map((run) => String(Math.round(10 * run.at) / 10));
   return { ...option, xAxis: { ...option.xAxis, type: "category", data: labels }, yAxis: { ...option.yAxis, scale: false } };
 }

@@ -78,6 +78,8 @@ class Trend:
     forecast : of the capacity; None: too few runs
     seconds : time it took
     stages : dQ/dV and dV/dQ of some runs
+    fresh_Ah : capacity of the cell as it was
+    unit : of the runs' places
     """
 
     runs: tuple[RunTrend, ...]
@@ -85,6 +87,8 @@ class Trend:
     forecast: Forecast | None
     seconds: float
     stages: tuple[Stages, ...] = ()
+    fresh_Ah: float | None = None
+    unit: str = "run"
 
     def to_json(self) -> dict[str, Any]:
         """Return the `trend` object of the public contract."""
@@ -101,6 +105,8 @@ class Trend:
         ]
         return {
             "runs": [each.to_json() for each in self.runs],
+            "fresh_capacity_Ah": self.fresh_Ah,
+            "unit": self.unit,
             # What the last run leaves open is open today.
             "next_experiment": self.runs[-1].diagnosis.next_experiment,
             "change_points": changes,

@@ -94,9 +94,7 @@ def trend(
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
     along = places or Places()
-    at = np.arange(1.0, len(runs) + 1.0) if along.at is None else np.array(along.at)
-    if len(at) != len(runs):
-        raise ModelError(f"{len(at)} place(s) for {len(runs)} run(s): give one for each")
+    at = _at(along, len(runs))
     known = memory if memory is not None else _known(network, runs, initial_soc, train or [], train_soc or [])
     stds = soc_std or [KNOWN.start_soc] * len(runs)
     groups = together(known.cell, at, np.array([_moved_Ah(run) for run in runs]))
@@ -117,7 +115,16 @@ def trend(
     stages = stages_of([(rec.runs[0], rec.error_V[0]) for _, rec, _ in held], at, known.cell.capacity_Ah)
     # What the series does not let be said of any run since then is no change point either.
     points = [each.in_runs(groups) for each in change_points(told) if said[each.first :].any()]
-    return Trend(tuple(entries), tuple(points), ahead, time.perf_counter() - started, stages)
+    seconds = time.perf_counter() - started
+    return Trend(tuple(entries), tuple(points), ahead, seconds, stages, known.cell.capacity_Ah, along.unit)
+
+
+def _at(along: Places, n: int) -> FloatArray:
+    """(n,) places of the runs."""
+    at = np.arange(1.0, n + 1.0) if along.at is None else np.array(along.at)
+    if len(at) != n:
+        raise ModelError(f"{len(at)} place(s) for {n} run(s): give one for each")
+    return at
 
 
 def _check_runs(runs: list[TimeSeries]) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from bench_service.reports.diagnosis import VERDICTS
 from bench_service.reports.document import Figure, Heading, render
-from bench_service.reports.life import explained, in_words, life_report, over_runs, where_told
+from bench_service.reports.life import explained, in_words, life_report, lost_by, over_runs, where_told
 
 HEADING = Heading("Life", "a < b")
 
@@ -23,17 +23,19 @@ def page(result: dict[str, Any], called: dict[str, str] | None = None) -> str:
 
 
 def test_points_stand_where_their_values_are() -> None:
-    figure = over_runs("Capacity", [("a", [(1.0, 0.0), (2.0, 0.0), None, (3.0, 0.0)])], "Ah")
+    figure = over_runs("Capacity", [("a", [(1.0, 0.0), (2.0, 0.0), None, (3.0, 0.0)])], "Ah", [1, 2, 30, 40], "cycle")
     assert isinstance(figure, Figure)
     heights = [float(each.attrib["cy"]) for each in ElementTree.fromstring(figure.svg).iter("circle")]
     assert heights[0] - heights[1] == pytest.approx(heights[1] - heights[2], abs=0.2)
     assert heights[0] > heights[2]
     assert len(heights) == 3
+    across = [float(each.attrib["cx"]) for each in ElementTree.fromstring(figure.svg).iter("circle")]
+    assert (across[2] - across[0]) / (across[1] - across[0]) == pytest.approx(39.0, rel=0.05)
 
 
 def test_nothing_told_is_said() -> None:
-    assert isinstance(over_runs("Capacity", [("a", [None])], "Ah"), str)
-    assert isinstance(over_runs("Resistance", [], "mΩ"), str)
+    assert isinstance(over_runs("Capacity", [("a", [None])], "Ah", [1]), str)
+    assert isinstance(over_runs("Resistance", [], "mΩ", []), str)
     assert isinstance(explained([entry("x")]), str)
 
 
@@ -75,6 +77,24 @@ def test_bars_are_cut_into_what_explains_the_error() -> None:
     heights = [float(each.attrib["height"]) for each in ElementTree.fromstring(figure.svg).iter("rect")]
     assert [each / heights[0] for each in heights] == pytest.approx([1.0, 0.2, 4.0 / 30.0], abs=0.01)
     assert [each.label for each in figure.legend][::2] == ["Capacity", "left"]
+
+
+def test_a_lost_capacity_has_the_colour_of_what_it_was_lost_by() -> None:
+    share = {"share_lost": {"value": 0.1, "std": 0.01, "unit": "1"}}
+    runs = [
+        entry("x", capacity_Ah={"value": 1.9, "std": 0.01}),
+        entry("y", capacity_Ah={"value": 1.8, "std": 0.01}, verdict="missing", findings=[{"effect": "capacity"}]),
+        entry("z", capacity_Ah={"value": 1.6, "std": 0.01}, verdict="missing",
+              findings=[{"effect": "resistance_growth"}, {"effect": "lithium_loss", "parameters": share}]),
+    ]  # fmt: skip
+    figure = lost_by(runs, 2.0)
+    assert isinstance(figure, Figure)
+    bars = [each for each in ElementTree.fromstring(figure.svg).iter("rect") if float(each.attrib["width"]) < 300.0]
+    heights = [float(each.attrib["height"]) for each in bars[-3:]]
+    assert [each / heights[2] for each in heights] == pytest.approx([0.25, 0.5, 1.0], abs=0.01)
+    assert len({each.attrib["fill"] for each in bars[-3:]}) == 3
+    assert [each.label for each in figure.legend] == ["not told from none", "capacity", "lithium loss"]
+    assert isinstance(lost_by(runs, None), str) and isinstance(lost_by(runs, 1.0), str)
 
 
 def test_a_forecast_and_change_points_are_told() -> None:
