@@ -180,11 +180,12 @@ def _recorded(family: str, arguments: argparse.Namespace, done: dict[str, Row]) 
     if arguments.data is None:
         print(f"{family}: left out, name the folder of the records with --data", file=sys.stderr)
         return
-    bases = measured_records(arguments.data) if family == "measured" else pybamm_records(arguments.data)
+    asked = arguments.effects if family == "measured" else ()
+    bases = measured_records(arguments.data, asked) if family == "measured" else pybamm_records(arguments.data)
     bases_of: dict[str, Base] = {}
     for null, count in ((True, arguments.nulls), (False, arguments.cases)):
         for records, number in _in_turn(bases, null)[:count]:
-            key = f"{records.name} {'null' if null else 'case'} {number}"
+            key = f"{records.name} {'null' if null else '|'.join(('case', *asked))} {number}"
             if key not in done:
                 base = bases_of.setdefault(records.name, _base_of(records, arguments.keep))
                 truth, size, run, soc = _log(records, number, null)
@@ -283,7 +284,7 @@ def _arguments() -> argparse.Namespace:
         type=lambda text: tuple(text.split(",")),
         default=(),
         metavar="NAME,...",
-        help="that simulated cases have, one after the other; default: all that the published figures are about",
+        help="that simulated cases and measured logs have, in turn; default: all that the published figures are about",
     )
     parser.add_argument("--data", type=Path, metavar="FOLDER", help="of measured records")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="in which fitted networks are kept")

@@ -90,6 +90,11 @@ ASKED_OF_CELLS: dict[str, dict[str, Callable[[Any, float], Any]]] = {
 _CONTACT_S, _CONTACT_LEVEL = (2300.0, 1010.0), 0.7
 
 
+def contact_is_bad(time_s: FloatArray, phase: float) -> np.ndarray:
+    """(n,) whether a contact that comes and goes is bad: for some minutes, now and then."""
+    return np.sum([np.sin(2.0 * np.pi * time_s / each + phase) for each in _CONTACT_S], axis=0) > _CONTACT_LEVEL
+
+
 def _gained(rig: Rig, sensor: str, by: float) -> Rig:
     offset, gain, *others = getattr(rig, sensor)
     return replace(rig, **{sensor: (offset, gain + by, *others)})
@@ -242,8 +247,7 @@ def logged(rig: Rig, plan: Plan, columns: tuple[FloatArray, FloatArray, FloatArr
     rng = np.random.default_rng([seed, 77])
     voltage, temperature, ambient, _ = columns
     if rig.contact_Ohm:
-        swings = [np.sin(2.0 * np.pi * np.arange(len(voltage)) / each + seed) for each in _CONTACT_S]
-        voltage = voltage + rig.contact_Ohm * plan.logged_A * (np.sum(swings, axis=0) > _CONTACT_LEVEL)
+        voltage = voltage + rig.contact_Ohm * plan.logged_A * contact_is_bad(np.arange(len(voltage)), seed)
     late = np.concatenate([np.full(rig.delay_s, voltage[0]), voltage])[: len(voltage)]
 
     def read(values: FloatArray, sensor: tuple[float, float, float, float]) -> FloatArray:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from diagnosis_pybamm import RIGHT
+from foreign_cells import contact_is_bad
 
 from bench_service.exchange.read import read_run_file
 from models.data.start_soc import start_soc
@@ -46,6 +47,10 @@ def _late(run: TimeSeries, delay_s: float) -> TimeSeries:
     return replace(run, voltage_V=np.interp(run.time_s - delay_s, run.time_s, run.voltage_V))
 
 
+def _contact(run: TimeSeries, ohm: float) -> TimeSeries:
+    return _volts(run, ohm * run.current_A * contact_is_bad(run.time_s - run.time_s[0], float(len(run))))
+
+
 FAULTS = (
     Fault("series_resistance", 0.005, lambda run, soc: (_volts(run, 0.005 * run.current_A), soc)),
     Fault("series_resistance", 0.010, lambda run, soc: (_volts(run, 0.010 * run.current_A), soc)),
@@ -55,6 +60,19 @@ FAULTS = (
     Fault("current_offset", 0.03, lambda run, soc: (replace(run, current_A=run.current_A + 0.03), soc)),
     Fault("initial_soc", None, lambda run, soc: (run, soc - 0.03)),
     Fault("dead_time", 2.0, lambda run, soc: (_late(run, 2.0), soc)),
+)
+
+# Further ones, put in only where they are asked for.
+ASKED_FAULTS = (
+    *(
+        Fault("intermittent_contact", ohm, lambda run, soc, ohm=ohm: (_contact(run, ohm), soc))
+        for ohm in (0.005, 0.01, 0.02)
+    ),
+    *(
+        Fault("voltage_gain", by, lambda run, soc, by=by: (_volts(run, by * run.voltage_V), soc))
+        for by in (0.003, -0.003, 0.006)
+    ),
+    Fault("current_gain", 0.06, lambda run, soc: (replace(run, current_A=1.06 * run.current_A), soc)),
 )
 
 
@@ -77,8 +95,14 @@ class Records:
     cases: list[tuple[str, float | None, TimeSeries, float]]
 
 
-def measured_records(data: Path) -> list[Records]:
-    """Drive cycles of the Panasonic cell, each block of temperature for itself; each judged run has two faults."""
+def measured_records(data: Path, asked: tuple[str, ...] = ()) -> list[Records]:
+    """Drive cycles of the Panasonic cell, each block of temperature for itself; each judged run has two faults.
+
+    Parameters
+    ----------
+    asked : faults that are put in, of the usual ones and of `ASKED_FAULTS`; none: the usual ones
+    """
+    faults = [each for each in (*FAULTS, *ASKED_FAULTS) if each.truth in asked] if asked else FAULTS
     folder, found, fault = data / _PANASONIC, [], 0
     for block in _BLOCKS:
         runs = {path.name: _cut(path) for path in sorted(folder.glob(f"drive_{block}_*.csv.gz"))}
@@ -87,7 +111,7 @@ def measured_records(data: Path) -> list[Records]:
         cases = []
         for run in nulls:
             for _ in range(2):
-                one = FAULTS[fault % len(FAULTS)]
+                one = faults[fault % len(faults)]
                 cases.append((one.truth, _size(one, run), *one.put_in(run, start_soc(run))))
                 fault += 1
         found.append(Records(f"{_PANASONIC} {block}", _CAPACITY_AH, train, nulls, cases))

@@ -20,9 +20,6 @@ _NEAR_SOC = 0.06
 # Name of a parameter that is a share, before what it is of.
 _SHARE = "share_lost"
 
-# Effects that take capacity.
-_TAKES = frozenset({"capacity", "lithium_loss", "active_material_loss"})
-
 # Value and standard deviation of one run; None: not told.
 Told = tuple[float, float] | None
 
@@ -103,7 +100,7 @@ def lost_by(runs: Sequence[Mapping[str, Any]], fresh_Ah: float | None, unit: str
 
 def _takes(finding: Mapping[str, Any]) -> bool:
     """Whether what was found takes capacity."""
-    return finding["effect"] in _TAKES
+    return bool(finding.get("evidence", {}).get("takes_capacity"))
 
 
 def explained(runs: Sequence[Mapping[str, Any]], unit: str = "run") -> Figure | str:

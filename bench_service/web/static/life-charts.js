@@ -9,8 +9,6 @@ const plain = (effect) => effect.replaceAll("_", " ");
 
 const SHARE = "share_lost"; // name of a parameter that is a share, before what it is of
 
-const TAKES = ["capacity", "lithium_loss", "active_material_loss"]; // effects that take capacity
-
 /** A resistance with its place, a loss with its share and electrode, anything else by its name. */
 function findingInWords({ effect, evidence, parameters }) {
   if (evidence?.where) return `resistance ${evidence.where}`;
@@ -117,7 +115,7 @@ function explainedOption(colours, life, unit) {
 /** The capacity that is lost, in the colour of what took it. */
 function lostOption(colours, life, unit) {
   const NOT_TOLD = "not told from none";
-  const tookIt = (run) => { const found = run.findings.find(({ effect }) => TAKES.includes(effect)); return found ? findingInWords(found).split(" (")[0] : NOT_TOLD; };
+  const tookIt = (run) => { const found = run.findings.find(({ evidence }) => evidence?.takes_capacity); return found ? findingInWords(found).split(" (")[0] : NOT_TOLD; };
   const lost = (run) => Math.max(0, life.fresh_capacity_Ah - run.capacity_Ah.value);
   const names = [...new Set(life.runs.map(tookIt))].sort((a, b) => (a === NOT_TOLD ? -1 : b === NOT_TOLD ? 1 : a < b ? -1 : 1));
   const known = names.filter((name) => name !== NOT_TOLD);

@@ -123,6 +123,7 @@ def _findings(
         if change == RESISTANCE:
             figures["where"] = where(weighed, found)
             title = f"Resistance {figures['where']}"
+        figures["takes_capacity"] = change == CAPACITY
         if change == CAPACITY and origin.chances:
             figures["causes"] = origin.chances
         if change == CAPACITY and origin.cause:

@@ -59,7 +59,7 @@ def test_a_series_is_followed_and_drawn(files: tuple[Path, list[Path]], tmp_path
     assert old["capacity_Ah"]["value"] == pytest.approx(0.85 * CAPACITY_AH, rel=0.05)
     assert "capacity" in {each["effect"] for each in old["findings"]}
     drawn = page.read_text(encoding="utf-8")
-    assert drawn.count("<figure>") == 3 and "capacity" in drawn
+    assert drawn.count("<figure>") == 4 and "capacity" in drawn
     assert json.loads(text)["forecast"] is None
 
 

@@ -81,12 +81,14 @@ def test_bars_are_cut_into_what_explains_the_error() -> None:
 
 def test_a_lost_capacity_has_the_colour_of_what_it_was_lost_by() -> None:
     share = {"share_lost": {"value": 0.1, "std": 0.01, "unit": "1"}}
+    took = {"takes_capacity": True}
+    plain = [{"effect": "capacity", "evidence": took}]
+    lithium = [{"effect": "resistance_growth"}, {"effect": "lithium_loss", "parameters": share, "evidence": took}]
+    told = ((1.9, "nothing_missing", []), (1.8, "missing", plain), (1.6, "missing", lithium))
     runs = [
-        entry("x", capacity_Ah={"value": 1.9, "std": 0.01}),
-        entry("y", capacity_Ah={"value": 1.8, "std": 0.01}, verdict="missing", findings=[{"effect": "capacity"}]),
-        entry("z", capacity_Ah={"value": 1.6, "std": 0.01}, verdict="missing",
-              findings=[{"effect": "resistance_growth"}, {"effect": "lithium_loss", "parameters": share}]),
-    ]  # fmt: skip
+        entry("x", capacity_Ah={"value": ampere_hours, "std": 0.01}, verdict=verdict, findings=findings)
+        for ampere_hours, verdict, findings in told
+    ]
     figure = lost_by(runs, 2.0)
     assert isinstance(figure, Figure)
     bars = [each for each in ElementTree.fromstring(figure.svg).iter("rect") if float(each.attrib["width"]) < 300.0]

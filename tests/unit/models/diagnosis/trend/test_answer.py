@@ -49,6 +49,7 @@ def test_what_was_found_takes_off_the_error_it_explains(aged: Weighed) -> None:
     assert grown.value == pytest.approx(0.012, abs=2.0 * (grown.std or 0.0))
     assert told.findings[1].evidence["where"] in ("everywhere", "when full")
     assert told.findings[1].evidence["beside"] == ["capacity"]
+    assert [each.evidence["takes_capacity"] for each in told.findings] == [True, False]
 
 
 def test_what_is_hardly_likelier_than_not_beside_a_loss_is_said_and_not_named(aged: Weighed) -> None:
