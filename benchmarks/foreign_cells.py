@@ -247,7 +247,7 @@ def logged(rig: Rig, plan: Plan, columns: tuple[FloatArray, FloatArray, FloatArr
     rng = np.random.default_rng([seed, 77])
     voltage, temperature, ambient, _ = columns
     if rig.contact_Ohm:
-        voltage = voltage + rig.contact_Ohm * plan.logged_A * contact_is_bad(np.arange(len(voltage)), seed)
+        voltage = voltage + rig.contact_Ohm * plan.logged_A * contact_is_bad(np.arange(float(len(voltage))), seed)
     late = np.concatenate([np.full(rig.delay_s, voltage[0]), voltage])[: len(voltage)]
 
     def read(values: FloatArray, sensor: tuple[float, float, float, float]) -> FloatArray:
