@@ -12,8 +12,8 @@ const place = (id) => document.getElementById(id);
 
 const nameOf = (run) => run.label ?? run.name ?? `run ${run.id.slice(0, 8)}`;
 
-/** The cycle that a run's name tells, "" where it tells none. */
-const cycleIn = (name) => name.match(/cyc(?:le)?[\s_#-]*0*(\d+)/i)?.[1] ?? "";
+/** The cycle that a run's name tells, "" where it tells none; what has a unit, as in `cycle_25degC`, is no number of a cycle. */
+const cycleIn = (name) => name.match(/cyc(?:le)?[\s_#-]*0*(\d+)(?![\d.]*[a-z%])/i)?.[1] ?? "";
 
 /** The oldest first: by the cycles that all names tell, whenever they were imported; else by when they were stored. */
 function inOrder(runs) {
