@@ -225,13 +225,13 @@ class Piece:
     foot: float
 
 
-def cut_bars(caption: str, columns: Sequence[Sequence[Piece]], axes: tuple[Axis, Axis]) -> Figure:
-    """Draw a bar for each column, which are counted, cut into pieces of one colour each."""
+def cut_bars(caption: str, columns: Sequence[Sequence[Piece]], axes: tuple[Axis, Axis], grey: str = "left") -> Figure:
+    """Draw a bar for each column, which are counted, cut into pieces of one colour each; one name's are grey."""
     most = max(piece.top for pieces in columns for piece in pieces)
     names = list(dict.fromkeys(piece.label for pieces in columns for piece in pieces))
     palette = (BLUE, RUST, GREEN, VIOLET, "#b8860b")
-    others = [name for name in names if name != "left"]
-    colours = {name: palette[k % len(palette)] for k, name in enumerate(others)} | {"left": "#b3bac2"}
+    others = [name for name in names if name != grey]
+    colours = {name: palette[k % len(palette)] for k, name in enumerate(others)} | {grey: "#b3bac2"}
     n = len(columns)
 
     def px(x: Values) -> Values:
@@ -250,7 +250,7 @@ def cut_bars(caption: str, columns: Sequence[Sequence[Piece]], axes: tuple[Axis,
                 f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{max(foot - y, 0.0):.1f}" '
                 f'fill="{colours[piece.label]}"/>'
             )
-    ordered = [*others, *(["left"] if "left" in names else [])]
+    ordered = [*others, *([grey] if grey in names else [])]
     return Figure(caption, _svg(_WIDTH, _HEIGHT, caption, body),
                   [Legend(name, colours[name], filled=True) for name in ordered])  # fmt: skip
 

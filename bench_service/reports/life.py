@@ -19,6 +19,8 @@ _BAND = 2.0
 _NEAR_SOC = 0.06
 # Name of a parameter that is a share, before what it is of.
 _SHARE = "share_lost"
+# A loss of which the series does not say that there is one.
+_NOT_TOLD = "not told from none"
 
 # Value and standard deviation of one run; None: not told.
 Told = tuple[float, float] | None
@@ -93,9 +95,9 @@ def lost_by(runs: Sequence[Mapping[str, Any]], fresh_Ah: float | None, unit: str
     columns = []
     for each, lost in zip(runs, lost_Ah, strict=True):
         causes = [_finding_in_words(finding).split(" (")[0] for finding in each["findings"] if _takes(finding)]
-        columns.append([Piece((causes or ["not told from none"])[0], lost, 0.0)])
+        columns.append([Piece((causes or [_NOT_TOLD])[0], lost, 0.0)])
     caption = f"Capacity lost since {fresh_Ah:.3g} Ah, by what it was lost by"
-    return cut_bars(caption, columns, (_bars(unit, runs), Axis("lost", "Ah")))
+    return cut_bars(caption, columns, (_bars(unit, runs), Axis("lost", "Ah")), grey=_NOT_TOLD)
 
 
 def _takes(finding: Mapping[str, Any]) -> bool:

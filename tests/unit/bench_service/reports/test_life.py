@@ -95,7 +95,7 @@ def test_a_lost_capacity_has_the_colour_of_what_it_was_lost_by() -> None:
     heights = [float(each.attrib["height"]) for each in bars[-3:]]
     assert [each / heights[2] for each in heights] == pytest.approx([0.25, 0.5, 1.0], abs=0.01)
     assert len({each.attrib["fill"] for each in bars[-3:]}) == 3
-    assert [each.label for each in figure.legend] == ["not told from none", "capacity", "lithium loss"]
+    assert [each.label for each in figure.legend] == ["capacity", "lithium loss", "not told from none"]
     assert isinstance(lost_by(runs, None), str) and isinstance(lost_by(runs, 1.0), str)
 
 
