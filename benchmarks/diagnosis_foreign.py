@@ -1,13 +1,14 @@
 """Change mode on cells outside of the models' class: how often it is right, misled, and wrong and sure of it.
 
-``python benchmarks/diagnosis_foreign.py [--families particle,spread,measured,pybamm] [--cases 10] [--nulls 10]
+``python benchmarks/diagnosis_foreign.py [--families particle,spread,measured,pybamm,left_out] [--cases 10] [--nulls 10]
 [--seed 0] [--effects NAME,...] [--data FOLDER] [--keep FOLDER] [--rows FILE] [--json]``
 
-Families: `particle` and `spread` are simulated, see `foreign_cells`; `measured` and `pybamm` need `--data`, see
-`foreign_measured`. A bounded network is fitted to the training runs of each base (kept in `--keep`), then logs without
-and with one effect are diagnosed beside the training runs. Sizes of simulated effects are fixed beforehand: the voltage
-of the judged log changes by 3, 6 or 12 mV (RMS at the same current), the temperature by 0.5, 1 or 2 K. Every case
-follows from (family, seed, number); its row goes to `--rows` as soon as it is judged, and a second call goes on there.
+Families: `particle` and `spread` are simulated, see `foreign_cells`; `measured`, `pybamm` and `left_out` (only where it
+is asked for) need `--data`, see `foreign_measured`. A bounded network is fitted to the training runs of each base (kept
+in `--keep`), then logs without and with one effect are diagnosed beside the training runs. Sizes of simulated effects
+are fixed beforehand: the voltage of the judged log changes by 3, 6 or 12 mV (RMS at the same current), the temperature
+by 0.5, 1 or 2 K. Every case follows from (family, seed, number); its row goes to `--rows` as soon as it is judged, and
+a second call goes on there.
 """
 
 import argparse
@@ -35,7 +36,7 @@ from foreign_cells import (
     true_columns,
     true_size,
 )
-from foreign_measured import Records, measured_records, pybamm_records
+from foreign_measured import Records, left_out_records, measured_records, pybamm_records
 from foreign_summary import THERMAL, show, summary
 from row_file import add_row, read_rows
 from threadpoolctl import threadpool_limits
@@ -47,7 +48,7 @@ from models.diagnosis.answer.findings import Diagnosis
 from models.network.local_model_network import LocalModelNetwork
 from models.pipeline.fit import fit_network
 
-SIMULATED, RECORDED = ("particle", "spread"), ("measured", "pybamm")
+SIMULATED, RECORDED = ("particle", "spread"), ("measured", "pybamm", "left_out")
 BASES, TRAIN_RUNS = 5, 3
 TARGETS_MV, TARGETS_K = (3.0, 6.0, 12.0), (0.5, 1.0, 2.0)
 _EITHER_WAY = ("entropic_voltage", "voltage_offset", "current_gain", "voltage_gain")
@@ -181,7 +182,10 @@ def _recorded(family: str, arguments: argparse.Namespace, done: dict[str, Row]) 
         print(f"{family}: left out, name the folder of the records with --data", file=sys.stderr)
         return
     asked = arguments.effects if family == "measured" else ()
-    bases = measured_records(arguments.data, asked) if family == "measured" else pybamm_records(arguments.data)
+    if family == "measured":
+        bases = measured_records(arguments.data, asked)
+    else:
+        bases = {"pybamm": pybamm_records, "left_out": left_out_records}[family](arguments.data)
     bases_of: dict[str, Base] = {}
     for null, count in ((True, arguments.nulls), (False, arguments.cases)):
         for records, number in _in_turn(bases, null)[:count]:
@@ -275,7 +279,8 @@ def _keep(path: Path | None, done: dict[str, Row], key: str, row: Row) -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     known = (*SIMULATED, *RECORDED)
-    parser.add_argument("--families", type=lambda text: text.split(","), default=list(known), metavar="NAME,...")
+    usual = list(known[:-1])
+    parser.add_argument("--families", type=lambda text: text.split(","), default=usual, metavar="NAME,...")
     parser.add_argument("--cases", type=int, default=10, help="with an effect, of each family")
     parser.add_argument("--nulls", type=int, default=10, help="without one, of each family")
     parser.add_argument("--seed", type=int, default=0, help="of the simulated families")

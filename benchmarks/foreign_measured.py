@@ -20,6 +20,7 @@ from models.data.timeseries import TimeSeries
 # Of the Panasonic drive cycles: folder, capacity, training and judged runs of each block.
 _PANASONIC, _CAPACITY_AH = "panasonic_18650pf", 2.968
 _BLOCKS = ("25degC", "10degC", "0degC")
+_COLDEST = "m10degC"
 _MOST_S = 9000.0
 
 
@@ -76,6 +77,16 @@ ASKED_FAULTS = (
 )
 
 
+# Small ones of a fixed size, put into each log that is left out in turn.
+SMALL_FAULTS = (
+    Fault("voltage_offset", 0.005, lambda run, soc: (_volts(run, np.full(len(run), 0.005)), soc)),
+    Fault("series_resistance", 0.005, lambda run, soc: (_volts(run, 0.005 * run.current_A), soc)),
+    Fault("current_gain", 0.02, lambda run, soc: (replace(run, current_A=1.02 * run.current_A), soc)),
+    Fault("current_offset", 0.03, lambda run, soc: (replace(run, current_A=run.current_A + 0.03), soc)),
+    Fault("initial_soc", None, lambda run, soc: (run, soc - 0.03)),
+)
+
+
 @dataclass(frozen=True)
 class Records:
     """Runs to learn from, and runs to judge with their truth (None: nothing has changed).
@@ -115,6 +126,35 @@ def measured_records(data: Path, asked: tuple[str, ...] = ()) -> list[Records]:
                 cases.append((one.truth, _size(one, run), *one.put_in(run, start_soc(run))))
                 fault += 1
         found.append(Records(f"{_PANASONIC} {block}", _CAPACITY_AH, train, nulls, cases))
+    return found
+
+
+def left_out_records(data: Path) -> list[Records]:
+    """Panasonic drive cycles, block by block: each run that a model did not see, without and with each small fault.
+
+    The four mixed cycles of a block are trained on, and judge the others; then three of them are, and judge the fourth.
+    """
+    found = []
+    for block in (*_BLOCKS, _COLDEST):
+        runs = {path.name: _cut(path) for path in sorted((data / _PANASONIC).glob(f"drive_{block}_*.csv.gz"))}
+        cycles = [name for name in runs if "Cycle" in name]
+        splits = [(cycles, [name for name in runs if name not in cycles])]
+        splits += [([name for name in cycles if name != out], [out]) for out in cycles]
+        for number, (train, judged) in enumerate(splits):
+            logs = [runs[name] for name in judged]
+            found.append(
+                Records(
+                    f"{_PANASONIC} {block} left out {number}",
+                    _CAPACITY_AH,
+                    [runs[name] for name in train],
+                    logs,
+                    [
+                        (fault.truth, _size(fault, run), *fault.put_in(run, start_soc(run)))
+                        for run in logs
+                        for fault in SMALL_FAULTS
+                    ],
+                )
+            )
     return found
 
 
