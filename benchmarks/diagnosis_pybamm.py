@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
@@ -94,12 +95,24 @@ def judge(folder: Path, models: Path | None, structure: str) -> dict[str, Any]:
         "confidence": first.confidence if first else 0.0,
         "confounded_with": list(first.confounded_with) if first else [],
         "parameters": first.to_json()["parameters"] if first else {},
+        "shows": shown(runs),
+        "power": [each._asdict() for each in answer.power if each.effect in RIGHT[folder.name]],
         "error_before_mV": first.error_before_mV if first else answer.unexplained_mV,
         "error_after_mV": first.error_after_mV if first else answer.unexplained_mV,
         "right": is_right(folder.name, answer.verdict, names, first.confounded_with if first else ()),
         "samples": sum(len(run) for run in hidden),
         "seconds": time.perf_counter() - began,
     }
+
+
+def shown(runs: dict[str, TimeSeries]) -> dict[str, float] | None:
+    """RMS by which the logs differ, in mV and K, noise and all; None where they are of different length."""
+    pairs = [(run, runs[name.replace("hidden", "base")]) for name, run in runs.items() if name.startswith("hidden")]
+    if any(len(one) != len(other) for one, other in pairs):
+        return None
+    apart_V = np.concatenate([one.voltage_V - other.voltage_V for one, other in pairs])
+    apart_K = np.concatenate([one.temperature_degC - other.temperature_degC for one, other in pairs])
+    return {"mV": 1e3 * float(np.sqrt(np.mean(apart_V**2))), "K": float(np.sqrt(np.mean(apart_K**2)))}
 
 
 def is_right(case: str, verdict: str, names: list[str], confounded: tuple[str, ...]) -> bool:
@@ -132,7 +145,20 @@ def _network(
 def show(result: dict[str, Any]) -> None:
     """Print one line for each pair."""
     table = Table(title=f"{result['right']} of {result['pairs']} right")
-    for heading in ("pair", "verdict", "named", "sure", "rivals", "parameter", "mV before", "after", "", "s"):
+    for heading in (
+        "pair",
+        "verdict",
+        "named",
+        "sure",
+        "rivals",
+        "parameter",
+        "mV before",
+        "after",
+        "shows",
+        "seen from",
+        "",
+        "s",
+    ):
         table.add_column(heading)
     for row in result["rows"]:
         name, value = next(iter(row["parameters"].items()), ("", {"value": 0.0, "unit": ""}))
@@ -145,11 +171,21 @@ def show(result: dict[str, Any]) -> None:
             f"{name} {value['value']:.4g} {value['unit']}" if name else "",
             f"{row['error_before_mV']:.1f}",
             f"{row['error_after_mV']:.1f}",
+            "" if row["shows"] is None else f"{row['shows']['mV']:.1f} mV, {row['shows']['K']:.1f} K",
+            ", ".join(_seen_from(each) for each in row["power"]),
             "right" if row["right"] else "WRONG",
             f"{row['seconds']:.1f}",
         )
     Console(width=180).print(table)
     print(f"wrong with confidence above {SURE}: {', '.join(result['wrong_and_sure']) or 'none'}")
+
+
+def _seen_from(power: dict[str, Any]) -> str:
+    """The smallest effect that such logs would have shown, in words."""
+    parts = [
+        f"{power[name]:.1f} {unit}" for name, unit in (("rms_mV", "mV"), ("rms_K", "K")) if power[name] is not None
+    ]
+    return ", ".join(parts) or "no size"
 
 
 def _arguments() -> argparse.Namespace:
