@@ -82,7 +82,9 @@ def driven(cell: Cell, current_A: np.ndarray, soc: float) -> np.ndarray:
     values = cell.values.copy()
     n = len(current_A)
     if "particle phases" in cell.options:
-        values.set_initial_state(soc, options=cell.options)
+        # Both cells of a pair begin with as much lithium in each phase, whatever branch the looped one is on.
+        alike = {name: value for name, value in cell.options.items() if name != "open-circuit potential"}
+        values.set_initial_state(soc, options=alike)
     else:
         _fill(values, cell, soc)
     mean, swing = cell.ambient_degC

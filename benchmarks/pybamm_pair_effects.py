@@ -135,7 +135,8 @@ def hysteresis_composite(rng: np.random.Generator) -> Case:
     looped = options | {"open-circuit potential": (("single", "one-state hysteresis"), "single")}
     base = Cell(values, "Chen2020_composite", options, "SPM", float(values["Nominal cell capacity [A.h]"]))
     truth = f"branches of the silicon, decay {decay:.3g}"
-    window = (float(rng.choice([0.15, 0.25])), 0.85)
+    # The silicon takes part where the cell is nearly empty.
+    window = (float(rng.choice([0.08, 0.15])), 0.85)
     return _alike(rng, base, replace(base, options=looped), truth, window=window, peak_C=1.2)
 
 

@@ -18,6 +18,9 @@ _SHAPES = (4.0, 6.0, 9.0, 14.0, 20.0, 30.0, 45.0, 70.0, 110.0, 170.0, 400.0)
 _BUMPS = 5
 # A usual loop, and rates that it may have.
 _USUAL_V, _EXPECTED_RATES = 0.008, (10.0, 20.0, 40.0, 80.0, 160.0)
+# Silicon beside graphite has a loop of its own, but takes part only where the cell is nearly empty (Ai et al., J. Power
+# Sources 527, 2022): how fast that fades with the state of charge, and rates that it may have there.
+_SILICON_SOC, _SILICON_RATES = 0.1, (5.0, 10.0, 20.0)
 
 
 def _regressors(view: View) -> FloatArray:
@@ -38,7 +41,7 @@ def _extend(structure: Structure, values: Values, _capacity_Ah: float) -> Struct
 
 
 def _expected(view: View) -> tuple[Form, ...]:
-    """A loop of 8 mV, and as much again of change along the state of charge."""
+    """A loop of 8 mV, and as much again of change along the state of charge; or one that is wide near empty alone."""
     low, high = view.model.soc_range
     along = 2.0 * (view.soc[view.index] - low) / (high - low) - 1.0
     # A loop can close, but not turn inside out.
@@ -48,6 +51,11 @@ def _expected(view: View) -> tuple[Form, ...]:
         loop_V = _USUAL_V * view.hysteresis(rate)
         told = (Told("amplitude_V", "V", (_USUAL_V, 0.0)),)
         forms.append(Form(np.column_stack([loop_V, along * loop_V]), told, (("rate", "1", rate),), least))
+    near_empty = np.exp(1.0 - np.maximum(view.soc[view.index], 0.0) / _SILICON_SOC)
+    for rate in _SILICON_RATES:
+        loop_V = _USUAL_V * near_empty * view.hysteresis(rate)
+        told = (Told(f"amplitude_V at SoC {_SILICON_SOC:g}", "V", (_USUAL_V,)),)
+        forms.append(Form(loop_V[:, None], told, (("rate", "1", rate),), least))
     return tuple(forms)
 
 
@@ -71,4 +79,5 @@ EFFECT = Effect(
     bounded_part="hysteresis",
     read_out=("hysteresis_V", 0.5),
     expected=Expected(_expected),
+    like=("ocv_shape",),
 )

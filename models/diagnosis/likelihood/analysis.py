@@ -120,7 +120,8 @@ class Analysis:
         """What else may have moved the curve that the named effects stand for, the free curve first where two do.
 
         Two errors that bend the same curve may be one cause that bends it so, and a curve that moved freely a cause
-        whose own change is known in part only: a slipped electrode of another material.
+        whose own change is known in part only: a slipped electrode of another material, a loop that the runs went round
+        once.
         """
         names = {each.effect.name for each in self.named}
         found: list[Tried] = []
@@ -130,7 +131,8 @@ class Analysis:
                 continue
             free = general.weighed.log_likelihood
             if names == {general.effect.name} or (len(names) == 2 and free >= THRESHOLDS.asked):
-                inner = [each for each in self.tried if each.effect.name in inside - names]
+                looks_alike = {each.effect.name for each in self.tried if general.effect.name in each.effect.like}
+                inner = [each for each in self.tried if each.effect.name in (inside | looks_alike) - names]
                 near = [each for each in inner if each.weighed.log_likelihood >= THRESHOLDS.one_curve * free]
                 found += sorted(near, key=lambda each: -each.weighed.log_likelihood)
         return tuple(found)
