@@ -1,0 +1,42 @@
+"""What else may have moved a curve that moved freely."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models.diagnosis.likelihood.analysis import Analysis
+from models.diagnosis.likelihood.background import Weighed
+from models.diagnosis.likelihood.tried import Tried
+from models.diagnosis.likelihood.verdict import Verdict
+from models.effects import effect
+from tests.unit.models.effects.linear_cell import linear_view
+
+NOTHING: Any = None
+
+
+def tried(name: str, log_likelihood: float) -> Tried:
+    weighed = Weighed(log_likelihood, np.ones(1), np.eye(1))
+    return Tried(effect(name), NOTHING, np.zeros((4, 1)), None, weighed)
+
+
+@pytest.mark.parametrize(("share", "rival"), [(0.9, True), (0.6, True), (0.4, False)])
+def test_a_loop_that_explains_half_of_a_free_curve_is_its_rival(share: float, rival: bool) -> None:
+    curve, loop, other = tried("ocv_shape", 100.0), tried("hysteresis", 100.0 * share), tried("relaxation", 90.0)
+    verdict = Verdict(0.0, 0.0, ((1.0, curve), (0.0, loop), (0.0, other)), ())
+    analysis = Analysis(NOTHING, NOTHING, (curve, loop, other), verdict)
+    assert analysis.named == (curve,)
+    assert [each.effect.name for each in analysis.one_curve] == (["hysteresis"] if rival else [])
+
+
+def test_a_loop_may_be_wide_near_empty_alone() -> None:
+    view = linear_view()
+    forms = effect("hysteresis").expected.forms
+    assert forms is not None
+    silicon = [each for each in forms(view) if each.told[0].name == "amplitude_V at SoC 0.1"]
+    assert len(silicon) == 3
+    for form in silicon:
+        loop = form.columns[:, 0] / view.hysteresis(form.fixed[0][2])
+        soc = view.soc[view.index]
+        usual_V = form.told[0].weights[0]
+        np.testing.assert_allclose(loop, usual_V * np.exp((0.1 - soc) / 0.1), rtol=1e-9)
