@@ -36,7 +36,7 @@ RIGHT: dict[str, set[str]] = {
     "hysteresis_composite": {"hysteresis"},
     "nonlinear_kinetics": {"charge_transfer"},
     "null": {"nothing_missing"},
-    "sei_growth": {"resistance_growth", "capacity"},
+    "sei_growth": {"resistance_growth", "capacity", "lithium_loss"},  # a film grows of lithium
     "self_discharge": {"current_offset", "self_discharge"},
     "slow_diffusion": {"relaxation"},
     "soc_dependent_resistance": {"soc_dependence"},
