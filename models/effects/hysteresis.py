@@ -54,8 +54,9 @@ def _expected(view: View) -> tuple[Form, ...]:
     near_empty = np.exp(1.0 - np.maximum(view.soc[view.index], 0.0) / _SILICON_SOC)
     for rate in _SILICON_RATES:
         loop_V = _USUAL_V * near_empty * view.hysteresis(rate)
-        told = (Told(f"amplitude_V at SoC {_SILICON_SOC:g}", "V", (_USUAL_V,)),)
-        forms.append(Form(loop_V[:, None], told, (("rate", "1", rate),), least))
+        told = (Told("amplitude_V", "V", (_USUAL_V,)),)
+        fixed = (("rate", "1", rate), ("amplitude_at_soc", "1", _SILICON_SOC))
+        forms.append(Form(loop_V[:, None], told, fixed, least))
     return tuple(forms)
 
 

@@ -33,8 +33,9 @@ def test_a_loop_may_be_wide_near_empty_alone() -> None:
     view = linear_view()
     forms = effect("hysteresis").expected.forms
     assert forms is not None
-    silicon = [each for each in forms(view) if each.told[0].name == "amplitude_V at SoC 0.1"]
+    silicon = [each for each in forms(view) if ("amplitude_at_soc", "1", 0.1) in each.fixed]
     assert len(silicon) == 3
+    assert {each.told[0].name for each in forms(view)} == {"amplitude_V"}
     for form in silicon:
         loop = form.columns[:, 0] / view.hysteresis(form.fixed[0][2])
         soc = view.soc[view.index]
