@@ -32,7 +32,7 @@ class Cell:
     values, parameters, options, model : of PyBaMM; the parameters by the name of their set
     capacity_Ah : between the voltages at rest
     leak_A : that discharges the cell and that no sensor sees
-    ambient : (mean, swing) in degC
+    ambient_degC : (mean, swing)
     lithium_lost : share of the capacity that is missing as lithium, before the run
     """
 
