@@ -93,7 +93,10 @@ def fit_known(
         found = bank, *_chosen(bank, variant, fold), None
     placed, held, logs, starts = found
     cell = _cell(placed, held, logs)
-    return cell, _left(cell, placed, held, logs, starts, fold)
+    left = _left(cell, placed, held, logs, starts, fold)
+    if starts is not None:
+        cell = replace(cell, covariance=cell.covariance + starts.of_coefficients_V2)
+    return cell, left
 
 
 def _found(
@@ -203,7 +206,7 @@ def _left(
     voltage = np.array([bank.runs[r].voltage_V[i] for r, i in zip(run, index, strict=True)])
     fold = folds[np.cumsum([0, *(len(each) for each in bank.runs[:-1])])[run] + index]
     unseen, noise_V2 = np.empty(len(run)), _noise(held, logs)
-    open_V2 = np.zeros((len(run), len(run))) if starts is None else starts.open_V2(run, index)
+    open_V2 = np.zeros((len(run), len(run))) if starts is None else starts.open_V2(run, index, rows)
     for number in np.unique(fold):
         own = np.flatnonzero(fold == number)
         without = curve_by_values(held.sums.layout, held.without(logs, int(number)).x)

@@ -34,12 +34,14 @@ class TrainingStarts:
     sizes : (K,) likeliest states of all runs, one after the other
     covariance : (K, K) of what is left open of them
     soc_std : standard deviation that the stated states of charge were taken to have
+    follow : (P, K) by how much the cell's coefficients follow, all of them free, in V, the curve by its values
     """
 
     every: list[FloatArray]
     sizes: FloatArray
     covariance: FloatArray
     soc_std: float
+    follow: FloatArray
 
     @property
     def volts(self) -> list[FloatArray]:
@@ -57,10 +59,22 @@ class TrainingStarts:
         """(R + 1,) place of each run's first state, that of charge; the last: number of all."""
         return np.cumsum([0, *(each.shape[1] for each in self.every)])
 
-    def open_V2(self, run: np.ndarray, index: np.ndarray) -> FloatArray:
-        """(m, m) covariance, at points of the runs, of what is left open."""
-        columns: FloatArray = np.asarray(block_diag(*(each[index[run == r]] for r, each in enumerate(self.every))))
+    def open_V2(self, run: np.ndarray, index: np.ndarray, rows: FloatArray) -> FloatArray:
+        """(m, m) covariance, at points of the runs, of what is left open, the cell's coefficients following.
+
+        Parameters
+        ----------
+        run, index : (m,) which run and sample
+        rows : (m, P) derivatives of the voltage to the coefficients there
+        """
+        own: FloatArray = np.asarray(block_diag(*(each[index[run == r]] for r, each in enumerate(self.every))))
+        columns = own + rows @ self.follow
         return columns @ self.covariance @ columns.T
+
+    @property
+    def of_coefficients_V2(self) -> FloatArray:
+        """(P, P) covariance of the cell's coefficients by what is left open of the starts."""
+        return self.follow @ self.covariance @ self.follow.T
 
 
 @dataclass(frozen=True)
@@ -104,24 +118,31 @@ def training_starts(
     views = [View(cell, run, s, np.arange(len(run))) for run, s in zip(runs, soc, strict=True)]
     every = [_open(start) * start_columns(cell, view, soc_std) for view, start in zip(views, soc, strict=True)]
     size, count = sum(each.shape[1] for each in every), sum(len(kept) for kept in fitted.kept)
-    across, down, inner, asked = np.zeros((len(own), size)), np.zeros(len(own)), np.zeros((size, size)), np.zeros(size)
+    across, down = np.zeros((len(fitted.information), size)), np.zeros(len(own))
+    inner, asked = np.zeros((size, size)), np.zeros(size)
     first = 0
     for run, start, kept, taken_V, columns in zip(runs, soc, fitted.kept, fitted.taken_V, every, strict=True):
         part = slice(first, first + columns.shape[1])
         for at in range(0, len(kept), _BLOCK):
             view = View(cell, run, start, kept[at : at + _BLOCK])
-            rows, begun = _by_increments(cell, view)[:, own], columns[view.index]
+            rows, begun = _by_increments(cell, view), columns[view.index]
             across[:, part] += rows.T @ begun / count
-            down += rows.T @ taken_V[view.index] / count
+            down += rows[:, own].T @ taken_V[view.index] / count
             inner[part, part] += begun.T @ begun / count
             asked[part] += begun.T @ view.residual_V / count
         first = part.stop
-    information = fitted.information[np.ix_(own, own)]
-    factor = cho_factor(information + _RIDGE * information.max(initial=0.0) * np.eye(len(own)))
-    inner = inner - across.T @ cho_solve(factor, across) + fitted.error_V2 * np.eye(size)
+    held, free = across[own], fitted.information[np.ix_(own, own)]
+    factor = _factored(free)
+    inner = inner - held.T @ cho_solve(factor, held) + fitted.error_V2 * np.eye(size)
     solved = np.linalg.inv(0.5 * (inner + inner.T))
-    sizes = solved @ (asked - across.T @ cho_solve(factor, down))
-    return TrainingStarts(every, sizes, fitted.error_V2 * solved, soc_std)
+    sizes = solved @ (asked - held.T @ cho_solve(factor, down))
+    follow, n = -cho_solve(_factored(fitted.information), across), cell.layout.n_curve
+    follow[:n] = np.cumsum(follow[:n], axis=0)
+    return TrainingStarts(every, sizes, fitted.error_V2 * solved, soc_std, follow)
+
+
+def _factored(information: FloatArray):  # noqa: ANN202
+    return cho_factor(information + _RIDGE * information.max(initial=0.0) * np.eye(len(information)))
 
 
 def _open(soc: float) -> float:
