@@ -1,17 +1,16 @@
-"""From training runs to a known cell, and what it leaves of them: as fitted, and where it did not see them."""
+"""From training runs to a known cell."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from models.data.errors import NotIdentifiableError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
-from models.diagnosis.known.points import points
+from models.diagnosis.known.left import Left, covariance_of, left_of, noise_of
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.known.training_starts import Fitted, TrainingStarts, training_starts
 from models.effects.view import View
@@ -29,32 +28,8 @@ from models.network.regression import CellContext, SignalBank
 _WHOLE_SOC = (0.02, 1.0)
 # Samples in the sums: more tell nothing new.
 _SAMPLES = 25_000
-# Independent samples that the runs are worth at least and at most: neighbouring errors hang together.
-_INDEPENDENT = (600.0, 2500.0)
-# Of the size of a gain's prior at its bound, where the information alone would call it exact.
-_RIDGE = 1e-9
-# Of the largest of a matrix, below which a number says nothing.
-_NOTHING = 1e-15
 # Least range of the state of charge in which a curve can be seen.
 _LEAST_SOC = 1e-6
-
-
-@dataclass(frozen=True)
-class Left:
-    """What a known cell leaves of points of the training runs.
-
-    Attributes
-    ----------
-    run, index : (m,) which run and sample
-    fitted_V, unseen_V : (m,) error as fitted, and by a fit to the other folds
-    open_V2 : (m, m) covariance of the latter by what that fit leaves open of the coefficients
-    """
-
-    run: np.ndarray
-    index: np.ndarray
-    fitted_V: FloatArray
-    unseen_V: FloatArray
-    open_V2: FloatArray
 
 
 def fit_known(
@@ -90,10 +65,13 @@ def fit_known(
     if found is None:
         # Whole runs are held out wherever there are three, for what differs between them.
         fold = outer_folds(run_index(bank), groups_of(bank))
-        found = bank, *_chosen(bank, variant, fold), None
+        held, logs = _chosen(bank, variant, fold)
+        # Where they are not moved starts are open none the less.
+        where = None if starts_known else training_starts(_fitted(bank, bank, held, logs), bank.runs, bank.initial_soc)
+        found = bank, held, logs, where
     placed, held, logs, starts = found
     cell = _cell(placed, held, logs)
-    left = _left(cell, placed, held, logs, starts, fold)
+    left = left_of(cell, placed, held, logs, starts, fold)
     if starts is not None:
         cell = replace(cell, covariance=cell.covariance + starts.of_coefficients_V2)
     return cell, left
@@ -167,7 +145,7 @@ def _cell(bank: SignalBank, held: HeldOut, logs: tuple[float, ...]) -> KnownCell
     span = (25.0, 25.0) if np.isnan(degC).any() else (float(degC.min()), float(degC.max()))
     layout = held.sums.layout
     whole = curve_by_values(layout, rising(held, logs, span))
-    covariance = _covariance(held, logs, _noise(held, logs), None)
+    covariance = covariance_of(held, logs, noise_of(held, logs), None)
     dt_s, usual = bank.runs[0].dt_s, _usual(bank, layout)
     # What it typically resists needs the cell to look at the runs.
     bare = KnownCell(layout, whole, covariance, bank.cell.capacity_Ah, dt_s, _domain(bank), 0.0, usual)
@@ -190,29 +168,7 @@ def _fitted(bank: SignalBank, placed: SignalBank, held: HeldOut, logs: tuple[flo
     kept = [sample[chosen[number[chosen] == r]] for r in range(len(bank.runs))]
     taken_V: list[FloatArray] = [was.voltage_V - now.voltage_V for was, now in zip(bank.runs, placed.runs, strict=True)]
     free = held.whole(logs).free
-    return Fitted(_cell(placed, held, logs), free, information, kept, taken_V, _noise(held, logs) / count)
-
-
-def _left(
-    cell: KnownCell,
-    bank: SignalBank,
-    held: HeldOut,
-    logs: tuple[float, ...],
-    starts: TrainingStarts | None,
-    folds: np.ndarray,
-) -> Left:
-    """What a cell leaves of its training runs, and what fits leave of the folds that they did not see."""
-    run, index, rows = points(cell, bank.runs, bank.initial_soc)
-    voltage = np.array([bank.runs[r].voltage_V[i] for r, i in zip(run, index, strict=True)])
-    fold = folds[np.cumsum([0, *(len(each) for each in bank.runs[:-1])])[run] + index]
-    unseen, noise_V2 = np.empty(len(run)), _noise(held, logs)
-    open_V2 = np.zeros((len(run), len(run))) if starts is None else starts.open_V2(run, index, rows)
-    for number in np.unique(fold):
-        own = np.flatnonzero(fold == number)
-        without = curve_by_values(held.sums.layout, held.without(logs, int(number)).x)
-        unseen[own] = voltage[own] - rows[own] @ without
-        open_V2[np.ix_(own, own)] += rows[own] @ _covariance(held, logs, noise_V2, int(number)) @ rows[own].T
-    return Left(run, index, voltage - rows @ cell.coefficients, unseen, open_V2)
+    return Fitted(_cell(placed, held, logs), free, information, kept, taken_V, noise_of(held, logs) / count)
 
 
 def _held(bank: SignalBank, variant: Variant, fold: np.ndarray) -> HeldOut:
@@ -228,29 +184,6 @@ def _summed(bank: SignalBank, layout: Layout, fold: np.ndarray) -> HeldOut:
 
 def _keep_every(bank: SignalBank) -> int:
     return max(1, sum(len(run) for run in bank.runs) // _SAMPLES)
-
-
-def _noise(held: HeldOut, logs: tuple[float, ...]) -> float:
-    """Squared held-out error in V^2 times how many samples stand for one independent one."""
-    count = float(held.sums.count.sum())
-    independent = float(np.clip(count / 10.0, *_INDEPENDENT))
-    return held.mean_mse(logs) * count / independent
-
-
-def _covariance(held: HeldOut, logs: tuple[float, ...], noise_V2: float, without: int | None) -> FloatArray:
-    """(P, P) in V^2, the curve by its values; bounds are left aside, so that nothing is exact."""
-    sums = held.sums
-    kept = np.arange(len(sums.count)) != (-1 if without is None else without)
-    count = float(sums.count[kept].sum())
-    whole = sums.xx[kept].sum(axis=0) + count * penalty(sums, logs)
-    # What no sample says anything of has no scale of its own.
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), _NOTHING * np.diag(whole).max()))
-    scaled = whole * np.outer(scale, scale) + _RIDGE * np.eye(len(whole))
-    inverse = cho_solve(cho_factor(scaled), np.eye(len(whole))) * np.outer(scale, scale)
-    n = sums.layout.n_curve
-    inverse[:n] = np.cumsum(inverse[:n], axis=0)
-    inverse[:, :n] = np.cumsum(inverse[:, :n], axis=1)
-    return noise_V2 * 0.5 * (inverse + inverse.T)
 
 
 def _typical_Ohm(cell: KnownCell, runs: list[GridRun], soc: list[float]) -> float:

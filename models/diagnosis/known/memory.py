@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.elsewhere import Elsewhere
+from models.diagnosis.known.lacks import NOTHING_LACKS, Lacks
 from models.diagnosis.thermal.heat_balance import HeatBalance
 from models.effects.thermal_view import ThermalView
 from models.effects.view import View
@@ -20,11 +21,13 @@ class KnownRuns:
     cell : bounded network with its covariance
     elsewhere : how far it is off where it was not trained
     balance : of the heat; None where it cannot be known
+    lacks : effects that may be missing in the cell
     """
 
     cell: KnownCell
     elsewhere: Elsewhere
     balance: HeatBalance | None
+    lacks: Lacks = NOTHING_LACKS
 
 
 def simulated_heat(cell: KnownCell, view: View, stride: int, balance: HeatBalance | None = None) -> ThermalView:

@@ -11,6 +11,7 @@ from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.elsewhere import OWN_LOAD, PLACES, TIMES, WHITE, Elsewhere, Points
+from models.diagnosis.known.lacks import NOTHING_LACKS, Lacks
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.thermal.heat_balance import HeatBalance
 from models.identification.bounded.knots import Knots
@@ -18,12 +19,13 @@ from models.identification.bounded.layout import Layout, slope_limit
 from models.identification.bounded.terms import Basis, Term
 from models.network.local_model_network import LocalModelNetwork
 
-SCHEMA_VERSION = 3
-# Documents of this version know nothing of what a run has of its own of the load there: they are read as if it were
-# nothing.
+SCHEMA_VERSION = 4
+# Documents of these versions know nothing of what a run has of its own of the load there, or of what the cell may lack:
+# they are read as if it were nothing.
 _WITHOUT_OWN_LOAD, _PLACE_OF_OWN_LOAD = 2, len(PLACES) + TIMES.index(OWN_LOAD)
-# Digits that are written: far more than the estimates are good for.
-_DIGITS = 8
+_WITHOUT_LACKS = 3
+# Digits that are written: far more than the estimates are good for; of what is open enough for a standard deviation.
+_DIGITS, _DIGITS_OPEN = 8, 4
 
 
 def to_json(known: KnownRuns) -> dict[str, Any]:
@@ -56,6 +58,11 @@ def to_json(known: KnownRuns) -> dict[str, Any]:
         "noise_V2": elsewhere.noise_V2,
         "own_V2": elsewhere.own_V2,
         "balance": None if known.balance is None else asdict(known.balance),
+        "lacks": {
+            "effects": list(known.lacks.effects),
+            "root": _short(known.lacks.root, _DIGITS_OPEN),
+            "follow": _short(known.lacks.follow, _DIGITS_OPEN),
+        },
     }
 
 
@@ -67,11 +74,11 @@ def from_json(document: dict[str, Any]) -> KnownRuns:
     ModelError
         It is none, or damaged.
     """
-    known_versions = (_WITHOUT_OWN_LOAD, SCHEMA_VERSION)
+    known_versions = (_WITHOUT_OWN_LOAD, _WITHOUT_LACKS, SCHEMA_VERSION)
     if document.get("kind") != "diagnosis_memory" or document.get("schema_version") not in known_versions:
         raise ModelError(f"not a diagnosis memory of schema version {SCHEMA_VERSION}; fit the model again")
     try:
-        cell, elsewhere = _cell(document), _elsewhere(document)
+        cell, elsewhere, lacks = _cell(document), _elsewhere(document), _lacks(document)
         balance = None if document["balance"] is None else HeatBalance(**document["balance"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ModelError(f"diagnosis memory is damaged: {error!r}; fit the model again") from None
@@ -80,9 +87,14 @@ def from_json(document: dict[str, Any]) -> KnownRuns:
         len(elsewhere.unseen_V),
     }
     causes = len(PLACES) + len(TIMES) + len(WHITE)
-    if len(cell.coefficients) != cell.layout.size or len(counts) != 1 or len(elsewhere.variances) != causes:
+    fits = len(cell.coefficients) == cell.layout.size and len(counts) == 1 and len(elsewhere.variances) == causes
+    if lacks.effects:
+        directions = lacks.root.shape[1:]
+        fits = fits and lacks.root.shape == (len(lacks.effects), *directions)
+        fits = fits and lacks.follow.shape == (cell.layout.size, *directions)
+    if not fits:
         raise ModelError("diagnosis memory is damaged: its sizes do not fit; fit the model again")
-    return KnownRuns(cell, elsewhere, balance)
+    return KnownRuns(cell, elsewhere, balance, lacks)
 
 
 def known_in(network: LocalModelNetwork) -> KnownRuns | None:
@@ -132,11 +144,18 @@ def _elsewhere(document: dict[str, Any]) -> Elsewhere:
     )
 
 
+def _lacks(document: dict[str, Any]) -> Lacks:
+    if document["schema_version"] <= _WITHOUT_LACKS:
+        return NOTHING_LACKS
+    own = document["lacks"]
+    return Lacks(tuple(str(name) for name in own["effects"]), _array(own["root"]), _array(own["follow"]))
+
+
 def _array(values: Any) -> FloatArray:
     return np.array(values, dtype=np.float64)
 
 
-def _short(values: FloatArray) -> Any:
+def _short(values: FloatArray, digits: int = _DIGITS) -> Any:
     if values.ndim > 1:
-        return [_short(row) for row in values]
-    return [float(f"{each:.{_DIGITS}g}") for each in values.tolist()]
+        return [_short(row, digits) for row in values]
+    return [float(f"{each:.{digits}g}") for each in values.tolist()]

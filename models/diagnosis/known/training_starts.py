@@ -67,9 +67,12 @@ class TrainingStarts:
         run, index : (m,) which run and sample
         rows : (m, P) derivatives of the voltage to the coefficients there
         """
-        own: FloatArray = np.asarray(block_diag(*(each[index[run == r]] for r, each in enumerate(self.every))))
-        columns = own + rows @ self.follow
+        columns = self.columns(run, index) + rows @ self.follow
         return columns @ self.covariance @ columns.T
+
+    def columns(self, run: np.ndarray, index: np.ndarray) -> FloatArray:
+        """(m, K) V of one standard deviation of each unknown state at points of the runs, one run after the other."""
+        return np.asarray(block_diag(*(each[index[run == r]] for r, each in enumerate(self.every))))
 
     @property
     def of_coefficients_V2(self) -> FloatArray:

@@ -14,12 +14,13 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.likelihood.background import Background, Weighed
-from models.diagnosis.likelihood.granted import granted
+from models.diagnosis.likelihood.granted import granted, lacking
 from models.diagnosis.likelihood.power import Power, power_of
 from models.diagnosis.likelihood.shapes import Moving, shapes_of
 from models.diagnosis.likelihood.sight import Sight, background, look
+from models.diagnosis.likelihood.sizes import doubt, widened
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.tried import Tried, together, try_shapes
+from models.diagnosis.likelihood.tried import Tried, stacked, together, try_shapes
 from models.diagnosis.likelihood.verdict import Verdict, chances_of, judge
 from models.effects import Effect
 from models.effects.half_cells import half_cells
@@ -91,9 +92,11 @@ class Analysis:
     @cached_property
     def sizes(self) -> dict[str, Weighed]:
         """Sizes of the named effects, found together, and of every other effect alone."""
-        out = {each.effect.name: each.weighed for each in (*self.tried, *self.untold)}
+        factor = doubt(self.sight.known.elsewhere)
+        every = (*self.tried, *self.untold)
+        out = {each.effect.name: widened(self.back, each.weighed, *stacked((each,)), factor) for each in every}
         if len(self.named) > 1:
-            both, _ = together(self.back, self.named)
+            both = widened(self.back, together(self.back, self.named)[0], *stacked(self.named), factor)
             first = 0
             for each in self.named:
                 part = slice(first, first + each.columns.shape[1])
@@ -270,7 +273,7 @@ def _held(sight: Sight, soc_std: list[float] | None, effects: list[Effect]) -> A
     """Every effect held against the samples that are looked at."""
     shapes = {one.name: shapes_of(sight, one) for one in effects}
     shapes = {name: own for name, own in shapes.items() if own}
-    back = background(sight, soc_std, granted(sight, shapes))
+    back = background(sight, soc_std, np.hstack([granted(sight, shapes), lacking(sight, shapes)]))
     # What the runs do not tell from what any cell does may be there, but is not named.
     views = [run.points for run in sight.runs]
     every = [try_shapes(back, one, shapes[one.name]) for one in effects if one.name in shapes]

@@ -144,6 +144,26 @@ class Background:
 
     def weigh_whitened(self, whitened: list[Whitened]) -> Weighed:
         """Evidence for columns of usual sizes: all scales and sizes at once, as it is asked thousands of times."""
+        logs, means, covariances = self._by_scale_and_size(whitened)
+        total = log_sum(logs)
+        share = np.exp(logs - total)
+        mean = np.einsum("sg,sgi->i", share, means)
+        covariance = np.einsum("sg,sgij->ij", share, covariances) + _spread(share, means, mean)
+        return Weighed(total - self.nothing, mean, covariance)
+
+    def less_sure(self, columns: FloatArray, moved: FloatArray | None, factor: float) -> FloatArray:
+        """(k, k) by how much more is open of sizes where the error elsewhere is `factor` times as uncertain.
+
+        How likely each scale is stays as it is: what is doubted is what a scale stands for.
+        """
+        logs, _, covariances = self._by_scale_and_size(self.whiten(columns, moved))
+        share = np.exp(logs - log_sum(logs))
+        wide = list(self.whites(columns, [factor * scale for scale in _SCALES]))
+        wider = _covariances(np.array([each.T @ each for each in wide])) - covariances
+        return np.einsum("sg,sgij->ij", share, wider)
+
+    def _by_scale_and_size(self, whitened: list[Whitened]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(s, g) logarithms of the likelihood, (s, g, k) means and (s, g, k, k) covariances of sizes."""
         at = THRESHOLDS
         inner = np.array([each.columns.T @ each.columns for each in whitened])
         right = np.array([each.columns.T @ each.error for each in whitened])
@@ -153,21 +173,26 @@ class Background:
                 for each, (scale, weight) in zip(whitened, at.effect_scales, strict=True)
             ]
         )
-        squared = np.array(at.sizes)[:, None, None] ** 2
-        whole = inner[:, None] + np.eye(inner.shape[1]) / squared
-        covariances = np.linalg.inv(whole)
+        covariances = _covariances(inner)
         means = np.einsum("sgij,sj->sgi", covariances, right)
-        grown = 0.5 * np.linalg.slogdet(squared * whole)[1]
-        logs = base[:, None] + 0.5 * np.einsum("sgi,si->sg", means, right) - grown
-        total = log_sum(logs)
-        share = np.exp(logs - total)
-        mean = np.einsum("sg,sgi->i", share, means)
-        away = means - mean
-        covariance = np.einsum("sg,sgij->ij", share, covariances) + np.einsum("sg,sgi,sgj->ij", share, away, away)
-        return Weighed(total - self.nothing, mean, covariance)
+        squared = np.array(at.sizes)[:, None, None] ** 2
+        grown = -0.5 * np.linalg.slogdet(covariances / squared)[1]
+        return base[:, None] + 0.5 * np.einsum("sgi,si->sg", means, right) - grown, means, covariances
 
     def step(self, whitened: list[Whitened]) -> FloatArray:
         """(k,) likeliest sizes for a usual scale and large effects, to go to next."""
         usual = whitened[THRESHOLDS.scales.index(1.0)]
         inner = usual.columns.T @ usual.columns
         return np.linalg.solve(inner + np.eye(len(inner)) / max(THRESHOLDS.sizes) ** 2, usual.columns.T @ usual.error)
+
+
+def _covariances(inner: FloatArray) -> FloatArray:
+    """(s, g, k, k) covariances of sizes, by (s, k, k) what the samples say of them, for each of the usual sizes."""
+    squared = np.array(THRESHOLDS.sizes)[:, None, None] ** 2
+    return np.linalg.inv(inner[:, None] + np.eye(inner.shape[1]) / squared)
+
+
+def _spread(share: FloatArray, means: FloatArray, mean: FloatArray) -> FloatArray:
+    """(k, k) covariance of (s, g, k) means, each as likely as its share."""
+    away = means - mean
+    return np.einsum("sg,sgi,sgj->ij", share, away, away)

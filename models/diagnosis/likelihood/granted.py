@@ -1,6 +1,8 @@
-"""What is there in any log and no news: a little of each effect, another one in each run."""
+"""What is there in any log and no news: a little of each effect, another one in each run, and what the cell lacks."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -21,7 +23,42 @@ def all_resistances(sight: Sight) -> FloatArray:
     return sight.stacked(volts)
 
 
-def granted(sight: Sight, shapes: dict[str, tuple[Linear | Moving, ...]]) -> FloatArray:
+def learned_columns(sight: Sight, shapes: Mapping[str, tuple[Linear | Moving, ...]]) -> dict[str, FloatArray]:
+    """By effect of which a little may be new in any run, (n, k) V of its usual size, over all its shapes together.
+
+    Parameters
+    ----------
+    sight : of the runs
+    shapes : of the effects, by their names
+    """
+    out = {}
+    for name, own in shapes.items():
+        # Shapes that differ by how much they warm are one in the voltage.
+        once = {(i if isinstance(shape, Moving) else shape.number): shape for i, shape in enumerate(own)}
+        if once and effect(name).expected.learned:
+            volts = [columns_of(shape)[: sight.n_voltage] for shape in once.values()]
+            out[name] = np.hstack(volts) / np.sqrt(len(volts))
+    return out
+
+
+def lacking(sight: Sight, shapes: Mapping[str, tuple[Linear | Moving, ...]]) -> FloatArray:
+    """(N, r) what the known cell may lack in every run.
+
+    Parameters
+    ----------
+    sight : of the judged runs
+    shapes : of the effects, by their names
+    """
+    lacks, cell = sight.known.lacks, sight.known.cell
+    if not sight.known.elsewhere.granted or not lacks.effects:
+        return np.zeros((len(sight.own_rows[0]), 0))
+    rows = np.vstack([cell.regressors(run.points.inputs, run.points.soc[run.points.index]) for run in sight.runs])
+    own = {name: columns for name, columns in learned_columns(sight, shapes).items() if name in lacks.effects}
+    volts = lacks.columns(own, rows)
+    return np.concatenate([volts, np.zeros((len(sight.own_rows[0]) - len(volts), volts.shape[1]))])
+
+
+def granted(sight: Sight, shapes: Mapping[str, tuple[Linear | Moving, ...]]) -> FloatArray:
     """(N, k) what of each effect, and of all resistances, is there in any log and no news, another one in each run.
 
     Parameters

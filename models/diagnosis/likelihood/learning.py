@@ -10,10 +10,12 @@ from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.elsewhere import UNLEARNED, Points, learn, points_of
-from models.diagnosis.known.fitting import Left, fit_known
+from models.diagnosis.known.fitting import fit_known
+from models.diagnosis.known.lacks import lacks_of
+from models.diagnosis.known.left import Left
 from models.diagnosis.known.memory import KnownRuns, simulated_heat
-from models.diagnosis.likelihood.granted import ALL_RESISTANCES, all_resistances
-from models.diagnosis.likelihood.shapes import columns_of, shapes_of
+from models.diagnosis.likelihood.granted import ALL_RESISTANCES, all_resistances, learned_columns
+from models.diagnosis.likelihood.shapes import shapes_of
 from models.diagnosis.likelihood.sight import RunSight, Sight
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.thermal.heat_balance import HeatBalance, fit_views, has_temperature
@@ -44,25 +46,19 @@ def know(
     cell, left = fit_known(runs, soc, capacity_Ah, variant, starts_known=starts_known)
     views = [View(cell, run, s, left.index[left.run == r]) for r, (run, s) in enumerate(zip(runs, soc, strict=True))]
     points = Points.joined([points_of(view, number, cell.domain) for number, view in enumerate(views)])
-    alike = _from_run_to_run(cell, views, left, effects)
-    elsewhere = learn(points, left.fitted_V, left.unseen_V, left.open_V2, alike)
-    return KnownRuns(cell, elsewhere, _balance(cell, views))
-
-
-def _from_run_to_run(cell: KnownCell, views: list[View], left: Left, effects: list[Effect]) -> dict[str, FloatArray]:
-    """By effect, (m, m) V^2 that one of usual size makes, another one in each run: no two runs of a cell are alike."""
     nobody = np.zeros(0, dtype=np.int64)
-    runs = tuple(RunSight(view, view, np.arange(len(view.index)), None, nobody) for view in views)
-    sight = Sight(KnownRuns(cell, UNLEARNED, None), runs, 1.0)
+    runs_seen = tuple(RunSight(view, view, np.arange(len(view.index)), None, nobody) for view in views)
+    sight = Sight(KnownRuns(cell, UNLEARNED, None), runs_seen, 1.0)
+    own = learned_columns(sight, {one.name: shapes_of(sight, one) for one in effects})
+    elsewhere = learn(points, left.fitted_V, left.unseen_V, left.open_V2, _from_run_to_run(sight, left, own))
+    return KnownRuns(cell, elsewhere, _balance(cell, views), lacks_of(left, cell.layout.size, own))
+
+
+def _from_run_to_run(sight: Sight, left: Left, own: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """By effect, (m, m) V^2 that one of usual size makes, another one in each run: no two runs of a cell are alike."""
     same = left.run[:, None] == left.run[None, :]
-    learned = [one for one in effects if one.expected.learned]
-    every = {one.name: [columns_of(shape) for shape in shapes_of(sight, one)] for one in learned}
-    every[ALL_RESISTANCES] = [all_resistances(sight)]
-    return {
-        name: np.where(same, np.sum([each @ each.T for each in own], axis=0) / len(own), 0.0)
-        for name, own in every.items()
-        if own
-    }
+    every = own | {ALL_RESISTANCES: all_resistances(sight)}
+    return {name: np.where(same, columns @ columns.T, 0.0) for name, columns in every.items()}
 
 
 def _balance(cell: KnownCell, views: list[View]) -> HeatBalance | None:

@@ -176,9 +176,10 @@ def background(sight: Sight, soc_std: list[float] | None, granted: FloatArray) -
     fixed, elsewhere = np.zeros((size, size)), np.zeros((size, size))
     fixed[:n, :n], fixed[n:, n:] = fixed_V2, fixed_K2
     elsewhere[:n, :n], elsewhere[n:, n:] = elsewhere_V2, elsewhere_K2
-    share = known.elsewhere.white_share
-    tempering = (1.0 - share) * THRESHOLDS.tempering + share * THRESHOLDS.tempering_white
-    return Background(np.concatenate([error_V, error_K]), fixed + granted @ granted.T, elsewhere, tempering)
+    # By their size: a cell whose errors hang together for a third is far from known to the noise.
+    white = 1.0 - float(np.sqrt(max(1.0 - known.elsewhere.white_share, 0.0)))
+    tempering = (1.0 - white) * THRESHOLDS.tempering + white * THRESHOLDS.tempering_white
+    return Background(np.concatenate([error_V, error_K]), fixed, elsewhere + granted @ granted.T, tempering)
 
 
 def _temperature(sight: Sight) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -9,9 +9,9 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background, Weighed, Whitened, log_sum
-from models.diagnosis.likelihood.possible import possible
 from models.diagnosis.likelihood.profile import profile
 from models.diagnosis.likelihood.shapes import Linear, Moving
+from models.diagnosis.likelihood.sizes import possible
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.effects import Effect
 
@@ -153,10 +153,14 @@ def together(back: Background, several: Sequence[Tried]) -> tuple[Weighed, Float
     return weighed, part
 
 
-def _together(back: Background, several: Sequence[Tried]) -> tuple[Weighed, FloatArray, float]:
+def stacked(several: Sequence[Tried]) -> tuple[FloatArray, FloatArray | None]:
+    """(N, k) columns of effects in their order, and (N,) what is taken off the error first, if anything is."""
     moved = [each.moved for each in several if each.moved is not None]
-    columns = np.column_stack([each.columns for each in several])
-    whole = np.sum(moved, axis=0) if moved else None
+    return np.column_stack([each.columns for each in several]), np.sum(moved, axis=0) if moved else None
+
+
+def _together(back: Background, several: Sequence[Tried]) -> tuple[Weighed, FloatArray, float]:
+    columns, whole = stacked(several)
     weighed, can_be, column = back.weigh(columns, whole), 0.0, 0
     for each in several:
         if isinstance(each.shape, Linear):

@@ -11,6 +11,7 @@ from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.known.training_starts import Fitted, training_starts
 from models.diagnosis.likelihood.learning import know
 from models.effects import effects
+from models.identification.bounded.knots import hats
 from models.identification.bounded.variants import Variant
 from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, trained
 from tests.unit.models.hand_network import CAPACITY_AH
@@ -60,6 +61,17 @@ def test_what_was_simulated_begins_where_it_is_said_to() -> None:
     runs, soc = [relaxing(trained(1), 0.006), trained(2)], [SOC + 0.004, SOC]
     taken = fit_known(runs, soc, CAPACITY_AH, Variant(), starts_known=True)[1]
     assert np.sqrt(np.mean(taken.unseen_V**2)) > 2.0 * rms_V(known_from(runs, soc))
+
+
+def test_what_the_starts_leave_open_is_open_of_the_cell() -> None:
+    """Two runs, each right within half a point: their curve is by 0.7 V over the whole charge known to 2.5 mV."""
+    runs = [trained(1), trained(2)]
+    found, exact = (fit_known(runs, [SOC, SOC], CAPACITY_AH, Variant(), starts_known=each)[0] for each in (False, True))
+    middle = np.zeros(found.layout.size)
+    middle[: found.layout.n_curve] = hats(found.layout.knots.soc, np.array([SOC]))[0]
+    open_V, exact_V = (float(np.sqrt(middle @ each.covariance @ middle)) for each in (found, exact))
+    assert exact_V < 1e-3
+    assert 1.5e-3 < open_V < 4e-3
 
 
 def test_what_the_starts_leave_open_is_no_error_of_the_cell() -> None:

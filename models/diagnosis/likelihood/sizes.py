@@ -1,4 +1,9 @@
-"""Sizes that a change cannot have: a loop that is narrower than none, a film that charge makes thinner."""
+"""Sizes of effects: those that a change cannot have, and what few training runs leave open of them.
+
+A loop cannot be narrower than none, nor a film be made thinner by charge. How much runs of a cell differ is learned
+from its training runs; of few it is known so badly that a size lies further off than its standard deviation says, as
+often as Student's distribution has it.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.special import erfcx, log_ndtr
+from scipy.stats import norm, t
 
-from models.diagnosis.likelihood.background import Weighed, log_sum
+from models.data.timeseries import FloatArray
+from models.diagnosis.known.elsewhere import Elsewhere
+from models.diagnosis.likelihood.background import Background, Weighed, log_sum
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 
 # Part of a variance that an edge can take at the most.
 _MOST_NARROWED = 1.0 - 1e-9
+# Two standard deviations either way, which hold 95 %.
+_WITHIN = 0.975
 
 
 def possible(weighed: Weighed, least: float, column: int = 0) -> tuple[Weighed, float]:
@@ -42,3 +52,29 @@ def possible(weighed: Weighed, least: float, column: int = 0) -> tuple[Weighed, 
     narrower = min(max(hazard * (hazard - edge), 0.0), _MOST_NARROWED)
     covariance = weighed.covariance - narrower * np.outer(along, along)
     return replace(weighed, mean=mean, covariance=covariance), log_left - before
+
+
+def doubt(elsewhere: Elsewhere) -> float:
+    """Factor of the learned differences with which two standard deviations hold 95 % of what runs will show.
+
+    1 where nothing differs from run to run. A single run counts as two: its parts differ, too.
+    """
+    if not elsewhere.granted:
+        return 1.0
+    runs = len(np.unique(elsewhere.known.run))
+    return float(t.ppf(_WITHIN, max(runs - 1, 1)) / norm.ppf(_WITHIN))
+
+
+def widened(
+    back: Background, weighed: Weighed, columns: FloatArray, moved: FloatArray | None, factor: float
+) -> Weighed:
+    """Sizes with what few training runs leave open of them.
+
+    Parameters
+    ----------
+    back : error and covariance
+    weighed : sizes
+    columns, moved : (N, k), (N,) that they were found with
+    factor : of the learned differences
+    """
+    return replace(weighed, covariance=weighed.covariance + back.less_sure(columns, moved, factor))

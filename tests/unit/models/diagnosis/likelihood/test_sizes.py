@@ -1,4 +1,4 @@
-"""What is nothing already cannot become less."""
+"""What is nothing already cannot become less, and few training runs leave more open than many."""
 
 from dataclasses import replace
 
@@ -9,10 +9,11 @@ from scipy.stats import truncnorm
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
 from models.diagnosis import diagnose
+from models.diagnosis.known.elsewhere import UNLEARNED
 from models.diagnosis.known.memory import KnownRuns
-from models.diagnosis.likelihood.background import Weighed
+from models.diagnosis.likelihood.background import Background, Weighed
 from models.diagnosis.likelihood.learning import know
-from models.diagnosis.likelihood.possible import possible
+from models.diagnosis.likelihood.sizes import doubt, possible, widened
 from models.effects import effect, effects
 from models.identification.bounded.variants import Variant
 from models.network.signals import RunSignals
@@ -86,3 +87,26 @@ def test_a_loop_that_is_inside_out_is_told_as_one_that_has_closed_at_the_most(me
     had_V = float(np.mean(memory.cell.loop_V(np.linspace(0.2, 0.9, 8))))
     loops = [each.parameters["amplitude_V"].value for each in answer.findings if each.effect == "hysteresis"]
     assert all(each >= -had_V - 1e-6 for each in loops)
+
+
+@pytest.mark.parametrize(("runs", "factor"), [(1, 6.48), (2, 6.48), (3, 2.195), (20, 1.068)])
+def test_few_runs_say_little_of_how_much_runs_differ(runs: int, factor: float) -> None:
+    """Student's two-sided 95 % over the normal distribution's, of tables."""
+    known = replace(UNLEARNED.known, run=np.repeat(np.arange(runs), 5).astype(float))
+    learned = replace(UNLEARNED, granted={"hysteresis": 0.1}, known=known)
+    assert doubt(learned) == pytest.approx(factor, rel=1e-3)
+    assert doubt(replace(learned, granted={})) == 1.0
+
+
+@pytest.mark.parametrize(("elsewhere", "wider"), [(0.0, 1.0), (1.0, 2.0)])
+def test_only_what_was_learned_is_doubted(elsewhere: float, wider: float) -> None:
+    """Noise is known; what differs from run to run by far more makes a size as uncertain as that is."""
+    rng = np.random.default_rng(3)
+    columns = rng.standard_normal((300, 1))
+    back = Background(
+        columns[:, 0] + rng.standard_normal(300), (1.01 - elsewhere) * np.eye(300), elsewhere * np.eye(300)
+    )
+    found = back.weigh(columns)
+    now = widened(back, found, columns, None, 2.0)
+    assert now.mean == found.mean
+    assert np.sqrt(now.covariance[0, 0] / found.covariance[0, 0]) == pytest.approx(wider, rel=0.1)

@@ -1,0 +1,79 @@
+"""What a known cell may lack: effects that its training runs do not tell from their starts and from its coefficients.
+
+A loop or a slow branch that the starts of the training runs stood for is missing in the cell as it was, and would look
+new in every later run. What the training runs say against it is a regression with starts and coefficients free to
+follow; what they leave open of it is no news.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.diagnosis.known.left import Left
+from models.diagnosis.known.thresholds import KNOWN
+
+# Of the size of coefficients that no sample speaks of, and of what is open beforehand, below which nothing is open.
+_RIDGE, _NOTHING = 1e-9, 0.02
+
+
+@dataclass(frozen=True)
+class Lacks:
+    """What is open of effects, alike in every run.
+
+    Attributes
+    ----------
+    effects : (E,) name of the effect of each column
+    root : (E, r) columns' sizes, in units of the usual ones, of r independent directions of variance 1
+    follow : (P, r) by how much the cell's coefficients follow, V
+    """
+
+    effects: tuple[str, ...]
+    root: FloatArray
+    follow: FloatArray
+
+    def columns(self, own: Mapping[str, FloatArray], rows: FloatArray) -> FloatArray:
+        """(m, r) V of one standard deviation in each direction.
+
+        Parameters
+        ----------
+        own : by effect, (m, k) V of usual sizes at samples of a run; what these cannot show is left out
+        rows : (m, P) derivatives of the voltage to the cell's coefficients there
+        """
+        out, names = rows @ self.follow, np.array(self.effects)
+        for name, columns in own.items():
+            places = np.flatnonzero(names == name)
+            if len(places) == columns.shape[1]:
+                out += columns @ self.root[places]
+        return out
+
+
+NOTHING_LACKS = Lacks((), np.zeros((0, 0)), np.zeros((0, 0)))
+
+
+def lacks_of(left: Left, size: int, own: Mapping[str, FloatArray]) -> Lacks:
+    """What training runs leave open of effects.
+
+    Parameters
+    ----------
+    left : points of the training runs
+    size : number P of the cell's coefficients
+    own : by effect, (m, k) V of usual sizes at these points
+    """
+    if not own:
+        return NOTHING_LACKS
+    columns = np.hstack(list(own.values()))
+    across = left.rows.T @ columns / left.point_V2
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(left.information), np.finfo(np.float64).tiny))
+    scaled = left.information * np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    follow = -scale[:, None] * np.linalg.solve(scaled, scale[:, None] * across)
+    information = columns.T @ columns / left.point_V2 + across.T @ follow
+    informed, axes = np.linalg.eigh(0.5 * (information + information.T))
+    std = 1.0 / np.sqrt(np.maximum(informed, 0.0) + KNOWN.lacking**-2)
+    kept = std > _NOTHING * KNOWN.lacking
+    root = axes[:, kept] * std[kept]
+    names = tuple(name for name, each in own.items() for _ in range(each.shape[1]))
+    return Lacks(names, root, follow[:size] @ root)
