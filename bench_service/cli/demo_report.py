@@ -61,10 +61,13 @@ def _show_diagnosis(console: Console, result: dict[str, Any], answer: dict[str, 
     found = result.get("diagnosis")
     if found is None:
         return
+    # Lazy: numba and scipy take 1.2 s.
+    from bench_service.reports.diagnosis import confidence
+
     console.print(f"Verdict: [bold]{found['verdict'].replace('_', ' ')}[/bold]")
     for finding in found["findings"][:3]:
         console.print(
-            f"  {finding['rank']}. {finding['effect']}, confidence {100 * finding['confidence']:.0f} %: "
+            f"  {finding['rank']}. {finding['effect']}, confidence {confidence(finding['confidence'])}: "
             f"{finding['explanation']}"
         )
     for version in answer["model_chain"]:

@@ -27,7 +27,7 @@ _ASKED = {
 }
 # An error that is larger than so many times the noise is more than noise to anybody.
 _FAR_ABOVE_NOISE = 2.0
-_SUREST = 0.999
+_SUREST, _LEAST = 0.999, 0.005
 
 
 def diagnosis_report(
@@ -80,7 +80,9 @@ def diagnosis_summary(result: Mapping[str, Any]) -> list[Part]:
 
 
 def confidence(share: float) -> str:
-    """Write a probability; none is ever certain."""
+    """Write a probability; none is ever certain, and what is a rival by its shape alone is not ruled out."""
+    if share < _LEAST:
+        return "below 1 %"
     return "above 99.9 %" if share > _SUREST else words.percent(share)
 
 

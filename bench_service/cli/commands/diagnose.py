@@ -56,12 +56,12 @@ def _run(options: Namespace, output: Output) -> int:
 
 def _show(console: Console, result: dict[str, Any]) -> None:
     # Lazy: numba and scipy take 1.2 s.
-    from bench_service.reports.diagnosis import VERDICTS, left_over
+    from bench_service.reports.diagnosis import VERDICTS, confidence, left_over
 
     console.print(f"[bold]{VERDICTS[result['verdict']]}[/bold]")
     for finding in result["findings"]:
         console.print(
-            f"\n{finding['rank']}. [bold]{finding['effect']}[/bold]  confidence {100 * finding['confidence']:.0f} %  "
+            f"\n{finding['rank']}. [bold]{finding['effect']}[/bold]  confidence {confidence(finding['confidence'])}  "
             f"error {finding['error_before_mV']:.1f} -> {finding['error_after_mV']:.1f} mV "
             f"({100 * finding['explained_share']:.0f} % of the squared error)"
         )

@@ -26,6 +26,12 @@ export function percent(fraction, digits = 1) {
   return quantity(fraction * 100, digits, "%");
 }
 
+/** A probability: none is ever certain, and what is a rival by its shape alone is not ruled out. */
+export function confidence(share) {
+  if (share < 0.005) return `below 1${THIN}%`;
+  return share > 0.999 ? `above 99.9${THIN}%` : percent(share, 0);
+}
+
 /** Seconds as "12.3 s", "4 min 05 s", "2 h 03 min" or "3 d 4 h". */
 export function duration(seconds) {
   if (!Number.isFinite(seconds)) return MISSING;

@@ -3,7 +3,7 @@ import { chip, el } from "./dom.js";
 import { legend } from "./charts.js";
 import { errorLeft, profileChart, variableName } from "./error-charts.js";
 import { reportLinks } from "./report-links.js";
-import { duration, fixed, percent, quantity } from "./format.js";
+import { confidence, duration, fixed, percent, quantity } from "./format.js";
 
 // An error that is larger than so many times the noise is more than noise to anybody.
 const FAR_ABOVE_NOISE = 2;
@@ -101,7 +101,7 @@ function finding(each, titleOf, add, addNote, shown) {
     text: `Add ${inText(titleOf(each.effect))}`, on: { click: () => add(each.effect) } });
   return el("li", { class: "finding", data: { effect: each.effect } },
     el("h4", { text: `${each.rank}. ${titleOf(each.effect)}` }),
-    el("div", { class: "confidence" }, el("span", { text: "Confidence" }), el("span", { class: "share-track" }, bar), el("strong", { text: percent(each.confidence, 0) })),
+    el("div", { class: "confidence" }, el("span", { text: "Confidence" }), el("span", { class: "share-track" }, bar), el("strong", { text: confidence(each.confidence) })),
     el("p", {}, el("strong", { text: `${quantity(each.error_before_mV, 2, "mV")} → ${quantity(each.error_after_mV, 2, "mV")}` }),
       ` on these runs, ${percent(Math.max(0, each.explained_share), 0)} of the squared error`),
     el("p", { class: "parameters" }, Object.entries(each.parameters).map(([name, value]) => el("span", { class: "parameter", text: parameterText(name, value) }))),

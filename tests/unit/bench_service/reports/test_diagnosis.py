@@ -63,7 +63,7 @@ def test_all_of_the_answer_is_in_the_report_in_words() -> None:
 
 
 def test_no_probability_is_certain() -> None:
-    assert (confidence(0.97), confidence(0.99999)) == ("97 %", "above 99.9 %")
+    assert [confidence(each) for each in (0.97, 0.99999, 0.002)] == ["97 %", "above 99.9 %", "below 1 %"]
 
 
 def test_every_verdict_has_words() -> None:
