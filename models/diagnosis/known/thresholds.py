@@ -22,8 +22,9 @@ class Known:
         precision
     granted : size of each effect that is expected to differ from run to run, in units of its usual size
     lacking : the same that the cell may lack in every run, where its training runs do not tell: of 80 foreign logs
-        without an effect (particle and many branches, seeds 1401 and 1501) 12 drew a claim without it, 7 with 0.3, 6
-        with 1, and of 160 with one 83, 82 and 81 were named right
+        without an effect (particle and many branches, seeds 1401 and 1501) 12 drew a claim without it, 7 with 0.3 of
+        all effects, 6 with 1; what moves the state of charge left out, and claims at 2 %, 4, and of 160 with an effect
+        83, 82, 81 and 81 were named right
     usual_V, usual_range : error on unseen runs in V for which that holds, and the factors by which more or less of it
         changes it at most
     level_soc, level_points : over how much SoC the size of errors is taken together, and how many points the mean of

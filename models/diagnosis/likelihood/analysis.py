@@ -20,7 +20,7 @@ from models.diagnosis.likelihood.shapes import Moving, shapes_of
 from models.diagnosis.likelihood.sight import Sight, background, look
 from models.diagnosis.likelihood.sizes import doubt, widened
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.tried import Tried, stacked, together, try_shapes
+from models.diagnosis.likelihood.tried import Tried, alike, once, stacked, together, try_shapes
 from models.diagnosis.likelihood.verdict import Verdict, chances_of, judge
 from models.effects import Effect
 from models.effects.half_cells import half_cells
@@ -65,12 +65,13 @@ class Analysis:
 
     @cached_property
     def _likeliest(self) -> tuple[float, tuple[Tried, ...]]:
-        """The likeliest of one effect and two, with its probability.
+        """The likeliest of one effect and two, with its probability; two only where they are clearly more likely.
 
         A cause of a lost capacity is told as the capacity where that alone would do nearly as well: whichever cause it
         is, the charge that the cell holds is that.
         """
-        best, *which = max([*self.verdict.single[:1], *self.verdict.pairs[:1]], key=lambda each: each[0])
+        alone, two = self.verdict.single[:1], self.verdict.pairs[:1]
+        best, *which = max([*alone, *two], key=lambda each: each[0] / (THRESHOLDS.two if len(each) > 2 else 1.0))
         whole = next((each for each in self.tried if each.effect.life == "capacity"), None)
         for cause in [each for each in which if each.effect.causes and whole is not None]:
             wanted = [each for each in self.tried if each is whole or (each is not cause and each in which)]
@@ -106,17 +107,19 @@ class Analysis:
 
     @property
     def rivals(self) -> tuple[Tried, ...]:
-        """Effects that explain the runs nearly as well as the first that is named, where one alone is."""
+        """Effects that explain the runs nearly as well as the first that is named alone, or as two that are."""
         hidden = tuple(each for each in self.untold if each.effect.name in self.untold_chances)
         if len(self.named) != 1:
-            return _once(*hidden, *self._instead, *self.one_curve)
+            return once(*hidden, *self._alone, *self._instead, *self.one_curve)
         best, (named,) = self._likeliest
         singles = [(p, each) for p, each in self.verdict.single if each is not named]
-        others = [each for p, each in singles if p * THRESHOLDS.rival >= best or _alike(named, each)]
+        others = [each for p, each in singles if p * THRESHOLDS.rival >= best or alike(named, each)]
         name = named.effect
         twin = [each for _, each in singles if each.effect.name == name.twin and each not in others]
         curve = [each for each in self.one_curve if each not in (*twin, *others)]
-        return (*twin, *hidden, *others, *curve)
+        # Two that are as likely, yet not by enough to stand in the place of one.
+        both = [each for p, *two in self.verdict.pairs if p >= best for each in two if each is not named]
+        return once(*twin, *hidden, *others, *both, *curve)
 
     @cached_property
     def one_curve(self) -> tuple[Tried, ...]:
@@ -154,6 +157,12 @@ class Analysis:
         return {name: best * p / (p + max(p, best)) for name, p in near.items() if p * THRESHOLDS.rival >= best}
 
     @property
+    def _alone(self) -> list[Tried]:
+        """Effects each of which would be nearly as likely as both that are named."""
+        likely = [each for p, each in self.verdict.single if p * THRESHOLDS.rival >= self._likeliest[0]]
+        return [each for each in likely if self.named and all(each is not one for one in self.named)]
+
+    @property
     def _instead(self) -> tuple[Tried, ...]:
         """Effects with which one of a named pair would be as good in the place of the other, the likeliest first.
 
@@ -166,7 +175,7 @@ class Analysis:
             other = [each for each in both if all(each is not one for one in self.named)]
             if p * THRESHOLDS.rival >= self._likeliest[0] and len(other) == 1:
                 found += other
-        return _once(*found)
+        return once(*found)
 
     @property
     def confidence(self) -> float:
@@ -205,27 +214,14 @@ class Analysis:
     @cached_property
     def power(self) -> list[Power]:
         """Each effect with the smallest size that would have been seen."""
-        return power_of(self.sight, self.back, self.tried, self.absent, self.explained)
+        return power_of(self.sight, self.back, self.tried, self.absent, self.untold, self.explained)
 
     @property
     def hides_best(self) -> tuple[str, ...]:
         """The three effects that could hide best: those that make most voltage at the smallest size that is seen."""
-        order = sorted(self.power, key=lambda each: -each.rms_V)
+        told = [each for each in self.power if all(each.tried is not one for one in self.untold)]
+        order = sorted(told, key=lambda each: -each.rms_V)
         return tuple(each.tried.effect.name for each in order[:3])
-
-
-def _alike(named: Tried, other: Tried) -> bool:
-    """Whether an effect that most runs can hardly tell from the named one explains nearly as much."""
-    like = other.effect.name in named.effect.like or named.effect.name in other.effect.like
-    return like and other.weighed.log_likelihood >= THRESHOLDS.as_good * named.weighed.log_likelihood
-
-
-def _once(*tried: Tried) -> tuple[Tried, ...]:
-    """Each effect where it stands first."""
-    found: dict[str, Tried] = {}
-    for each in tried:
-        found.setdefault(each.effect.name, each)
-    return tuple(found.values())
 
 
 def analyse(

@@ -51,7 +51,10 @@ def know(
     sight = Sight(KnownRuns(cell, UNLEARNED, None), runs_seen, 1.0)
     own = learned_columns(sight, {one.name: shapes_of(sight, one) for one in effects})
     elsewhere = learn(points, left.fitted_V, left.unseen_V, left.open_V2, _from_run_to_run(sight, left, own))
-    return KnownRuns(cell, elsewhere, _balance(cell, views), lacks_of(left, cell.layout.size, own))
+    # How charge is counted is not of the cell: open there, it would hide what moves the state of charge.
+    of_cell = {each.name for each in effects if each.shift is None or each.shift.soc is None}
+    lacks = lacks_of(left, cell.layout.size, {name: columns for name, columns in own.items() if name in of_cell})
+    return KnownRuns(cell, elsewhere, _balance(cell, views), lacks)
 
 
 def _from_run_to_run(sight: Sight, left: Left, own: dict[str, FloatArray]) -> dict[str, FloatArray]:

@@ -87,7 +87,12 @@ def smallest_shown(back: Background, tried: Tried, prior: float, explained: Floa
 
 
 def power_of(
-    sight: Sight, back: Background, tried: Sequence[Tried], absent: Sequence[Effect], explained: FloatArray
+    sight: Sight,
+    back: Background,
+    tried: Sequence[Tried],
+    absent: Sequence[Effect],
+    untold: Sequence[Tried],
+    explained: FloatArray,
 ) -> list[Power]:
     """Each effect with the smallest size that would have been seen.
 
@@ -96,6 +101,7 @@ def power_of(
     sight, back : the runs, their error, and its covariance
     tried : effects
     absent : effects that have no shape in these runs: those are asked about that might have had one
+    untold : effects that these runs do not tell from what any cell does, however large
     explained : (N,) part of the error that another effect is named for
     """
     might = [(one, unseen_shapes(sight, one)) for one in absent]
@@ -111,7 +117,7 @@ def power_of(
         rms_K = float(np.sqrt(np.mean(kelvins**2))) if len(kelvins) else None
         rms_V = float(np.sqrt(np.mean(volts**2)))
         found.append(Power(each, size, first_direction(each)[2], rms_V, rms_K))
-    return found
+    return found + [Power(each, np.inf, first_direction(each)[2], np.inf, None) for each in untold]
 
 
 def _along(back: Background, tried: Tried, column: FloatArray, prior: float, explained: FloatArray) -> float:

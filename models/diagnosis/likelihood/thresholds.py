@@ -37,6 +37,7 @@ class Thresholds:
     sure_of_curve : most confidence beside such a rival
     in_question : difference of logarithms to the likeliest, within which pairs are asked for that
     rival : factor of the probability within which two effects cannot be told apart
+    two : factor by which two effects must be likelier than one alone to be named: nearer by, one is the simpler answer
     power : share of cases in which an effect of the stated size is seen
     start_K : of the temperature at the start, K
     heat_error : of the model's temperature, in units of its training error: another run is off by its own error too
@@ -70,6 +71,7 @@ class Thresholds:
     sure_of_curve: float = 0.6
     in_question: float = 8.0
     rival: float = 10.0
+    two: float = 2.0
     power: float = 0.9
     start_K: float = 3.0
     heat_error: float = 1.4

@@ -67,6 +67,20 @@ class Tried:
         return -0.5 * (1.0 - THRESHOLDS.tempering) * float(sizes[0] / max(THRESHOLDS.sizes)) ** 2
 
 
+def alike(named: Tried, other: Tried) -> bool:
+    """Whether an effect that most runs can hardly tell from the named one explains nearly as much."""
+    like = other.effect.name in named.effect.like or named.effect.name in other.effect.like
+    return like and other.weighed.log_likelihood >= THRESHOLDS.as_good * named.weighed.log_likelihood
+
+
+def once(*tried: Tried) -> tuple[Tried, ...]:
+    """Each effect where it stands first."""
+    found: dict[str, Tried] = {}
+    for each in tried:
+        found.setdefault(each.effect.name, each)
+    return tuple(found.values())
+
+
 def try_shapes(back: Background, one: Effect, shapes: tuple[Linear | Moving, ...]) -> Tried:
     """Weigh an effect over all its shapes."""
     every = [_linear(back, one, shape) if isinstance(shape, Linear) else _moving(back, one, shape) for shape in shapes]

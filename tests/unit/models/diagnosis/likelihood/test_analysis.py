@@ -1,12 +1,13 @@
-"""What else may have moved a curve that moved freely."""
+"""What is named of one effect and two that are nearly as likely, and what may have been in its place."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from models.diagnosis.likelihood.analysis import Analysis
-from models.diagnosis.likelihood.background import Weighed
+from models.diagnosis.likelihood.background import Background, Weighed
 from models.diagnosis.likelihood.tried import Tried
 from models.diagnosis.likelihood.verdict import Verdict
 from models.effects import effect
@@ -27,6 +28,27 @@ def test_a_loop_that_explains_half_of_a_free_curve_is_its_rival(share: float, ri
     analysis = Analysis(NOTHING, NOTHING, (curve, loop, other), verdict)
     assert analysis.named == (curve,)
     assert [each.effect.name for each in analysis.one_curve] == (["hysteresis"] if rival else [])
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "named", "rivals"),
+    [
+        (0.3, 0.5, ["current_gain"], ["capacity", "temperature_sensor"]),  # likelier, but not by a factor of two
+        (0.5, 0.3, ["current_gain"], []),
+        (0.2, 0.6, ["capacity", "temperature_sensor"], ["current_gain"]),
+        (0.02, 0.9, ["capacity", "temperature_sensor"], []),
+    ],
+)
+def test_two_effects_stand_in_the_place_of_one_only_where_they_are_clearly_likelier(
+    one: float, two: float, named: list[str], rivals: list[str]
+) -> None:
+    gain, lost, sensor = tried("current_gain", 50.0), tried("capacity", 15.0), tried("temperature_sensor", 37.0)
+    every = (gain, lost, sensor)
+    verdict = Verdict(0.0, 0.0, ((one, gain), (0.0, lost), (0.0, sensor)), ((two, lost, sensor),))
+    sight: Any = SimpleNamespace(n_voltage=4)
+    analysis = Analysis(sight, Background(np.zeros(4), np.eye(4), np.eye(4)), every, verdict)
+    assert [each.effect.name for each in analysis.named] == named
+    assert [each.effect.name for each in analysis.rivals] == rivals
 
 
 def test_a_loop_may_be_wide_near_empty_alone() -> None:
