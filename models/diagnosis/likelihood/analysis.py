@@ -49,19 +49,14 @@ class Analysis:
 
     @cached_property
     def named(self) -> tuple[Tried, ...]:
-        """The likeliest explanation: one effect or two, the larger first; none where there is nothing or unknown."""
+        """The likeliest explanation: one effect, or two, the more needed first; none where nothing is said."""
         if not self.verdict.something:
             return ()
         likeliest, both = self._likeliest
         if self.verdict.unknown > likeliest:
             return ()
-        if len(both) == 1:
-            return both
-        found = together(self.back, both)[0].mean
-        first = both[0].columns.shape[1]
-        sizes = (found[:first], found[first:])
-        rms_V = [self._rms_V(each, size) for each, size in zip(both, sizes, strict=True)]
-        return both if rms_V[0] >= rms_V[1] else both[::-1]
+        # The more by itself one explains, the less the other could do without it.
+        return tuple(sorted(both, key=lambda each: -each.weighed.log_likelihood))
 
     @cached_property
     def _likeliest(self) -> tuple[float, tuple[Tried, ...]]:
@@ -197,11 +192,6 @@ class Analysis:
         asked = any(each.effect.causes and each.weighed.log_likelihood >= THRESHOLDS.asked for each in self.tried)
         known = half_cells(self.sight.known.cell) if asked else None
         return known is not None and not known.sure
-
-    def _rms_V(self, tried: Tried, sizes: FloatArray) -> float:
-        """How much voltage an effect of some sizes stands for at the runs' points."""
-        part = tried.part(sizes)[: self.sight.n_voltage]
-        return float(np.sqrt(np.mean(part**2)))
 
     @cached_property
     def explained(self) -> FloatArray:
