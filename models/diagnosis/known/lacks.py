@@ -28,7 +28,7 @@ class Lacks:
     ----------
     effects : (E,) name of the effect of each column
     root : (E, r) columns' sizes, in units of the usual ones, of r independent directions of variance 1
-    follow : (P, r) by how much the cell's coefficients follow, V
+    follow : (P, E) by how much the cell's coefficients follow each, V
     """
 
     effects: tuple[str, ...]
@@ -36,18 +36,18 @@ class Lacks:
     follow: FloatArray
 
     def columns(self, own: Mapping[str, FloatArray], rows: FloatArray) -> FloatArray:
-        """(m, r) V of one standard deviation in each direction.
+        """(m, r) V of one standard deviation in each direction, of the effects that are asked about alone.
 
         Parameters
         ----------
-        own : by effect, (m, k) V of usual sizes at samples of a run; what these cannot show is left out
+        own : by effect, (m, k) V of usual sizes at samples of a run
         rows : (m, P) derivatives of the voltage to the cell's coefficients there
         """
-        out, names = rows @ self.follow, np.array(self.effects)
+        out, names = np.zeros((len(rows), self.root.shape[1])), np.array(self.effects)
         for name, columns in own.items():
             places = np.flatnonzero(names == name)
             if len(places) == columns.shape[1]:
-                out += columns @ self.root[places]
+                out += (columns + rows @ self.follow[:, places]) @ self.root[places]
         return out
 
 
@@ -74,6 +74,5 @@ def lacks_of(left: Left, size: int, own: Mapping[str, FloatArray]) -> Lacks:
     informed, axes = np.linalg.eigh(0.5 * (information + information.T))
     std = 1.0 / np.sqrt(np.maximum(informed, 0.0) + KNOWN.lacking**-2)
     kept = std > _NOTHING * KNOWN.lacking
-    root = axes[:, kept] * std[kept]
     names = tuple(name for name, each in own.items() for _ in range(each.shape[1]))
-    return Lacks(names, root, follow[:size] @ root)
+    return Lacks(names, axes[:, kept] * std[kept], follow[:size])

@@ -89,9 +89,8 @@ def from_json(document: dict[str, Any]) -> KnownRuns:
     causes = len(PLACES) + len(TIMES) + len(WHITE)
     fits = len(cell.coefficients) == cell.layout.size and len(counts) == 1 and len(elsewhere.variances) == causes
     if lacks.effects:
-        directions = lacks.root.shape[1:]
-        fits = fits and lacks.root.shape == (len(lacks.effects), *directions)
-        fits = fits and lacks.follow.shape == (cell.layout.size, *directions)
+        fits = fits and lacks.root.ndim == 2 and len(lacks.root) == len(lacks.effects)
+        fits = fits and lacks.follow.shape == (cell.layout.size, len(lacks.effects))
     if not fits:
         raise ModelError("diagnosis memory is damaged: its sizes do not fit; fit the model again")
     return KnownRuns(cell, elsewhere, balance, lacks)

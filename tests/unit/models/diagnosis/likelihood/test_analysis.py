@@ -35,8 +35,8 @@ def test_a_loop_that_explains_half_of_a_free_curve_is_its_rival(share: float, ri
     [
         (0.3, 0.5, ["current_gain"], ["capacity", "temperature_sensor"]),  # likelier, but not by a factor of two
         (0.5, 0.3, ["current_gain"], []),
-        (0.2, 0.6, ["capacity", "temperature_sensor"], ["current_gain"]),
-        (0.02, 0.9, ["capacity", "temperature_sensor"], []),
+        (0.2, 0.6, ["temperature_sensor", "capacity"], ["current_gain"]),
+        (0.02, 0.9, ["temperature_sensor", "capacity"], []),
     ],
 )
 def test_two_effects_stand_in_the_place_of_one_only_where_they_are_clearly_likelier(
