@@ -49,7 +49,8 @@ def know(
     nobody = np.zeros(0, dtype=np.int64)
     runs_seen = tuple(RunSight(view, view, np.arange(len(view.index)), None, nobody) for view in views)
     sight = Sight(KnownRuns(cell, UNLEARNED, None), runs_seen, 1.0)
-    own = learned_columns(sight, {one.name: shapes_of(sight, one) for one in effects})
+    learned = [one for one in effects if one.expected.learned]
+    own = learned_columns(sight, {one.name: shapes_of(sight, one) for one in learned})
     elsewhere = learn(points, left.fitted_V, left.unseen_V, left.open_V2, _from_run_to_run(sight, left, own))
     # How charge is counted is not of the cell: open there, it would hide what moves the state of charge.
     of_cell = {each.name for each in effects if each.shift is None or each.shift.soc is None}
