@@ -14,6 +14,7 @@ HARMLESS = {"delay"}
 LATE_S = 0.65
 # Less than what comes late; where nothing does, as long as a busy machine may take.
 IMPATIENT_S, PATIENT_S = 0.5, 10.0 * FACTOR
+AGAIN = 4
 WIRES = ("modbus-tcp", "modbus-rtu", "can-virtual")
 
 
@@ -23,10 +24,20 @@ def script(kind):
     return f"{kind}{size}@set_point:7" if kind in ("refused", "lost_reply") else f"{kind}{size}@sample:12"
 
 
+async def played(script, transport, **how):
+    """A fault, impatiently: a machine that was too busy for that before the fault began has said nothing of it."""
+    outcome = await play(script, transport, timeout_s=IMPATIENT_S, **how)
+    for _ in range(AGAIN):
+        if outcome.begun:
+            break
+        outcome = await play(script, transport, timeout_s=IMPATIENT_S, **how)
+    return outcome
+
+
 @pytest.mark.parametrize("transport", WIRES)
 @pytest.mark.parametrize("kind", LINK_KINDS)
 async def test_a_message_goes_wrong(kind, transport):
-    outcome = await play(script(kind), transport, timeout_s=IMPATIENT_S)
+    outcome = await played(script(kind), transport)
     assert outcome.begun == (kind,) and not outcome.complaints
     assert outcome.end.state == ("completed" if kind in HARMLESS else "fault"), outcome.end
 
@@ -49,9 +60,7 @@ async def test_another_value_goes_wrong(kind, what):
 
 @pytest.mark.parametrize("kind", ["silence", "late", "watchdog", "nan", "restart"])
 async def test_on_the_wall_clock(kind):
-    outcome = await play(
-        script(kind) + ("x1000" if kind == "silence" else ""), "modbus-tcp", lock_step=False, timeout_s=IMPATIENT_S
-    )
+    outcome = await played(script(kind) + ("x1000" if kind == "silence" else ""), "modbus-tcp", lock_step=False)
     assert outcome.begun == (kind,) and outcome.end.state == "fault" and not outcome.complaints, outcome
 
 
