@@ -14,10 +14,11 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.left import Left
+from models.diagnosis.known.scaled import solve_scaled
 from models.diagnosis.known.thresholds import KNOWN
 
-# Of the size of coefficients that no sample speaks of, and of what is open beforehand, below which nothing is open.
-_RIDGE, _NOTHING = 1e-9, 0.02
+# Of what is open beforehand, below which nothing is open.
+_NOTHING = 0.02
 
 
 @dataclass(frozen=True)
@@ -67,9 +68,7 @@ def lacks_of(left: Left, size: int, own: Mapping[str, FloatArray]) -> Lacks:
         return NOTHING_LACKS
     columns = np.hstack(list(own.values()))
     across = left.rows.T @ columns / left.point_V2
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(left.information), np.finfo(np.float64).tiny))
-    scaled = left.information * np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-    follow = -scale[:, None] * np.linalg.solve(scaled, scale[:, None] * across)
+    follow = -solve_scaled(left.information, across)
     information = columns.T @ columns / left.point_V2 + across.T @ follow
     informed, axes = np.linalg.eigh(0.5 * (information + information.T))
     std = 1.0 / np.sqrt(np.maximum(informed, 0.0) + KNOWN.lacking**-2)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import block_diag
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.points import points
+from models.diagnosis.known.scaled import solve_scaled
 from models.diagnosis.known.training_starts import TrainingStarts
 from models.identification.bounded.fitted import curve_by_values
 from models.identification.bounded.strengths import HeldOut, penalty
@@ -17,10 +18,6 @@ from models.network.regression import SignalBank
 
 # Independent samples that the runs are worth at least and at most: neighbouring errors hang together.
 _INDEPENDENT = (600.0, 2500.0)
-# Of the size of a gain's prior at its bound, where the information alone would call it exact.
-_RIDGE = 1e-9
-# Of the largest of a matrix, below which a number says nothing.
-_NOTHING = 1e-15
 
 
 @dataclass(frozen=True)
@@ -97,10 +94,7 @@ def covariance_of(held: HeldOut, logs: tuple[float, ...], noise_V2: float, witho
     kept = np.arange(len(sums.count)) != (-1 if without is None else without)
     count = float(sums.count[kept].sum())
     whole = sums.xx[kept].sum(axis=0) + count * penalty(sums, logs)
-    # What no sample says anything of has no scale of its own.
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), _NOTHING * np.diag(whole).max()))
-    scaled = whole * np.outer(scale, scale) + _RIDGE * np.eye(len(whole))
-    inverse = cho_solve(cho_factor(scaled), np.eye(len(whole))) * np.outer(scale, scale)
+    inverse = solve_scaled(whole, np.eye(len(whole)))
     n = sums.layout.n_curve
     inverse[:n] = np.cumsum(inverse[:n], axis=0)
     inverse[:, :n] = np.cumsum(inverse[:, :n], axis=1)

@@ -14,6 +14,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import KnownCell
+from models.diagnosis.known.scaled import solve_scaled
 from models.diagnosis.known.start import start_columns
 from models.diagnosis.known.thresholds import KNOWN
 from models.effects.view import View
@@ -135,17 +136,13 @@ def training_starts(
             asked[part] += begun.T @ view.residual_V / count
         first = part.stop
     held, free = across[own], fitted.information[np.ix_(own, own)]
-    factor = _factored(free)
+    factor = cho_factor(free + _RIDGE * free.max(initial=0.0) * np.eye(len(own)))
     inner = inner - held.T @ cho_solve(factor, held) + fitted.error_V2 * np.eye(size)
     solved = np.linalg.inv(0.5 * (inner + inner.T))
     sizes = solved @ (asked - held.T @ cho_solve(factor, down))
-    follow, n = -cho_solve(_factored(fitted.information), across), cell.layout.n_curve
+    follow, n = -solve_scaled(fitted.information, across), cell.layout.n_curve
     follow[:n] = np.cumsum(follow[:n], axis=0)
     return TrainingStarts(every, sizes, fitted.error_V2 * solved, soc_std, follow)
-
-
-def _factored(information: FloatArray):  # noqa: ANN202
-    return cho_factor(information + _RIDGE * information.max(initial=0.0) * np.eye(len(information)))
 
 
 def _open(soc: float) -> float:
