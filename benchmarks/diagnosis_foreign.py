@@ -90,7 +90,11 @@ def _simulated(family: str, arguments: argparse.Namespace, done: dict[str, Row])
             asked = () if null else arguments.effects
             key = f"{family} {arguments.seed} {'null' if null else '|'.join(('case', *asked))} {number}"
             if key not in done:
-                row = _judge_simulated(family, arguments.seed, number, null, arguments.keep, asked)
+                try:
+                    row = _judge_simulated(family, arguments.seed, number, null, arguments.keep, asked)
+                except LookupError as not_shown:
+                    print(not_shown, file=sys.stderr)
+                    continue
                 _keep(arguments.rows, done, key, row)
             yield done[key]
 
@@ -129,7 +133,7 @@ def _with_effect(
                 break
         if abs(x) <= _LARGEST and 0.6 * target <= shown <= 1.6 * target:
             return changed(before, name, x), name, shown
-    raise SystemExit(f"{before.family}: no effect can be made to show in case {number}")
+    raise LookupError(f"{before.family}: no effect that is asked for can be made to show in case {number}; left out")
 
 
 def _shown(before: Rig, after: Rig, plan: Plan, thermal: bool) -> float:

@@ -278,9 +278,16 @@ def true_size(name: str, before: Rig, after: Rig, true_soc: float) -> float | No
         "voltage_gain": after.volts[1] / before.volts[1] - 1.0,
         "current_offset": after.amperes[0] - before.amperes[0],
         "dead_time": float(after.delay_s - before.delay_s),
+        "entropic_voltage": _slope_V_per_K(after) - _slope_V_per_K(before),
         "initial_soc": true_soc,
         "self_discharge": after.constants.leakage_A,
         "series_resistance": getattr(after.constants, "series_Ohm", None),
+        "temperature_sensor": after.kelvins[0] - before.kelvins[0],
         "voltage_offset": after.volts[0] - before.volts[0],
     }
     return values.get(name)
+
+
+def _slope_V_per_K(rig: Rig) -> float:
+    """What the effect moves: a constant of the particle cell, both ends of the other."""
+    return float(np.mean(rig.constants.entropy_V_per_K))

@@ -8,7 +8,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Effect, Lean, Parameter, has_signal
-from models.effects.expected import Expected, Form, one_form
+from models.effects.expected import Expected, Form, Told
 from models.effects.reading import Values
 from models.effects.view import View
 from models.network.structure import InputChannel, Structure
@@ -36,8 +36,9 @@ def _expected(view: View) -> tuple[Form, ...]:
     """A slope, and as much again of change along the state of charge."""
     low, high = view.model.soc_range
     along = 2.0 * (view.soc[view.index] - low) / (high - low) - 1.0
-    warm_V = _USUAL_V_PER_K * _columns(view, 0.0)[:, 0]
-    return one_form(np.column_stack([warm_V, along * warm_V]), "dU_dT_V_per_K", "V/K", _USUAL_V_PER_K)
+    slopes = _USUAL_V_PER_K * np.column_stack([np.ones_like(along), along])
+    told = (Told("dU_dT_V_per_K", "V/K", (_USUAL_V_PER_K, 0.0)),)
+    return (Form(_columns(view, 0.0) * slopes, told, dU_dT_V_per_K=slopes),)
 
 
 EFFECT = Effect(

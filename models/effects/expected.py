@@ -39,12 +39,14 @@ class Form:
     fixed : values of the shape, by name and unit
     least : smallest change that the first column can stand for, in units of its usual size: what is nothing already
         cannot become less
+    dU_dT_V_per_K : (m, k) change of the entropic coefficient that a column is, which heats with the current; None: none
     """
 
     columns: FloatArray
     told: tuple[Told, ...]
     fixed: tuple[tuple[str, str, float], ...] = ()
     least: float = -np.inf
+    dU_dT_V_per_K: FloatArray | None = None
 
 
 @dataclass(frozen=True)

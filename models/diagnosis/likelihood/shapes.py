@@ -10,7 +10,7 @@ import numpy as np
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.sight import RunSight, Sight
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.effects import Effect, effect
+from models.effects import Effect
 from models.effects.effect import Shift, Warmth
 from models.effects.expected import Form, Told
 from models.effects.reading import Reading
@@ -83,7 +83,7 @@ class Moving:
 def shapes_of(sight: Sight, one: Effect) -> tuple[Linear | Moving, ...]:
     """Shapes of an effect, equally likely; none where the runs cannot show it."""
     expected = one.expected
-    if one.needs_temperature and not _moves(sight):
+    if one.needs_temperature and not (_moves(sight) or (one.heats_as is not None and _is_warm(sight))):
         return ()
     if expected.forms is not None:
         return tuple(each for each in _linear(sight, one, expected.forms) if each.columns.any())
@@ -91,7 +91,7 @@ def shapes_of(sight: Sight, one: Effect) -> tuple[Linear | Moving, ...]:
         width = expected.width(sight.runs[0].points)
         moving = [_shifted(sight, one, each, width) for each in (one.shift, *one.or_shifts)]
         return tuple(each for each in moving if _shows(each))
-    if expected.warmth and one.warmth is not None and any(run.warm is not None for run in sight.runs):
+    if expected.warmth and one.warmth is not None and _is_warm(sight):
         return (_warm(sight, one, one.warmth, expected.warmth),)
     return (_unsaid(sight, one),) if one.regressors is not None and not expected.warmth else ()
 
@@ -124,6 +124,10 @@ def _moves(sight: Sight) -> bool:
     return not np.isnan(degC).any() and float(np.ptp(degC)) >= _LEAST_SPAN_K
 
 
+def _is_warm(sight: Sight) -> bool:
+    return any(run.warm is not None for run in sight.runs)
+
+
 def unseen_shapes(sight: Sight, one: Effect) -> tuple[Linear, ...]:
     """Shapes that an effect might have had in runs in which it is not found; none where nobody can say."""
     forms = one.expected.unseen
@@ -132,19 +136,21 @@ def unseen_shapes(sight: Sight, one: Effect) -> tuple[Linear, ...]:
 
 def _linear(sight: Sight, one: Effect, forms_of: Callable[[View], tuple[Form, ...]]) -> tuple[Linear, ...]:
     shares = one.expected.heat_shares or (float(one.overpotential),)
-    shares = shares if any(run.warm is not None for run in sight.runs) else (0.0,)
+    shares = shares if _is_warm(sight) else (0.0,)
     heats = any(shares)
-    found = [forms_of(run.every if heats else run.points) for run in sight.runs]
+    everywhere = heats or (one.heats_as is not None and _is_warm(sight))
+    found = [forms_of(run.every if everywhere else run.points) for run in sight.runs]
     out = []
     for number, forms in enumerate(zip(*found, strict=True)):
         volts, kelvins = [], []
         for run, form in zip(sight.runs, forms, strict=True):
-            volts.append(form.columns[run.place] if heats else form.columns)
+            volts.append(form.columns[run.place] if everywhere else form.columns)
             current_A = run.every.run.current_A[run.every.index]
             if heats:
                 kelvins.append(sight.warmed(run, current_A[:, None] * form.columns))
-            elif one.heats_as is not None and run.warm is not None:
-                kelvins.append(_as_heat(run, one.heats_as, form.told[0].weights))
+            elif form.dU_dT_V_per_K is not None and run.warm is not None:
+                reversible_W = run.warm.reversible_W[:, None] * form.dU_dT_V_per_K
+                kelvins.append(sight.warmed(run, reversible_W))
             else:
                 kelvins.append(np.zeros((len(run.warm_place), form.columns.shape[1])))
         for share in shares:
@@ -164,18 +170,6 @@ def _unsaid(sight: Sight, one: Effect) -> Linear:
     return Linear(
         sight.stacked([scale * each for each in volts]), (Told(first.name, first.unit, weights),), (), 0, scale
     )
-
-
-def _as_heat(run: RunSight, name: str, weights: tuple[float, ...]) -> FloatArray:
-    """(w, k) K that the same cause makes as heat, whose first parameter has these values for usual sizes."""
-    warmth = effect(name).warmth
-    out = np.zeros((len(run.warm_place), len(weights)))
-    if warmth is not None and run.warm is not None:
-        was = run.warm.simulated()
-        for j, value in enumerate(weights):
-            if value:
-                out[:, j] = (warmth.temperature(run.warm, (warmth.start[0] + value,)) - was)[run.warm_place]
-    return out
 
 
 def _shifted(sight: Sight, one: Effect, shift: Shift, width: float) -> Moving:
