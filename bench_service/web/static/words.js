@@ -52,7 +52,7 @@ export function benchWord(state, bench) {
 
 const STAGE_TITLES = {
   design: "Design profile", run: "Run on the bench", fit: "Fit the model", rounds: "Design again", observe: "Observe live",
-  compare: "Compare", report: "Report", done: "Done",
+  compare: "Compare", change: "Play the changed cell", diagnose: "Find the effect", report: "Report", done: "Done",
 };
 
 export function stageTitle(name) {

@@ -252,13 +252,13 @@ def _times(points: Points, rate_scale: FloatArray) -> FloatArray:
     gap = np.abs(_apart(points.time_s, points.time_s))
     same = np.where(_apart(points.run, points.run) == 0.0, np.outer(1.0 + points.away, 1.0 + points.away), 0.0)
     minute, quarter, slip = (same * np.exp(-gap / tau_s) for tau_s in (*KNOWN.fading_s, KNOWN.slip_s))
-    quick, slow = points.rates[:, 1] / rate_scale[1], points.rates[:, 2] / rate_scale[2]
+    now, slow = points.rates[:, 0] / rate_scale[0], points.rates[:, 2] / rate_scale[2]
     slopes = np.outer(points.slope_V, points.slope_V)
     return np.array(
         [
             minute,
             quarter,
-            minute * np.outer(quick, quick),
+            minute * np.outer(now, now),
             quarter * np.outer(slow, slow),
             slip * slopes,
             np.where(same > 0.0, _places(points, points, rate_scale)[PLACES.index("load there")], 0.0),
