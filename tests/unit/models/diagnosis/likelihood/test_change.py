@@ -259,8 +259,8 @@ def test_bad_calls_are_refused() -> None:
         diagnose(network, [short], [0.5], train=[short], mode="change")
 
 
-def grown(current_A: FloatArray, soc: float) -> TimeSeries:
-    return record(Cell(replace(CELL, resistance_growth_per_Ah=0.12), soc, 22.0), current_A, 3)
+def grown(current_A: FloatArray, soc: float, growth_per_Ah: float = 0.12) -> TimeSeries:
+    return record(Cell(replace(CELL, resistance_growth_per_Ah=growth_per_Ah), soc, 22.0), current_A, 3)
 
 
 @pytest.mark.proof
@@ -273,7 +273,7 @@ def test_growth_is_named_where_the_state_of_charge_comes_back(memory: KnownRuns)
 @pytest.mark.proof
 def test_in_one_discharge_growth_is_not_claimed_but_told_as_what_it_may_be_as_well(memory: KnownRuns) -> None:
     falling_A = CELL.capacity_Ah * np.random.default_rng(5).uniform(-2.0, 0.4, 150).repeat(20)
-    answer = diagnosed(memory, grown(falling_A, 0.8), 0.8)
+    answer = diagnosed(memory, grown(falling_A, 0.8, 0.18), 0.8)
     assert answer.verdict == "ambiguous"
     first = answer.findings[0]
     assert first.effect != "resistance_growth" and "resistance_growth" in first.confounded_with
