@@ -50,6 +50,7 @@ EFFECT = Effect(
     regressors=_regressors,
     lean=Lean(_columns, lambda _view: (0.0,)),
     heats_as="reversible_heat",
+    like=("reversible_heat",),
     needs_temperature=True,
     reference_terms=("entropy",),
     extend=_extend,

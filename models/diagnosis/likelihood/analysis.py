@@ -105,7 +105,7 @@ class Analysis:
         """Effects that explain the runs nearly as well as the first that is named alone, or as two that are."""
         hidden = tuple(each for each in self.untold if each.effect.name in self.untold_chances)
         if len(self.named) != 1:
-            return once(*hidden, *self._alone, *self._instead, *self.one_curve)
+            return once(*hidden, *self._alone, *self._instead, *self._like_one, *self.one_curve)
         best, (named,) = self._likeliest
         singles = [(p, each) for p, each in self.verdict.single if each is not named]
         others = [each for p, each in singles if p * THRESHOLDS.rival >= best or alike(named, each)]
@@ -156,6 +156,13 @@ class Analysis:
         """Effects each of which would be nearly as likely as both that are named."""
         likely = [each for p, each in self.verdict.single if p * THRESHOLDS.rival >= self._likeliest[0]]
         return [each for each in likely if self.named and all(each is not one for one in self.named)]
+
+    @property
+    def _like_one(self) -> tuple[Tried, ...]:
+        """Effects that most runs can hardly tell from one of a named pair, and that by themselves explain as much."""
+        sure = [one for one in self.named if one.weighed.log_likelihood >= THRESHOLDS.asked]
+        others = [each for each in self.tried if all(each is not one for one in self.named)]
+        return tuple(each for each in others if any(alike(one, each) and alike(each, one) for one in sure))
 
     @property
     def _instead(self) -> tuple[Tried, ...]:

@@ -63,3 +63,18 @@ def test_a_loop_may_be_wide_near_empty_alone() -> None:
         soc = view.soc[view.index]
         usual_V = form.told[0].weights[0]
         np.testing.assert_allclose(loop, usual_V * np.exp((0.1 - soc) / 0.1), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("entropy", "rivals"), [(95.0, ["entropic_voltage"]), (60.0, []), (150.0, [])])
+def test_an_entropy_is_a_rival_of_its_heat_in_a_pair_too(entropy: float, rivals: list[str]) -> None:
+    heat, sensor, cause = (
+        tried("reversible_heat", 100.0),
+        tried("temperature_sensor", 3.0),
+        tried("entropic_voltage", entropy),
+    )
+    verdict = Verdict(0.0, 0.0, ((0.0, heat), (0.0, cause), (0.0, sensor)), ((0.9, heat, sensor),))
+    sight: Any = SimpleNamespace(n_voltage=4)
+    back = Background(np.zeros(4), np.eye(4), np.eye(4))
+    analysis = Analysis(sight, back, (heat, sensor, cause), verdict)
+    assert [each.effect.name for each in analysis.named] == ["reversible_heat", "temperature_sensor"]
+    assert [each.effect.name for each in analysis.rivals] == rivals
