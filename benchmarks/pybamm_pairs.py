@@ -25,21 +25,29 @@ _COLUMNS = ("time_s", "current_A", "voltage_V", "temperature_degC", "ambient_deg
 
 def main() -> int:
     arguments = _arguments()
+    left_out = []
     for name in arguments.cases:
         folder = arguments.folder / name
         if not (folder / "meta.json").exists():
             number = zlib.crc32(name.encode())
-            written(folder, name, arguments.seed, CASES[name](np.random.default_rng([arguments.seed, number])), number)
-    return 0
+            case = CASES[name](np.random.default_rng([arguments.seed, number]))
+            if not written(folder, name, arguments.seed, case, number):
+                left_out.append(name)
+    if left_out:
+        print(f"left out, their cells follow no profile: {', '.join(left_out)}", file=sys.stderr)
+    return int(bool(left_out))
 
 
-def written(folder: Path, name: str, seed: int, case: Case, number: int) -> None:
-    """Drive both cells of a case and write what the sensors read; less deeply where one of them cannot follow."""
+def written(folder: Path, name: str, seed: int, case: Case, number: int) -> bool:
+    """Drive both cells of a case and write what the sensors read; less deeply where one of them cannot follow.
+
+    False where one follows nowhere, and nothing is written.
+    """
     rng = np.random.default_rng([seed, number, 1])
     while (runs := _driven(case, name, rng)) is None:
         low, high = case.window
         if low + 0.1 > high - 0.2:
-            raise SystemExit(f"{name}, seed {seed}: the cell follows no profile between {low:g} and {high:g}")
+            return False
         case = replace(case, window=(low + 0.1, high))
     folder.mkdir(parents=True, exist_ok=True)
     for run, columns in runs.items():
@@ -47,6 +55,7 @@ def written(folder: Path, name: str, seed: int, case: Case, number: int) -> None
     meta = {"case": name, "true_size": case.truth, "capacity_Ah": case.base.capacity_Ah, "seed": seed}
     meta |= {"parameter_set": case.base.parameters, "model": case.base.model, "window": case.window}
     (folder / "meta.json").write_text(json.dumps(meta, indent=1))
+    return True
 
 
 def _driven(case: Case, name: str, rng: np.random.Generator) -> dict[str, np.ndarray] | None:
