@@ -169,12 +169,13 @@ def memory_of(runs: list[GridRun], soc: list[float], capacity_Ah: float, variant
 
 
 def own_variant(network: LocalModelNetwork, train: list[GridRun]) -> Variant | None:
-    """Form of a bounded network, which need not be chosen again; None where it is another network."""
+    """Form of a bounded network, or of the one that it was held against, which need not be chosen again; None: none."""
     choices = network.record.choices or {}
     known = not any(np.isnan(run.temperature_degC).any() for run in train)
-    if not known or choices.get("family") != "bounded":
+    form = choices if choices.get("family") == "bounded" else choices.get("bounded")
+    if not known or form is None:
         return None
-    found = variant_of(choices)
+    found = variant_of(form)
     # The known cell makes its signals from the current alone, without the state of charge that these slow down with.
     return found if found.surface is None else replace(found, surface=found.surface[:3])
 

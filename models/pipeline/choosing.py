@@ -55,12 +55,14 @@ class Chosen:
     built : the network
     held_out : its error on runs that it did not see
     compared : kinds of networks that were held against each other, with their errors on unseen runs
+    bounded : form of the bounded network that was held against it; None: none was
     """
 
     plan: Plan
     built: Built
     held_out: HeldOutError
     compared: list[Json] = field(default_factory=list)
+    bounded: Variant | None = None
 
 
 def choose(
@@ -132,12 +134,13 @@ def _automatic(data: Training, report: Progress, bounded: Chosen | None) -> Chos
         plan = SearchedPlan(search, search.best(family))
         others.append(_built(plan, data, part_of(report, begin + 0.8 * width, 0.2 * width)))
     tried = [_row(each) for each in (found, *others)]
+    form = found.plan.variant if isinstance(found.plan, BoundedPlan) else None
     others = [each for each in others if is_physical(each.built.network) and _is_proven(each, data)]
     best = min(others, key=lambda each: each.held_out.rmse_V, default=found)
     errors = 1.0 if len(data.grid) >= WHOLE_RUNS else _ERRORS_OF_BLOCKS
     if clearly_better(best.held_out.mse, found.held_out.mse, found.held_out.count, errors):
         found = best
-    return replace(found, compared=tried)
+    return replace(found, compared=tried, bounded=form)
 
 
 def _is_proven(searched: Chosen, data: Training) -> bool:

@@ -195,7 +195,8 @@ def _choices(built: Built, chosen: Chosen, n_runs: int) -> Json:
     """What was chosen, with the error to be expected and the rivals."""
     expected_mV = 1e3 * expected_V(built, chosen.held_out, n_runs)
     choices = (built.network.record.choices or {}) | {"expected_rmse_mV": expected_mV}
-    return choices | ({"compared": chosen.compared} if chosen.compared else {})
+    form = {"bounded": chosen.bounded.to_json()} if chosen.bounded is not None else {}
+    return choices | ({"compared": chosen.compared} if chosen.compared else {}) | form
 
 
 def _read_out(built: Built, data: Training, report: Progress) -> LocalModelNetwork:
