@@ -245,8 +245,7 @@ class BenchControl:
         self._report.refused(run_id, text)
 
     async def _finish(self, run_id: str, end: RunEnd) -> None:
-        if end.state in ("fault", "interrupted"):
-            self._latched = end.reason
+        self._latched = end.latch or self._latched
         if end.state == "fault":
             self._event("error", end.code, end.reason or end.code, run_id)
         self._stop.give("stopped", "the run has ended")
@@ -254,14 +253,15 @@ class BenchControl:
         n_samples, sha256, unsealed = await self._recording.seal(end.state, end.reason)
         if unsealed is not None:
             self._event("error", "not_sealed", f"{self._settings.name}: {unsealed}", run_id)
+            end = end.stored(n_samples, self._recording.n_rows, f"{self._settings.name}: {unsealed}")
+            self._latched = end.latch or self._latched
         if not end.at_rest:
             await self._keeper.disconnect("the cycler did not confirm rest after the run")
         else:
             await self._keeper.release()
         self._run_id = None
         self._idle.forget()
-        # The state first: who hears of the end may start the next run at once.
-        self._tell_state()
+        self._tell_state()  # first: who hears of the end may start the next run at once
         self._report.ended(run_id, end, n_samples, sha256)
 
     async def _leave(self) -> None:

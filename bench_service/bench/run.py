@@ -1,7 +1,7 @@
 """What a run is made of, and how it ends."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
 from bench_service.bench.chamber.keeper import ChamberKeeper
@@ -68,6 +68,17 @@ class RunEnd:
     reason: str | None
     at_rest: bool
     missed_ticks: int
+
+    @property
+    def latch(self) -> str | None:
+        """What a person has to acknowledge before the next run; None: nothing."""
+        return self.reason if self.state in ("fault", "interrupted") else None
+
+    def stored(self, n_stored: int, n_played: int, doubt: str) -> "RunEnd":
+        """The end of a run that was not sealed: one that has lost samples is not completed, though it was played."""
+        if self.state != "completed" or n_stored >= n_played:
+            return self
+        return replace(self, state="fault", code="recorder", reason=f"{doubt}; the other samples cannot be stored")
 
 
 @dataclass(frozen=True, slots=True)

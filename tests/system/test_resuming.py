@@ -25,6 +25,11 @@ def kill(service: Service, module: str) -> None:
     os.kill(next(pid for pid in children(service.process.pid) if module in command_of(pid)), signal.SIGKILL)
 
 
+def stop(service: Service, module: str) -> None:
+    """Stop a process of the service, so that it does nothing more, but is there."""
+    os.kill(next(pid for pid in children(service.process.pid) if module in command_of(pid)), signal.SIGSTOP)
+
+
 def played(service: Service, campaign: dict[str, Any], n_runs: int) -> None:
     """Wait until the newest of so many runs of a campaign has stored some of its samples."""
     client = service.client
@@ -72,6 +77,29 @@ def check_parts(service: Service, parts: list[dict[str, Any]]) -> None:
             assert after["continues"] == before["id"]
             assert after["initial_soc"] == pytest.approx(before["initial_soc"] + moved_Ah / 2.5, abs=1e-6)
     assert length_s == pytest.approx(DECLARED["duration_s"], abs=0.5)
+
+
+def test_a_run_whose_end_nobody_stored_is_not_completed(tmp_path: Path) -> None:
+    service = Service(tmp_path, SIMULATED)
+    try:
+        service.idle("sim")
+        client = service.client
+        profile = client.upload_profile("half a day", [0.0, 20_000.0], [0.1, 0.0])
+        run = client.start_run("sim", profile["id"], 0.5, 0.5)
+        until(lambda: client.samples(run["id"], damaged="include", max_points=2)["n"], "some of it is stored", LONG_S)
+        # It goes on being played, for the bench may be ahead of the recorder; then there is none to store the rest.
+        stop(service, "bench_service.recorder")
+        until(lambda: client.bench("sim")["state"] == "stopping", "it is played to its end", LONG_S)
+        kill(service, "bench_service.recorder")
+        ended = client.wait_run(run["id"], timeout_s=LONG_S)
+        assert ended["state"] == "fault"
+        assert "of 40001 samples are known to be stored; the other samples cannot be stored" in ended["reason"]
+        assert 0 < ended["n_samples"] < 40_001
+        assert "not_sealed" in {event["code"] for event in client.events()}
+        until(lambda: client.acknowledge("sim")["state"] == "idle", "acknowledged", LONG_S)
+        assert client.samples(run["id"], damaged="include")["n"] >= ended["n_samples"]
+    finally:
+        service.end()
 
 
 def test_one_that_has_not_declared_it_stands_still_until_somebody_says_so(tmp_path: Path) -> None:
