@@ -18,10 +18,10 @@ from models.diagnosis.likelihood.granted import granted, lacking
 from models.diagnosis.likelihood.power import Power, power_of
 from models.diagnosis.likelihood.shapes import Moving, shapes_of
 from models.diagnosis.likelihood.sight import Sight, background, look
-from models.diagnosis.likelihood.sizes import doubt, widened
+from models.diagnosis.likelihood.sizes import averaged, doubt, widened
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried, alike, once, stacked, together, try_shapes
-from models.diagnosis.likelihood.verdict import Verdict, chances_of, judge
+from models.diagnosis.likelihood.verdict import Verdict, chances_of, in_other_explanations, judge
 from models.effects import Effect
 from models.effects.half_cells import half_cells
 from models.effects.view import View
@@ -87,7 +87,7 @@ class Analysis:
 
     @cached_property
     def sizes(self) -> dict[str, Weighed]:
-        """Sizes of the named effects, found together, and of every other effect alone."""
+        """Sizes of the named effects, found together and averaged over explanations, and of every other one alone."""
         factor = doubt(self.sight.known.elsewhere)
         every = (*self.tried, *self.untold)
         out = {each.effect.name: widened(self.back, each.weighed, *stacked((each,)), factor) for each in every}
@@ -98,6 +98,9 @@ class Analysis:
                 part = slice(first, first + each.columns.shape[1])
                 out[each.effect.name] = Weighed(both.log_likelihood, both.mean[part], both.covariance[part, part])
                 first = part.stop
+        for each in self.named:
+            others = in_other_explanations(self.back, self.verdict, each, self.named, factor)
+            out[each.effect.name] = averaged(out[each.effect.name], self._chance(list(self.named)), others)
         return out
 
     @property

@@ -2,11 +2,13 @@
 
 A loop cannot be narrower than none, nor a film be made thinner by charge. How much runs of a cell differ is learned
 from its training runs; of few it is known so badly that a size lies further off than its standard deviation says, as
-often as Student's distribution has it.
+often as Student's distribution has it. Nor does a cell follow an effect's equation to the letter, and another
+explanation that has the effect may give it another size.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -68,7 +70,7 @@ def doubt(elsewhere: Elsewhere) -> float:
 def widened(
     back: Background, weighed: Weighed, columns: FloatArray, moved: FloatArray | None, factor: float
 ) -> Weighed:
-    """Sizes with what few training runs leave open of them.
+    """Sizes with what few training runs leave open of them, and what an effect's equation does.
 
     Parameters
     ----------
@@ -77,4 +79,24 @@ def widened(
     columns, moved : (N, k), (N,) that they were found with
     factor : of the learned differences
     """
-    return replace(weighed, covariance=weighed.covariance + back.less_sure(columns, moved, factor))
+    equation = THRESHOLDS.equation**2 * np.outer(weighed.mean, weighed.mean)
+    return replace(weighed, covariance=weighed.covariance + back.less_sure(columns, moved, factor) + equation)
+
+
+def averaged(found: Weighed, chance: float, others: Sequence[tuple[float, Weighed]]) -> Weighed:
+    """Sizes with what is open of them because another explanation that has the effect would give it others.
+
+    The covariance about the sizes of the explanation that is told, over all explanations by their probability (Hoeting
+    et al., Statist. Sci. 14, 1999).
+
+    Parameters
+    ----------
+    found, chance : sizes in the explanation that is told, and its probability
+    others : probability and sizes of each other one
+    """
+    covariance, total = chance * found.covariance, chance
+    for p, other in others:
+        away = other.mean - found.mean
+        covariance = covariance + p * (other.covariance + np.outer(away, away))
+        total += p
+    return replace(found, covariance=covariance / total) if others else found

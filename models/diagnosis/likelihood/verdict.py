@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.likelihood.background import Background, log_sum
+from models.diagnosis.likelihood.background import Background, Weighed, log_sum
 from models.diagnosis.likelihood.pairs import pair_gains
 from models.diagnosis.likelihood.simpler import Simpler, price_of_shape, shares, simplest_first, worsens
+from models.diagnosis.likelihood.sizes import widened
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.tried import Tried, weigh_both
+from models.diagnosis.likelihood.tried import Tried, stacked, together, weigh_both
 from models.effects import Effect, effect
 
 _LEAST = 1e-300
+# Explanations over which sizes are averaged at the most: more of them add little but time.
+_MOST_EXPLANATIONS = 5
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,32 @@ def chances_of(
     logs += np.log(max(verdict.nothing, _LEAST)) - np.log(THRESHOLDS.nothing) + verdict.sharper
     worse = [worsens(back, each.contribution, n_voltage) for each in others]
     return np.where(worse, 0.0, np.exp(np.minimum(logs, 0.0)))
+
+
+def in_other_explanations(
+    back: Background, verdict: Verdict, one: Tried, named: Sequence[Tried], factor: float
+) -> list[tuple[float, Weighed]]:
+    """Sizes of a named effect in other explanations that are nearly as likely as its likeliest, each with its chance.
+
+    Parameters
+    ----------
+    back, verdict : error and covariance, and what is how likely
+    one, named : the effect, alone or with the other that is named
+    factor : of the learned differences between runs, as in `widened`
+    """
+    told, mine = {each.effect.name for each in named}, []
+    for p, *which in (*verdict.single, *verdict.pairs):
+        if any(each is one for each in which):
+            mine.append((p, which))
+    best = max((p for p, _ in mine), default=0.0)
+    near = [(p, which) for p, which in mine if p * THRESHOLDS.rival >= best and {e.effect.name for e in which} != told]
+    found = []
+    for p, which in sorted(near, key=lambda each: -each[0])[:_MOST_EXPLANATIONS]:
+        every = widened(back, together(back, which)[0], *stacked(which), factor)
+        first = 0 if which[0] is one else which[0].columns.shape[1]
+        part = slice(first, first + one.columns.shape[1])
+        found.append((p, Weighed(every.log_likelihood, every.mean[part], every.covariance[part, part])))
+    return found
 
 
 def _likely(a: Effect, b: Effect) -> float:

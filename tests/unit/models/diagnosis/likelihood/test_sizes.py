@@ -1,4 +1,4 @@
-"""What is nothing already cannot become less, and few training runs leave more open than many."""
+"""What is nothing already cannot become less, few training runs leave more open than many, no equation is exact."""
 
 from dataclasses import replace
 
@@ -13,7 +13,8 @@ from models.diagnosis.known.elsewhere import UNLEARNED
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.likelihood.background import Background, Weighed
 from models.diagnosis.likelihood.learning import know
-from models.diagnosis.likelihood.sizes import doubt, possible, widened
+from models.diagnosis.likelihood.sizes import averaged, doubt, possible, widened
+from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.effects import effect, effects
 from models.identification.bounded.variants import Variant
 from models.network.signals import RunSignals
@@ -104,9 +105,24 @@ def test_only_what_was_learned_is_doubted(elsewhere: float, wider: float) -> Non
     rng = np.random.default_rng(3)
     columns = rng.standard_normal((300, 1))
     back = Background(
-        columns[:, 0] + rng.standard_normal(300), (1.01 - elsewhere) * np.eye(300), elsewhere * np.eye(300)
+        0.1 * columns[:, 0] + rng.standard_normal(300), (1.01 - elsewhere) * np.eye(300), elsewhere * np.eye(300)
     )
     found = back.weigh(columns)
     now = widened(back, found, columns, None, 2.0)
     assert now.mean == found.mean
     assert np.sqrt(now.covariance[0, 0] / found.covariance[0, 0]) == pytest.approx(wider, rel=0.1)
+
+
+def test_a_large_change_is_as_sure_as_its_equation_at_the_most() -> None:
+    columns = np.ones((300, 1))
+    back = Background(2.0 * columns[:, 0], 1e-6 * np.eye(300), 0.0 * np.eye(300))
+    found = widened(back, back.weigh(columns), columns, None, 1.0)
+    assert np.sqrt(found.covariance[0, 0]) == pytest.approx(2.0 * THRESHOLDS.equation, rel=1e-3)
+
+
+def test_sizes_are_open_by_as_much_as_other_explanations_would_have_them_lie_elsewhere() -> None:
+    told, other = (Weighed(0.0, np.array([mean]), np.array([[v]])) for mean, v in ((1.0, 0.01), (2.0, 0.04)))
+    found = averaged(told, 0.6, [(0.2, other)])
+    assert found.mean[0] == 1.0
+    assert found.covariance[0, 0] == pytest.approx((0.6 * 0.01 + 0.2 * (0.04 + 1.0)) / 0.8)
+    assert averaged(told, 0.6, []) is told

@@ -8,7 +8,7 @@ from models.diagnosis.likelihood.shapes import Linear, Moving
 from models.diagnosis.likelihood.simpler import Simpler, price_of_shape
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried, together, try_shapes, weigh_both
-from models.diagnosis.likelihood.verdict import judge
+from models.diagnosis.likelihood.verdict import Verdict, in_other_explanations, judge
 from models.effects import effect
 
 N = 60
@@ -167,3 +167,22 @@ def test_a_pair_is_weighed_by_what_a_simulation_bears_out_of_it() -> None:
     half = Moving(lambda sizes: slow_V * sizes[0], 1, ((0.0,),), limits, tuple, lambda sizes, _view: slow_V * sizes[0])
     _, less = weigh_both(back, [both[0], replace(both[1], shape=half)])
     assert less < more - 1.0
+
+
+def test_sizes_in_other_explanations_are_those_that_the_effect_would_have_there() -> None:
+    first, second = 0.02 * np.sin(9.0 * TIME), 0.02 * TIME
+    back = Background(first + 0.5 * second, 1e-8 * np.eye(N), 1e-12 * np.eye(N))
+    loss, slow, cold = (
+        try_shapes(back, effect(name), (Linear(each[:, None], (), (), 0),))
+        for name, each in (("capacity", first), ("relaxation", second), ("hysteresis", first * TIME))
+    )
+    verdict = Verdict(0.0, 0.0, ((0.5, loss), (0.4, slow), (0.0, cold)), ((0.09, slow, loss), (0.01, cold, loss)))
+    # The pair, in which it is the second; the other pair is too unlikely, and what lacks it says nothing of it.
+    ((chance, sizes),) = in_other_explanations(back, verdict, loss, [loss], 1.0)
+    assert chance == 0.09
+    np.testing.assert_allclose(sizes.mean, [1.0], atol=0.01)
+    assert abs(float(loss.weighed.mean[0]) - 1.0) > 0.02
+    # Named beside it, what it would be alone is the other explanation.
+    ((chance, sizes),) = in_other_explanations(back, verdict, loss, [slow, loss], 1.0)
+    assert chance == 0.5
+    np.testing.assert_allclose(sizes.mean, loss.weighed.mean)
