@@ -36,8 +36,8 @@ class Thresholds:
     one_curve : the same with which it is told as a rival
     sure_of_curve : most confidence beside such a rival
     in_question : difference of logarithms to the likeliest, within which pairs are asked for that
-    equation : share of a change by which it is off because no cell follows an effect's equation to the letter: of sizes on
-        foreign cells (seed 1801) 58 of 67 lie within two standard deviations without it, 61 with 0.05, 63 with 0.1
+    equation : share of a change by which it is off because no cell follows an effect's equation to the letter: of sizes
+        on foreign cells (seed 1801) 58 of 67 lie within two standard deviations without it, 61 with 0.05, 63 with 0.1
     rival : factor of the probability within which two effects cannot be told apart
     two : factor by which two effects must be likelier than one alone to be named: nearer by, one is the simpler answer
     power : share of cases in which an effect of the stated size is seen
