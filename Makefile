@@ -11,8 +11,9 @@ READY  := $(VENV)/.installed
 BIN    := $(VENV)/bin
 PYTEST_ARGS ?=
 # Test processes side by side, two more than the two processors of CI: a part of the time they wait for devices,
-# services and pages; with three it takes as long, with five a tenth longer. Each file stays in one of them. In the order of their names, because those of the browser and of
-# whole campaigns are long: by itself xdist begins with the files that hold the most tests.
+# services and pages; with three it takes as long, with five a tenth longer. Each file stays in one of them. In the
+# order of their names, because those of the browser and of whole campaigns are long: by itself xdist begins with the
+# files that hold the most tests.
 WORKERS ?= 4
 # Hundreds of processes start in the tests: each would translate the project's files anew, 1.3 s a service.
 unexport PYTHONDONTWRITEBYTECODE

@@ -66,6 +66,10 @@ class Base:
     train_soc: list[float]
 
 
+class NotShownError(Exception):
+    """None of the effects that are asked for can be made to show in a log."""
+
+
 def main() -> int:
     arguments = _arguments()
     done = _known(arguments.rows)
@@ -92,7 +96,7 @@ def _simulated(family: str, arguments: argparse.Namespace, done: dict[str, Row])
             if key not in done:
                 try:
                     row = _judge_simulated(family, arguments.seed, number, null, arguments.keep, asked)
-                except LookupError as not_shown:
+                except NotShownError as not_shown:
                     print(not_shown, file=sys.stderr)
                     continue
                 _keep(arguments.rows, done, key, row)
@@ -133,7 +137,7 @@ def _with_effect(
                 break
         if abs(x) <= _LARGEST and 0.6 * target <= shown <= 1.6 * target:
             return changed(before, name, x), name, shown
-    raise LookupError(f"{before.family}: no effect that is asked for can be made to show in case {number}; left out")
+    raise NotShownError(f"{before.family}: no effect that is asked for can be made to show in case {number}; left out")
 
 
 def _shown(before: Rig, after: Rig, plan: Plan, thermal: bool) -> float:
