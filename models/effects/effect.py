@@ -207,6 +207,11 @@ class Effect:
         return self.seen_in is None or self.seen_in(views)
 
     @property
+    def own_heat(self) -> bool:
+        """Whether it shows in the temperature by more than the voltage that it makes lose."""
+        return self.warmth is not None or self.inner_heat_W is not None or self.heats_as is not None
+
+    @property
     def channel(self) -> Literal["voltage", "temperature"]:
         """Where it is looked for first."""
         return "voltage" if self.regressors is not None else "temperature"

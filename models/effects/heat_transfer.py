@@ -45,4 +45,5 @@ EFFECT = Effect(
     parameters=(Parameter("heat_transfer_W_per_K", "W/K", "heat transfer to the ambient"),),
     warmth=Warmth(_temperature, (0.0,), (0.02,), _physical, _moved),
     expected=Expected(warmth=(0.4,), granted=lambda _view: 0.1),
+    like=("temperature_sensor", "self_discharge"),
 )

@@ -37,4 +37,5 @@ EFFECT = Effect(
     absorbed=True,
     correction=InputCorrection(_without, needs_ambient=True, possible=lambda values: values["gain"] > 0.0),
     expected=Expected(warmth=(3.0, 0.5)),
+    like=("self_discharge",),
 )

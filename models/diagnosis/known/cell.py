@@ -97,6 +97,15 @@ class KnownCell:
                 out += np.einsum("bm,bm->m", here, signals[numbers[own]])
         return out
 
+    def loss_V(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
+        """(m,) voltage that becomes heat: of the resistances, and of the charge that has not spread yet.
+
+        Bernardi, Pawlikowski and Newman, J. Electrochem. Soc. 132, 1985: V - U by the mean state of charge.
+        """
+        surface = soc + inputs.surface
+        unspread_V = self.open_circuit_V(surface) - self.open_circuit_V(soc)
+        return self.through(inputs.signals, surface, self.resistive) + unspread_V
+
     def loop_V(self, soc: FloatArray) -> FloatArray:
         """(n,) half the width of the hysteresis loop."""
         loops = self.terms_of("hysteresis_state")

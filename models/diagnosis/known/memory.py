@@ -40,7 +40,7 @@ def simulated_heat(cell: KnownCell, view: View, stride: int, balance: HeatBalanc
     balance : of the heat; None: to be found
     """
     run, index = view.run, view.index
-    loss_V = cell.through(view.inputs.signals, view.soc[index] + view.inputs.surface, cell.resistive)
+    loss_V = cell.loss_V(view.inputs, view.soc[index])
     ambient = run.temperature_degC if run.ambient_degC is None else run.ambient_degC
     known = balance or HeatBalance(1.0, 600.0, 0.0, 0.0)
     return ThermalView(

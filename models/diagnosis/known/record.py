@@ -19,12 +19,13 @@ from models.identification.bounded.layout import Layout, slope_limit
 from models.identification.bounded.terms import Basis, Term
 from models.network.local_model_network import LocalModelNetwork
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 # Documents of these versions know nothing of what a run has of its own of the load there, or of what the cell may lack:
 # they are read as if it were nothing. Of the last of them errors of a minute were learned under a current that was
-# low-passed by 20 s: they are read as if it had been under the current.
+# low-passed by 20 s: they are read as if it had been under the current. In all of them the heat balance is left out: it
+# took what flowed before a run for measured, and charge that had not spread yet for no loss.
 _WITHOUT_OWN_LOAD, _PLACE_OF_OWN_LOAD = 2, len(PLACES) + TIMES.index(OWN_LOAD)
-_WITHOUT_LACKS, _LOW_PASSED = 3, 4
+_WITHOUT_LACKS, _LOW_PASSED, _OTHER_HEAT = 3, 4, 5
 # Digits that are written: far more than the estimates are good for; of what is open enough for a standard deviation.
 _DIGITS, _DIGITS_OPEN = 8, 4
 
@@ -75,12 +76,13 @@ def from_json(document: dict[str, Any]) -> KnownRuns:
     ModelError
         It is none, or damaged.
     """
-    known_versions = (_WITHOUT_OWN_LOAD, _WITHOUT_LACKS, _LOW_PASSED, SCHEMA_VERSION)
+    known_versions = (_WITHOUT_OWN_LOAD, _WITHOUT_LACKS, _LOW_PASSED, _OTHER_HEAT, SCHEMA_VERSION)
     if document.get("kind") != "diagnosis_memory" or document.get("schema_version") not in known_versions:
         raise ModelError(f"not a diagnosis memory of schema version {SCHEMA_VERSION}; fit the model again")
     try:
         cell, elsewhere, lacks = _cell(document), _elsewhere(document), _lacks(document)
-        balance = None if document["balance"] is None else HeatBalance(**document["balance"])
+        has_heat = document["balance"] is not None and document["schema_version"] > _OTHER_HEAT
+        balance = HeatBalance(**document["balance"]) if has_heat else None
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ModelError(f"diagnosis memory is damaged: {error!r}; fit the model again") from None
     counts = {len(getattr(elsewhere.known, each.name)) for each in fields(Points)} | {

@@ -68,6 +68,11 @@ class Background:
     elsewhere: FloatArray
     tempering: float = THRESHOLDS.tempering
 
+    def part(self, rows: slice) -> Background:
+        """Some of the points alone."""
+        fixed, elsewhere = self.fixed[rows, rows], self.elsewhere[rows, rows]
+        return Background(self.error[rows], fixed, elsewhere, self.tempering)
+
     def white(self, columns: FloatArray, scale: float) -> FloatArray:
         """(N, k) or (N,) columns by a root of the covariance, the error elsewhere `scale` times as large as learned."""
         return next(self.whites(columns, (scale,)))

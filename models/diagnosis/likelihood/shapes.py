@@ -213,11 +213,7 @@ def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width
         was_W = _loss_W(sight, view, view.run.current_A, view.soc)
         heat_W = _loss_W(sight, view, shift.current_A(view, width), shift.soc(view, width)) - was_W
     elif shift.soc is not None:
-        signals, surface = view.inputs.signals, view.inputs.surface
-        was, moved = (
-            cell.through(signals, each[view.index] + surface, cell.resistive)
-            for each in (view.soc, shift.soc(view, width))
-        )
+        was, moved = (cell.loss_V(view.inputs, each[view.index]) for each in (view.soc, shift.soc(view, width)))
         heat_W = current_A * (moved - was)
     else:
         return np.zeros(len(run.warm_place))
@@ -228,8 +224,7 @@ def _loss_W(sight: Sight, view: View, current_A: FloatArray, soc: FloatArray) ->
     """(m,) heat of a current through the model's resistances."""
     cell = sight.known.cell
     inputs = cell.inputs(view.run, view.index, current_A, view.run.temperature_degC)
-    loss_V = cell.through(inputs.signals, soc[view.index] + inputs.surface, cell.resistive)
-    return current_A[view.index] * loss_V
+    return current_A[view.index] * cell.loss_V(inputs, soc[view.index])
 
 
 def _warm(sight: Sight, one: Effect, warmth: Warmth, usual: tuple[float, ...]) -> Moving:

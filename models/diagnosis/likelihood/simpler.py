@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from models.data.timeseries import FloatArray
@@ -54,22 +56,32 @@ class Simpler:
 
     def single(self, i: int) -> bool:
         """Of one effect."""
-        return not self._warms(i) and self._alone_V[i] > THRESHOLDS.worse * min(self._nothing_V, *self._least_V(i))
+        return not self._warms[i] and self._alone_V[i] > THRESHOLDS.worse * min(self._nothing_V, *self._least_V(i))
 
     def pair(self, i: int, j: int, part: FloatArray) -> bool:
         """Of two at once, which stand for (N,) `part`."""
         most_V = _left_V(self._back, part, self._n_voltage) / THRESHOLDS.worse
-        if warm_V := [self._alone_V[each] for each in (i, j) if self._warms(each)]:
+        if warm_V := [self._alone_V[each] for each in (i, j) if self._warms[each]]:
             return most_V > max(warm_V)
         if most_V > min(self._nothing_V, *self._least_V(i), *self._least_V(j)):
             return True
         inner = [(each, j) for each in self.special(i)] + [(i, each) for each in self.special(j)]
         return any(most_V > self._both_V(*each) for each in inner if each[0] != each[1])
 
-    def _warms(self, i: int) -> bool:
-        """Whether the heat of an effect is asked for: then it is there, whatever else hides what its voltage adds."""
-        heat = self._number.get(self._tried[i].effect.heats_as or "")
-        return heat is not None and self._asked[heat]
+    @cached_property
+    def _warms(self) -> list[bool]:
+        """Whether the temperature alone asks for each effect: it is there, whatever hides what its voltage adds."""
+        seen = self._n_voltage < len(self._back.error)
+        return [seen and each.effect.own_heat and self._warmth(each) >= THRESHOLDS.asked for each in self._tried]
+
+    def _warmth(self, one: Tried) -> float:
+        """Gain of the logarithm by the temperature alone."""
+        own = slice(self._n_voltage, None)
+        return self._warm.weigh(one.columns[own], None if one.moved is None else one.moved[own]).log_likelihood
+
+    @cached_property
+    def _warm(self) -> Background:
+        return self._back.part(slice(self._n_voltage, None))
 
     def _least_V(self, i: int) -> list[float]:
         own = [self._alone_V[i]] if self._asked[i] else []
