@@ -81,8 +81,8 @@ def from_json(document: dict[str, Any]) -> KnownRuns:
         raise ModelError(f"not a diagnosis memory of schema version {SCHEMA_VERSION}; fit the model again")
     try:
         cell, elsewhere, lacks = _cell(document), _elsewhere(document), _lacks(document)
-        has_heat = document["balance"] is not None and document["schema_version"] > _OTHER_HEAT
-        balance = HeatBalance(**document["balance"]) if has_heat else None
+        heat = document["balance"] if document["schema_version"] > _OTHER_HEAT else None
+        balance = None if heat is None else HeatBalance(**heat)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ModelError(f"diagnosis memory is damaged: {error!r}; fit the model again") from None
     counts = {len(getattr(elsewhere.known, each.name)) for each in fields(Points)} | {
