@@ -75,7 +75,8 @@ def judge(cell: str, before: tuple[Aged, Aged], after: tuple[Aged, Aged], near: 
     told = diagnose(network, runs, starts, train=train, train_soc=soc, mode="change")
     first = told.findings[0] if told.findings and told.verdict in ("missing", "ambiguous") else None
     values = {each.effect: each.parameters for each in told.findings}
-    capacity = values["capacity"]["capacity_Ah"].value if "capacity" in values else None
+    # Lost lithium and lost material say what capacity is left, too.
+    capacity = next((own["capacity_Ah"].value for own in values.values() if "capacity_Ah" in own), None)
     return {
         "cell": cell,
         "before": before[0].at,

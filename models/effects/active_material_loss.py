@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from models.effects.effect import CURVE, Effect, Parameter
-from models.effects.electrode_shift import loss_shift, regressor
+from models.effects.electrode_shift import LEFT, loss_shift, regressor
 from models.effects.expected import Expected
 from models.effects.half_cells import HalfCells
 
@@ -21,7 +21,10 @@ EFFECT = Effect(
     recognise="the steps of one electrode in the open-circuit curve lie closer together than before, those of the "
     "other one as they did",
     source="Dubarry, Truchot and Liaw, J. Power Sources 219, 2012; Birkl et al., J. Power Sources 341, 2017",
-    parameters=(Parameter("share_lost", "1", "material that is lost, over the electrode named"),),
+    parameters=(
+        Parameter("share_lost", "1", "material that is lost, over the electrode named"),
+        LEFT,
+    ),
     slow=True,
     regressors=regressor(_NEGATIVE),
     shift=_NEGATIVE,

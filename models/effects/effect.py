@@ -51,6 +51,7 @@ class Shift:
     current_A : (view, value) -> (n,) current that truly warms the cell; None: the measured one
     searched : whether the steps start from the best of a grid; else from nothing
     of : what the name of the parameter is followed by, where an effect has several of them
+    also : (view, value) -> values of the effect's further parameters, which go with the first
     """
 
     voltage: Callable[[View, float], FloatArray]
@@ -61,6 +62,7 @@ class Shift:
     current_A: Callable[[View, float], FloatArray] | None = None
     searched: bool = True
     of: str = ""
+    also: Callable[[View, float], tuple[float, ...]] = lambda _view, _value: ()
 
 
 @dataclass(frozen=True)

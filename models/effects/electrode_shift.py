@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from models.data.timeseries import FloatArray
-from models.effects.effect import Shift
+from models.effects.effect import Parameter, Shift
 from models.effects.half_cells import HalfCells, half_cells
 from models.effects.view import View
 
@@ -16,6 +16,9 @@ _STEP, _LIMITS = 2e-3, (-0.02, 0.4)
 _LEAST_CAPACITY = 0.05
 
 Loss = Callable[[HalfCells, float], HalfCells]
+
+# What is left of the charge that the cell holds, by whichever electrode it went.
+LEFT = Parameter("capacity_Ah", "Ah", "capacity that is left of the cell by this loss")
 
 
 def loss_shift(loss: Loss, of: str = "") -> Shift:
@@ -46,7 +49,11 @@ def loss_shift(loss: Loss, of: str = "") -> Shift:
         bent_V = aged.open_circuit_V(at) - fresh.open_circuit_V(at)
         return view.model.voltage_V(inputs, counted) - view.voltage_V + bent_V
 
-    return Shift(voltage, lambda _view: _STEP, lambda _view: _LIMITS, soc=soc, of=of)
+    def left_Ah(view: View, share: float) -> tuple[float, ...]:
+        fresh = half_cells(view.model)
+        return (view.capacity_Ah / (1.0 if fresh is None else _shrinks(fresh, loss(fresh, share))),)
+
+    return Shift(voltage, lambda _view: _STEP, lambda _view: _LIMITS, soc=soc, of=of, also=left_Ah)
 
 
 def _shrinks(fresh: HalfCells, aged: HalfCells) -> float:

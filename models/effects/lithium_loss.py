@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from models.effects.effect import CURVE, Effect, Parameter
-from models.effects.electrode_shift import loss_shift, regressor
+from models.effects.electrode_shift import LEFT, loss_shift, regressor
 from models.effects.expected import Expected
 from models.effects.half_cells import HalfCells
 
@@ -20,7 +20,10 @@ EFFECT = Effect(
     recognise="the cell holds less, and the steps of the negative electrode in the open-circuit curve lie at a lower "
     "state of charge than before, while those of the positive one stay",
     source="Dubarry, Truchot and Liaw, J. Power Sources 219, 2012; Birkl et al., J. Power Sources 341, 2017",
-    parameters=(Parameter("share_lost", "1", "lithium that is lost, over the fresh capacity"),),
+    parameters=(
+        Parameter("share_lost", "1", "lithium that is lost, over the fresh capacity"),
+        LEFT,
+    ),
     slow=True,
     regressors=regressor(_SHIFT),
     shift=_SHIFT,

@@ -98,7 +98,8 @@ def _findings(analysis: Analysis, rivals: tuple[Tried, ...], record: Record) -> 
     for each in rivals:
         after = record.less(_parts_V(analysis, each, record))
         others = (*names, *(other.effect.name for other in rivals if other is not each))
-        sure = min(chance[each.effect.name], most)
+        # What is told in the place of a likelier cause stands for that as well.
+        sure = min(chance[each.effect.name], confidence)
         findings.append(_finding(analysis, each, (record, after), sure, others, []))
     return [replace(finding, rank=number + 1) for number, finding in enumerate(findings)], left
 

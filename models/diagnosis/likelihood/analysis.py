@@ -21,7 +21,7 @@ from models.diagnosis.likelihood.sight import Sight, background, look
 from models.diagnosis.likelihood.sizes import averaged, doubt, widened
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried, alike, once, stacked, together, try_shapes
-from models.diagnosis.likelihood.verdict import Verdict, chances_of, in_other_explanations, judge
+from models.diagnosis.likelihood.verdict import Verdict, as_whole_loss, chances_of, in_other_explanations, judge
 from models.effects import Effect
 from models.effects.half_cells import half_cells
 from models.effects.view import View
@@ -60,25 +60,15 @@ class Analysis:
 
     @cached_property
     def _likeliest(self) -> tuple[float, tuple[Tried, ...]]:
-        """The likeliest of one effect and two, with its probability; two only where they are clearly more likely.
-
-        A cause of a lost capacity is told as the capacity where that alone would do nearly as well: whichever cause it
-        is, the charge that the cell holds is that.
-        """
+        """The likeliest of one effect and two, with its probability; two only where they are clearly more likely."""
         alone, two = self.verdict.single[:1], self.verdict.pairs[:1]
         best, *which = max([*alone, *two], key=lambda each: each[0] / (THRESHOLDS.two if len(each) > 2 else 1.0))
-        whole = next((each for each in self.tried if each.effect.life == "capacity"), None)
-        for cause in [each for each in which if each.effect.causes and whole is not None]:
-            wanted = [each for each in self.tried if each is whole or (each is not cause and each in which)]
-            if THRESHOLDS.rival * self._chance(wanted) >= best:
-                return best, tuple(wanted)
-        return best, tuple(which)
+        return best, as_whole_loss(self.verdict, self.tried, which, electrodes=self._electrodes_known) or tuple(which)
 
-    def _chance(self, wanted: list[Tried]) -> float:
-        """Probability that just these one or two effects are there."""
-        every = self.verdict.single if len(wanted) == 1 else self.verdict.pairs
-        names = {each.effect.name for each in wanted}
-        return next((p for p, *which in every if {each.effect.name for each in which} == names), 0.0)
+    @cached_property
+    def _electrodes_known(self) -> bool:
+        known = half_cells(self.sight.known.cell) if any(each.effect.causes for each in self.tried) else None
+        return known is not None and known.sure
 
     def chance(self, one: Tried) -> float:
         """Probability that an effect is there, alone or with another."""
@@ -100,7 +90,7 @@ class Analysis:
                 first = part.stop
         for each in self.named:
             others = in_other_explanations(self.back, self.verdict, each, self.named, factor)
-            out[each.effect.name] = averaged(out[each.effect.name], self._chance(list(self.named)), others)
+            out[each.effect.name] = averaged(out[each.effect.name], self.verdict.chance(self.named), others)
         return out
 
     @property
@@ -188,6 +178,10 @@ class Analysis:
         if not self.named:
             return self.verdict.unknown
         sure = max(self.chance(self.named[0]) - sum(self.untold_chances.values()), 0.0)
+        if self.named[0].effect.life == "capacity" and not self._electrodes_known:
+            # Whichever of its causes it is, that much is lost.
+            causes = sum(self.chance(each) for each in self.tried if each.effect.causes)
+            sure = max(sure, min(sure + causes, THRESHOLDS.sure_of_curve))
         return min(sure, THRESHOLDS.sure_of_curve) if self.one_curve or self._may_be_electrodes else sure
 
     @property
@@ -200,8 +194,7 @@ class Analysis:
         if others or first.effect.local is None or not first.effect.absorbed:
             return False
         asked = any(each.effect.causes and each.weighed.log_likelihood >= THRESHOLDS.asked for each in self.tried)
-        known = half_cells(self.sight.known.cell) if asked else None
-        return known is not None and not known.sure
+        return asked and not self._electrodes_known
 
     @cached_property
     def explained(self) -> FloatArray:

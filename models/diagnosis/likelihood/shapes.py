@@ -188,7 +188,8 @@ def _shifted(sight: Sight, one: Effect, shift: Shift, width: float) -> Moving:
         return sight.stacked(volts, [sizes[0] * each for each in kelvins])
 
     def physical(sizes: FloatArray) -> tuple[float, ...]:
-        return (shift.physical(sight.runs[0].points, float(width * sizes[0])),)
+        view, value = sight.runs[0].points, float(width * sizes[0])
+        return (shift.physical(view, value), *shift.also(view, value))
 
     soc_of = shift.soc
     soc = None if soc_of is None else lambda sizes, view: soc_of(view, float(width * sizes[0]))

@@ -45,6 +45,37 @@ class Verdict:
         """Whether something is said to be there."""
         return self.nothing < THRESHOLDS.claim
 
+    def chance(self, wanted: Sequence[Tried]) -> float:
+        """Probability that just these one or two effects are there."""
+        every = self.single if len(wanted) == 1 else self.pairs
+        names = {each.effect.name for each in wanted}
+        return next((p for p, *which in every if {each.effect.name for each in which} == names), 0.0)
+
+
+def as_whole_loss(
+    verdict: Verdict, tried: Sequence[Tried], which: Sequence[Tried], *, electrodes: bool
+) -> tuple[Tried, ...] | None:
+    """What is told in the place of a cause of a lost capacity: that capacity, where it would do nearly as well.
+
+    Whichever cause it is, the charge that the cell holds is that. By the probabilities, and where the cell's electrodes
+    are not known by what each explains: which cause it was rests on the shape of their curves.
+
+    Parameters
+    ----------
+    verdict, tried : probabilities, and every effect
+    which : the likeliest effects
+    electrodes : whether the cell's electrodes are known
+    """
+    whole = next((each for each in tried if each.effect.life == "capacity"), None)
+    best = verdict.chance(which)
+    for cause in [each for each in which if each.effect.causes and whole is not None]:
+        assert whole is not None
+        wanted = tuple(each for each in tried if each is whole or (each is not cause and each in which))
+        share = whole.weighed.log_likelihood / max(cause.weighed.log_likelihood, THRESHOLDS.asked)
+        if THRESHOLDS.rival * verdict.chance(wanted) >= best or (not electrodes and share >= THRESHOLDS.as_good):
+            return wanted
+    return None
+
 
 def prior_alone(tried: list[Tried]) -> FloatArray:
     """(effects,) prior probability of each effect alone."""

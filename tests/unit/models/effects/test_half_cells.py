@@ -123,6 +123,8 @@ def test_a_loss_moves_charge_and_curve_together() -> None:
     np.testing.assert_allclose(soc - 0.5, (view.soc - 0.5) / aged.capacity * fresh.capacity, atol=1e-12)
     bent_V = (aged.open_circuit_V(soc) - fresh.open_circuit_V(soc))[view.index]
     np.testing.assert_allclose(shift.voltage(view, 0.1), view.moved(soc=soc) + bent_V, atol=1e-9)
+    # And what is left of the cell is told beside the share.
+    assert shift.also(view, 0.1) == pytest.approx((view.capacity_Ah * aged.capacity / fresh.capacity,))
 
 
 def test_electrodes_that_reach_the_limits_no_more_are_no_division_by_zero() -> None:

@@ -135,8 +135,11 @@ def test_what_is_granted_from_run_to_run_is_not_learned_of_effects_that_others_s
 def test_either_electrode_is_tried_and_told_by_its_name(memory: KnownRuns) -> None:
     found = analyse(memory, [to_grid(measured(CELL, 2), 1.0)], [SOC], None, [effect("active_material_loss")])
     (tried,) = found.tried
-    (name,) = values_of(found, tried)
-    assert name in ("share_lost of the negative electrode", "share_lost of the positive electrode")
+    name, left = values_of(found, tried).items()
+    assert name[0] in ("share_lost of the negative electrode", "share_lost of the positive electrode")
+    # Nothing is lost here.
+    assert left[0] == "capacity_Ah"
+    assert left[1].value == pytest.approx(CELL.capacity_Ah, rel=0.02)
 
 
 @pytest.mark.proof

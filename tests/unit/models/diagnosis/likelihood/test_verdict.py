@@ -1,14 +1,15 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from models.data.timeseries import FloatArray
-from models.diagnosis.likelihood.background import Background
+from models.diagnosis.likelihood.background import Background, Weighed
 from models.diagnosis.likelihood.shapes import Linear, Moving
 from models.diagnosis.likelihood.simpler import Simpler, price_of_shape
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried, together, try_shapes, weigh_both
-from models.diagnosis.likelihood.verdict import Verdict, in_other_explanations, judge
+from models.diagnosis.likelihood.verdict import Verdict, as_whole_loss, in_other_explanations, judge
 from models.effects import effect
 
 N = 60
@@ -186,3 +187,23 @@ def test_sizes_in_other_explanations_are_those_that_the_effect_would_have_there(
     ((chance, sizes),) = in_other_explanations(back, verdict, loss, [slow, loss], 1.0)
     assert chance == 0.5
     np.testing.assert_allclose(sizes.mean, loss.weighed.mean)
+
+
+@pytest.mark.parametrize(
+    ("whole", "electrodes", "told"),
+    [
+        (95.0, False, "capacity"),  # whose curves nobody knows: the shape says little
+        (95.0, True, "lithium_loss"),
+        (60.0, False, "lithium_loss"),  # far more than a capacity
+    ],
+)
+def test_a_cause_of_a_lost_capacity_rests_on_electrodes_that_are_known(
+    whole: float, electrodes: bool, told: str
+) -> None:
+    weighed = [Weighed(log, np.ones(1), np.eye(1)) for log in (whole, 100.0)]
+    names = ("capacity", "lithium_loss")
+    shape = Linear(np.zeros((4, 1)), (), (), 0)
+    tried = [Tried(effect(n), shape, shape.columns, None, w) for n, w in zip(names, weighed, strict=True)]
+    verdict = Verdict(0.0, 0.0, ((0.99, tried[1]), (0.01, tried[0])), ())
+    found = as_whole_loss(verdict, tried, [tried[1]], electrodes=electrodes)
+    assert (found or (tried[1],))[0].effect.name == told
