@@ -238,9 +238,13 @@ def _with_figures(network: LocalModelNetwork, data: Training, built: Built, judg
 
 
 def _with_memory(network: LocalModelNetwork, data: Training) -> LocalModelNetwork:
-    """With what a diagnosis needs to know of the training runs, where they can carry its reference model."""
+    """With what a diagnosis needs to know of the training runs, where they can carry its reference model.
+
+    Of the runs as they were measured: what is supposed to have flowed before them is for the fit, and where runs begin
+    is open to the memory anyway. It is what a diagnosis would find that is given the same runs.
+    """
     try:
-        memory = memory_of(data.fit_grid, data.fit_soc, data.cell.capacity_Ah, own_variant(network, data.grid))
+        memory = memory_of(data.grid, data.soc, data.cell.capacity_Ah, own_variant(network, data.grid))
     except (ModelError, np.linalg.LinAlgError):
         return network
     return _noting(network, diagnosis=memory_to_json(memory))

@@ -23,7 +23,7 @@ SCHEMA_VERSION = 6
 # Documents of these versions know nothing of what a run has of its own of the load there, or of what the cell may lack:
 # they are read as if it were nothing. Of the last of them errors of a minute were learned under a current that was
 # low-passed by 20 s: they are read as if it had been under the current. In all of them the heat balance is left out: it
-# took what flowed before a run for measured, and charge that had not spread yet for no loss.
+# took what was supposed to have flowed before a run for measured, and charge that had not spread yet for no loss.
 _WITHOUT_OWN_LOAD, _PLACE_OF_OWN_LOAD = 2, len(PLACES) + TIMES.index(OWN_LOAD)
 _WITHOUT_LACKS, _LOW_PASSED, _OTHER_HEAT = 3, 4, 5
 # Digits that are written: far more than the estimates are good for; of what is open enough for a standard deviation.

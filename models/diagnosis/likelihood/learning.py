@@ -69,7 +69,5 @@ def _balance(cell: KnownCell, views: list[View]) -> HeatBalance | None:
     if not all(has_temperature(view.run) for view in views):
         return None
     stride = max(1, -(-sum(len(view.run) for view in views) // THRESHOLDS.simulated))
-    # What flowed before a run began stands in front of it: nobody measured how warm the cell was then.
-    first = [int(np.argmax(view.run.measured)) for view in views]
-    every = [replace(v, index=np.arange(at, len(v.run), stride)) for v, at in zip(views, first, strict=True)]
+    every = [replace(view, index=np.arange(0, len(view.run), stride)) for view in views]
     return fit_views([simulated_heat(cell, view, stride) for view in every])

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from models.data.errors import ModelError
+from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
+from models.diagnosis import memory_of, own_variant
+from models.diagnosis.known.record import known_in
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.structure import InputChannel, PartitionAxis, Structure
@@ -83,6 +86,12 @@ def test_one_log_that_begins_anywhere_does_not_bend_a_bounded_network() -> None:
     assert result.initial_soc == pytest.approx([true])
     # From rest the same currents leave 2.1 mV, and taken for a log that begins at rest 3.3.
     assert result.validation is not None and result.validation["rmse_mV"] < 2.6
+    # What flowed before is supposed: a diagnosis remembers of the log what it would learn of it now.
+    grid, kept = to_grid(cut, result.network.structure.dt_s), known_in(result.network)
+    again = memory_of([grid], [true], CAPACITY_AH, own_variant(result.network, [grid]))
+    assert kept is not None
+    np.testing.assert_allclose(kept.elsewhere.unseen_V, again.elsewhere.unseen_V, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(kept.cell.coefficients, again.cell.coefficients, rtol=1e-6)
 
 
 def test_logs_that_begin_at_rest_keep_their_starts() -> None:

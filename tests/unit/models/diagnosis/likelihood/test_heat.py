@@ -1,6 +1,5 @@
-"""What the temperature tells: a balance by what was measured, by all that is lost, and what it alone asks for."""
+"""What the temperature tells: a balance by all that is lost, and effects that it alone asks for."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,33 +23,12 @@ from tests.unit.models.diagnosis.cells import SOC, measured
 
 CELL = CELLS["nmc"].parameters
 SURFACE = Variant(surface=(0.1, 200.0, 3500.0))
-FRONT = 2400
 NOTHING: Any = None
 
 
 @pytest.fixture(scope="module")
 def memory() -> KnownRuns:
     return know([to_grid(measured(CELL, 1), 1.0)], [SOC], CELL.capacity_Ah, [], SURFACE)
-
-
-def test_what_flowed_before_a_run_was_measured_says_nothing_of_its_warmth(memory: KnownRuns) -> None:
-    run = to_grid(measured(CELL, 1), 1.0)
-    # An hour of a current that is supposed, at the temperature with which the run begins.
-    supposed = np.where(np.arange(FRONT) % 1200 < 600, 1.0, -1.0) * CELL.capacity_Ah
-    held = {"temperature_degC": run.temperature_degC, "ambient_degC": run.ambient_degC}
-    fronted = replace(
-        run,
-        time_s=np.arange(FRONT + len(run)) * run.dt_s,
-        current_A=np.concatenate([supposed, run.current_A]),
-        voltage_V=np.concatenate([np.full(FRONT, np.nan), run.voltage_V]),
-        measured=np.concatenate([np.zeros(FRONT, bool), run.measured]),
-        charge_Ah=np.concatenate([np.cumsum(supposed) / 3600.0, run.charge_Ah]),
-        **{name: np.concatenate([np.full(FRONT, column[0]), column]) for name, column in held.items()},
-    )
-    found = know([fronted], [SOC], CELL.capacity_Ah, [], SURFACE).balance
-    assert found is not None and memory.balance is not None
-    assert found.resistance_K_per_W == pytest.approx(memory.balance.resistance_K_per_W, rel=0.05)
-    assert found.time_constant_s == pytest.approx(memory.balance.time_constant_s, rel=0.1)
 
 
 def test_charge_that_has_not_spread_is_lost_as_heat(memory: KnownRuns) -> None:
