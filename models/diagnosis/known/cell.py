@@ -16,6 +16,8 @@ from models.identification.bounded.layout import REFERENCE_DEGC, Layout
 from models.network.regression import delayed
 from models.network.signals import RunSignals, parse_signal
 
+# Range of the state of charge at the particles' surface, where a cell has one.
+SURFACE = "surface_soc"
 # Step of the derivative to the current, relative.
 _SMALL = 1e-3
 
@@ -30,7 +32,7 @@ class KnownCell:
     coefficients : (P,) in V, the curve by its values
     covariance : (P, P) of them in V^2
     capacity_Ah, dt_s : of the cell and the grid
-    domain : ranges of SoC, current and temperature of the training runs
+    domain : ranges of SoC, also at the surface, current and temperature of the training runs
     typical_Ohm : overvoltage over current in the training runs
     usual : (B,) root mean square of each term's signal over its largest value
     """
@@ -48,6 +50,11 @@ class KnownCell:
     def soc_range(self) -> tuple[float, float]:
         """Range of SoC of the training runs."""
         return self.domain["soc"]
+
+    @property
+    def surface_range(self) -> tuple[float, float]:
+        """Range of the SoC at the particles' surface."""
+        return self.domain.get(SURFACE, self.soc_range)
 
     @property
     def trained_degC(self) -> float:

@@ -15,6 +15,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, get_lapack_funcs
 from scipy.optimize import minimize
 
 from models.data.timeseries import FloatArray
+from models.diagnosis.known.cell import SURFACE
 from models.diagnosis.known.thresholds import KNOWN, Known
 from models.effects.view import View
 from models.network.signals import arrhenius
@@ -31,7 +32,7 @@ class Points:
     Attributes
     ----------
     run, time_s : (m,) number of the run and time in it
-    soc, temperature_degC : (m,)
+    soc, temperature_degC : (m,) that of the particles' surface, where the model has one
     rates : (m, b) currents over the capacity, low-passed and scaled by temperature, 1/h
     slope_V : (m,) of the open-circuit curve, per SoC of 1
     away : (m,) how far beyond the training runs, in units in which the error is expected to double
@@ -64,14 +65,14 @@ def points_of(view: View, number: int, domain: dict[str, tuple[float, float]], a
     degC = np.where(np.isnan(run.temperature_degC), 25.0, run.temperature_degC)
     scaled = run.current_A * arrhenius(degC, at.rate_activation_K) / view.capacity_Ah
     rates = [scaled, *(low_pass(scaled, tau_s, run.dt_s) for tau_s in at.rate_s)]
-    soc = view.soc[index]
-    model = view.model
+    # What a model has over the state of charge it has over that of the surface.
+    soc, model = view.soc[index] + view.inputs.surface, view.model
     slope = (model.open_circuit_V(soc + _SMALL_SOC) - model.open_circuit_V(soc - _SMALL_SOC)) / (2.0 * _SMALL_SOC)
     low, high = domain.get("temperature_degC", (-np.inf, np.inf))
     away = np.maximum(np.maximum(low - degC, degC - high), 0.0) / at.away_K
     low, high = domain["current_A"]
     away = away + np.maximum(np.maximum(low - run.current_A, run.current_A - high), 0.0) / max(high - low, 1e-9)
-    low, high = domain["soc"]
+    low, high = domain.get(SURFACE, domain["soc"])
     beyond = np.maximum(np.maximum(low - soc, soc - high), 0.0) / at.away_soc
     return Points(
         np.full(len(index), float(number)),

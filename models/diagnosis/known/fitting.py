@@ -9,7 +9,7 @@ import numpy as np
 from models.data.errors import NotIdentifiableError
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
-from models.diagnosis.known.cell import KnownCell
+from models.diagnosis.known.cell import SURFACE, KnownCell
 from models.diagnosis.known.left import Left, covariance_of, left_of, noise_of
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.known.training_starts import Fitted, TrainingStarts, training_starts
@@ -55,7 +55,7 @@ def fit_known(
         No charge goes in or out.
     """
     bank = SignalBank(runs, soc, CellContext(capacity_Ah))
-    low, high = _domain(bank)["soc"]
+    low, high = _span(bank, "soc")
     if high - low < _LEAST_SOC:
         raise NotIdentifiableError(
             f"diagnosis: the training runs stand still at a state of charge of {low:.2f}, and say nothing of the cell: "
@@ -148,7 +148,9 @@ def _cell(bank: SignalBank, held: HeldOut, logs: tuple[float, ...]) -> KnownCell
     covariance = covariance_of(held, logs, noise_of(held, logs), None)
     dt_s, usual = bank.runs[0].dt_s, _usual(bank, layout)
     # What it typically resists needs the cell to look at the runs.
-    bare = KnownCell(layout, whole, covariance, bank.cell.capacity_Ah, dt_s, _domain(bank), 0.0, usual)
+    bare = KnownCell(
+        layout, whole, covariance, bank.cell.capacity_Ah, dt_s, _domain(bank, layout.basis.axis), 0.0, usual
+    )
     return replace(bare, typical_Ohm=_typical_Ohm(bare, bank.runs, bank.initial_soc))
 
 
@@ -204,10 +206,18 @@ def _usual(bank: SignalBank, layout: Layout) -> FloatArray:
     return np.sqrt(np.array(squares))
 
 
-def _domain(bank: SignalBank) -> dict[str, tuple[float, float]]:
-    soc = np.concatenate(bank.values("soc"))
+def _span(bank: SignalBank, signal: str) -> tuple[float, float]:
+    values = np.concatenate(bank.values(signal))
+    return float(values.min()), float(values.max())
+
+
+def _domain(bank: SignalBank, axis: str) -> dict[str, tuple[float, float]]:
     current = np.concatenate([run.current_A for run in bank.runs])
-    out = {"soc": (float(soc.min()), float(soc.max())), "current_A": (float(current.min()), float(current.max()))}
+    out = {
+        "soc": _span(bank, "soc"),
+        SURFACE: _span(bank, axis),
+        "current_A": (float(current.min()), float(current.max())),
+    }
     degC = np.concatenate([run.temperature_degC for run in bank.runs])
     if not np.isnan(degC).any():
         out["temperature_degC"] = (float(degC.min()), float(degC.max()))

@@ -116,6 +116,7 @@ def look(
     low, high = cell.soc_range
     inside = [
         view.run.measured[view.index]
+        & _between(view.soc[view.index] + view.inputs.surface, *cell.surface_range)
         & np.all(
             [_between(each[view.index], low, high) for each in [view.soc, *([moved(view)] if moved else [])]], axis=0
         )

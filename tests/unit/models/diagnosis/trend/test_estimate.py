@@ -5,6 +5,7 @@ import pytest
 
 from models.data.errors import ModelError
 from models.data.resampling import GridRun
+from models.diagnosis.known.cell import SURFACE
 from models.diagnosis.known.elsewhere import OWN_LOAD, PLACES, TIMES
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.trend.answer import growth_Ohm
@@ -26,7 +27,7 @@ def whole() -> KnownRuns:
     known = known_runs()
     cell, coefficients = known.cell, known.cell.coefficients.copy()
     coefficients[: cell.layout.n_curve] = EMPTY_V + SLOPE_V * cell.layout.knots.soc
-    domain = cell.domain | {"soc": (0.0, 1.0)}
+    domain = cell.domain | {"soc": (0.0, 1.0), SURFACE: (0.0, 1.0)}
     return replace(known, cell=replace(cell, domain=domain, coefficients=coefficients))
 
 

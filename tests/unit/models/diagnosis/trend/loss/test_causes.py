@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from models.data.resampling import GridRun
+from models.diagnosis.known.cell import SURFACE
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.reference.record import Record
 from models.diagnosis.trend.answer import answer
@@ -37,7 +38,7 @@ def known() -> KnownRuns:
     layout = replace(cell.layout, knots=replace(cell.layout.knots, soc=knots))
     potential = POSITIVES["nmc532"].potential_V
     coefficients[: len(knots)] = potential(Y0 + knots * (Y1 - Y0)) - NEGATIVES["graphite"](X0 + knots * (X1 - X0))
-    domain = cell.domain | {"soc": (0.0, 1.0)}
+    domain = cell.domain | {"soc": (0.0, 1.0), SURFACE: (0.0, 1.0)}
     return replace(known, cell=replace(cell, layout=layout, domain=domain, coefficients=coefficients))
 
 
