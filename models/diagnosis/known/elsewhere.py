@@ -34,7 +34,8 @@ class Points:
     run, time_s : (m,) number of the run and time in it
     soc, temperature_degC : (m,) that of the particles' surface, where the model has one
     rates : (m, b) currents over the capacity, low-passed and scaled by temperature, 1/h
-    slope_V : (m,) of the open-circuit curve, per SoC of 1
+    slope_V : (m,) of the open-circuit curve at the mean SoC, per SoC of 1; at the surface's a measured cell's grown
+        resistance (B0047, 4 degC) is no more told from errors that go with the load there
     away : (m,) how far beyond the training runs, in units in which the error is expected to double
     """
 
@@ -65,9 +66,10 @@ def points_of(view: View, number: int, domain: dict[str, tuple[float, float]], a
     degC = np.where(np.isnan(run.temperature_degC), 25.0, run.temperature_degC)
     scaled = run.current_A * arrhenius(degC, at.rate_activation_K) / view.capacity_Ah
     rates = [scaled, *(low_pass(scaled, tau_s, run.dt_s) for tau_s in at.rate_s)]
+    mean, model = view.soc[index], view.model
     # What a model has over the state of charge it has over that of the surface.
-    soc, model = view.soc[index] + view.inputs.surface, view.model
-    slope = (model.open_circuit_V(soc + _SMALL_SOC) - model.open_circuit_V(soc - _SMALL_SOC)) / (2.0 * _SMALL_SOC)
+    soc = mean + view.inputs.surface
+    slope = (model.open_circuit_V(mean + _SMALL_SOC) - model.open_circuit_V(mean - _SMALL_SOC)) / (2.0 * _SMALL_SOC)
     low, high = domain.get("temperature_degC", (-np.inf, np.inf))
     away = np.maximum(np.maximum(low - degC, degC - high), 0.0) / at.away_K
     low, high = domain["current_A"]
