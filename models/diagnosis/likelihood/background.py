@@ -69,7 +69,7 @@ class Background:
     tempering: float = THRESHOLDS.tempering
 
     def part(self, rows: slice) -> Background:
-        """Some of the points alone."""
+        """Some of the points alone: those of the voltage, or of the temperature, by their places."""
         fixed, elsewhere = self.fixed[rows, rows], self.elsewhere[rows, rows]
         return Background(self.error[rows], fixed, elsewhere, self.tempering)
 

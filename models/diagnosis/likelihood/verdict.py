@@ -67,9 +67,10 @@ def as_whole_loss(
     electrodes : whether the cell's electrodes are known
     """
     whole = next((each for each in tried if each.effect.life == "capacity"), None)
+    if whole is None:
+        return None
     best = verdict.chance(which)
-    for cause in [each for each in which if each.effect.causes and whole is not None]:
-        assert whole is not None
+    for cause in [each for each in which if each.effect.causes]:
         wanted = tuple(each for each in tried if each is whole or (each is not cause and each in which))
         share = whole.weighed.log_likelihood / max(cause.weighed.log_likelihood, THRESHOLDS.asked)
         if THRESHOLDS.rival * verdict.chance(wanted) >= best or (not electrodes and share >= THRESHOLDS.as_good):
