@@ -9,7 +9,7 @@ import numpy as np
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.answer.confidence import most_sure
-from models.diagnosis.answer.explanation import explain, explain_power
+from models.diagnosis.answer.explanation import explain, explain_no_heat, explain_power
 from models.diagnosis.answer.findings import Diagnosis, Finding, Shown
 from models.diagnosis.answer.next_experiment import discriminating_request
 from models.diagnosis.answer.unknown import depends_on
@@ -163,6 +163,8 @@ def _remarks(analysis: Analysis, record: Record, has_train: bool, with_power: bo
     inside = analysis.sight.share_inside
     if inside < 1.0:
         remarks.append(f"{100 * (1 - inside):.0f} % of the samples lie outside the trained state of charge")
+    if not any(run.warm is not None for run in analysis.sight.runs):
+        remarks.append(explain_no_heat(analysis.sight.known.balance is not None))
     rms_mV = 1e3 * float(np.sqrt(np.mean(analysis.back.error[: analysis.sight.n_voltage] ** 2)))
     if not analysis.named and record.rms_mV > _COARSE * rms_mV:
         remarks.append(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from models.diagnosis.evidence.parameters import Value
-from models.effects import Effect, effect
+from models.effects import Effect, effect, effects
 
 _KEEP_SHORT = 3
 
@@ -56,6 +56,23 @@ def explain_power(hidden: Sequence[tuple[Effect, float]]) -> str:
     """
     parts = [f"{one.title.lower()} {_size(one, size)}" for one, size in hidden]
     return f"with 90 % probability these runs would have shown, of what could hide best: {'; '.join(parts)}"
+
+
+def explain_no_heat(known: bool) -> str:
+    """One sentence on what is not asked about where the temperature is not looked at.
+
+    Parameters
+    ----------
+    known : whether the heat balance of the training runs is known, so that the diagnosed runs are what it lacks
+    """
+    titles = [one.title.lower() for one in effects().values() if one.channel == "temperature"]
+    why = "the diagnosed runs lack a temperature, or that of their surroundings, at some of their samples"
+    if not known:
+        why = (
+            "no heat balance of the training runs is known: they lack temperature or ambient temperature, or hardly "
+            "warm the cell, or the model is of an older version; fit it again"
+        )
+    return f"the temperature is not looked at, so that nothing is said of: {', '.join(titles)}; {why}"
 
 
 def _size(one: Effect, size: float) -> str:

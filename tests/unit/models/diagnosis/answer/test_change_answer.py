@@ -13,6 +13,7 @@ from models.diagnosis.answer.findings import Diagnosis, Finding
 from models.diagnosis.likelihood.analysis import Analysis, analyse
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.reference.record import Record
+from models.diagnosis.thermal.heat_balance import HeatBalance
 from models.effects import effect
 from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, steps_A, true_run
 
@@ -110,6 +111,21 @@ def test_remarks_say_what_was_left_out_and_what_was_missing(as_before: tuple[Ana
     remarks = answered(part, record, has_train=False).remarks
     assert remarks[0] == "40 % of the samples lie outside the trained state of charge"
     assert "without the training runs" in remarks[-1]
+
+
+def test_what_the_temperature_alone_shows_is_said_not_to_be_asked_about(as_before: tuple[Analysis, Record]) -> None:
+    analysis, record = as_before
+    told = next(each for each in answered(analysis, record).remarks if "temperature is not looked at" in each)
+    assert "cooling of the cell, reversible heat, wrong temperature reading" in told
+    assert "fit it again" in told
+    sight = analysis.sight
+    balanced = replace(sight, known=replace(sight.known, balance=HeatBalance(8.0, 600.0, 0.0, 0.0)))
+    told = next(
+        each
+        for each in answered(replace(analysis, sight=balanced), record).remarks
+        if "temperature is not looked at" in each
+    )
+    assert "diagnosed runs lack" in told
 
 
 def test_a_network_far_coarser_than_what_is_known_is_told_so(as_before: tuple[Analysis, Record]) -> None:
