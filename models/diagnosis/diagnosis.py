@@ -142,7 +142,8 @@ def network_memory(network: LocalModelNetwork, record: Record) -> KnownRuns:
     """
     simulated, soc = as_simulated(record)
     # What was simulated begins where it is said to; without noise even a tiny gain would move its state of charge.
-    known = know(simulated, soc, network.cell.capacity_Ah, list(effects().values()), starts_known=True)
+    form = own_variant(network, simulated)
+    known = know(simulated, soc, network.cell.capacity_Ah, list(effects().values()), form, starts_known=True)
     noise_V2 = (1e-3 * (record.noise_floor_mV or 0.0)) ** 2
     own_V2 = max((1e-3 * network.record.train_rmse_mV(0.0)) ** 2 - noise_V2, 0.0)
     # What the network itself says is the same in every run: only its own error is left.

@@ -13,7 +13,7 @@ import numpy as np
 
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
-from models.diagnosis import memory_of, memory_to_json
+from models.diagnosis import memory_of, memory_to_json, own_variant
 from models.diagnosis.evidence.parameters import Value
 from models.diagnosis.reference.record import Record
 from models.effects import Effect
@@ -108,7 +108,7 @@ def _read_again(network: LocalModelNetwork, own: Record) -> LocalModelNetwork:
     if heat is not None and heat["model"] is not None:
         network = replace(network, record=replace(network.record, thermal=dict(heat)))
     try:
-        memory = memory_of(own.runs, own.soc, network.cell.capacity_Ah)
+        memory = memory_of(own.runs, own.soc, network.cell.capacity_Ah, own_variant(network, own.runs))
     except (ModelError, np.linalg.LinAlgError):
         return replace(network, record=network.record.without("diagnosis"))
     return replace(network, record=replace(network.record, diagnosis=memory_to_json(memory)))

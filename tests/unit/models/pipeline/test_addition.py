@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from models.comparison import compare
+from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
+from models.diagnosis import memory_of, own_variant
+from models.diagnosis.known.record import known_in
 from models.network.lineage import version_of
 from models.pipeline.addition import Addition, add_effect
 from models.pipeline.bounded_refit import remembers
@@ -71,6 +74,7 @@ def changed_cell(**changes: float) -> tuple[TimeSeries, TimeSeries]:
     return measured(cell, 12, 3000), measured(cell, 14, 3000)
 
 
+@cache
 def renewed(name: str, **changes: float) -> Addition:
     train, validate = changed_cell(**changes)
     return add_effect(fitted().network, name, [train], [SOC], [validate], [SOC])
@@ -127,6 +131,15 @@ def test_the_difference_is_said_in_the_unit_of_a_bench() -> None:
         r"half the width of the loop: \+1[12]\.\d \+- 0\.\d+ mV against what it was",
         renewed("hysteresis", hysteresis_amplitude_V=0.032).remark,
     )
+
+
+def test_a_diagnosis_remembers_of_the_new_runs_what_it_would_learn_of_them_now() -> None:
+    network = renewed("hysteresis", hysteresis_amplitude_V=0.032).network
+    (learned, _), kept = changed_cell(hysteresis_amplitude_V=0.032), known_in(network)
+    grid = to_grid(learned, network.structure.dt_s)
+    again = memory_of([grid], [SOC], network.cell.capacity_Ah, own_variant(network, [grid]))
+    assert kept is not None
+    np.testing.assert_allclose(kept.cell.coefficients, again.cell.coefficients, rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.proof
