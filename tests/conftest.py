@@ -14,7 +14,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Keep numerical libraries to one thread: small problems are slower, not faster, on several; let workers work."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    # Thousands of tests are collected to be kept: looking for garbage among them takes a fifth of the time.
+    # Thousands of tests are collected to be kept: there is no garbage among them, and looking for it takes long.
     gc.disable()
     # A suite that was started in the background may have been told to ignore Ctrl-C, and would hand that on to the
     # programs that tests end by it.

@@ -102,8 +102,8 @@ def log_likelihood(data: TuningData, values: FloatArray) -> float:
 def _log_likelihood(data: TuningData, values: np.ndarray) -> float:
     """Kalman filter over SoC, quick error, slow error and resistance, each scaled to 1 but the first.
 
-    It runs some hundred times over all samples. States, covariance (its upper half) and gains are scalars, which stay
-    in registers: that takes less than half of the time that small arrays take.
+    It runs some hundred times over all samples: states, covariance (its upper half) and gains are scalars, which stay
+    in registers.
     """
     # Taken out of the tuple once: each access counts a reference.
     error_V, slope_V, level, moved = data.error_V, data.slope_V, data.level, data.moved
