@@ -20,6 +20,8 @@ from models.effects import Effect
 # Sizes, in units of the usual one, that are looked through.
 _SEARCH, _CLOSE = (1e-3, 1e3), 0.02
 _ROUNDS = 2
+# An effect whose search goes further one way by this is of that way alone: nobody finds what he lost.
+_ONE_SIDED = 0.1
 
 
 @dataclass(frozen=True)
@@ -75,15 +77,25 @@ def smallest_shown(back: Background, tried: Tried, prior: float, explained: Floa
     if not isinstance(tried.shape, Moving):
         return size
     # What bends shows at its own size, up and down, not by its slope somewhere; said is the larger of the two.
-    up, down = size, size
+    ways = [_furthest(tried, tried.shape, sign) for sign in (1.0, -1.0)]
+    asked = [each for each in ways if abs(each) > _ONE_SIDED * max(map(abs, ways))]
+    return max(_bent(back, tried, each, size, prior, explained) for each in asked)
+
+
+def _furthest(tried: Tried, shape: Moving, sign: float) -> float:
+    """The furthest size, in the unit of the first figure, that is looked for in one direction."""
+    along = sign * first_direction(tried)[0]
+    moved = along != 0.0
+    limits = np.where(along > 0.0, shape.limits[1], shape.limits[0])
+    return sign * float(np.min(limits[moved] / along[moved]))
+
+
+def _bent(back: Background, tried: Tried, furthest: float, size: float, prior: float, explained: FloatArray) -> float:
+    """Size of what bends that shows, from the one by its slope on; infinite where none is that far."""
     for _ in range(_ROUNDS):
-        up, down = (
-            _along(back, tried, change_at(tried, sign * each) / (sign * each), prior, explained)
-            if np.isfinite(each)
-            else each
-            for sign, each in ((1.0, up), (-1.0, down))
-        )
-    return max(up, down)
+        at = float(np.copysign(min(size, abs(furthest)), furthest))
+        size = _along(back, tried, change_at(tried, at) / at, prior, explained)
+    return size if size <= abs(furthest) else np.inf
 
 
 def power_of(

@@ -8,8 +8,10 @@ import pytest
 
 from models.diagnosis.likelihood.background import Background
 from models.diagnosis.likelihood.power import first_direction, smallest_shown
+from models.diagnosis.likelihood.shapes import Moving
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried
+from models.effects.effect import Parameter
 
 N, PRIOR = 60, 0.02
 FIXED_V2 = 1e-6 * np.eye(N)
@@ -40,6 +42,35 @@ class _Tried:
 def tried(share: float = 1.0) -> Tried:
     """An effect that shows in a share of what a resistance does."""
     return cast(Tried, cast(Any, _Tried(share * USUAL_OHM * CURRENT_A[:, None])))
+
+
+@dataclass(frozen=True)
+class _Lost:
+    parameters: tuple[Parameter, ...] = (Parameter("share_lost", "1", "what is lost"),)
+
+
+@dataclass(frozen=True)
+class _Moved:
+    shape: Moving
+    columns: np.ndarray
+    effect: _Lost = _Lost()
+
+
+def lost(limits: tuple[float, float], per_usual_V: float = USUAL_OHM, usual: float = 0.1) -> Tried:
+    """An effect that is simulated, of which so many usual sizes are possible; a resistance's voltage for each."""
+
+    def simulate(sizes: np.ndarray) -> np.ndarray:
+        return per_usual_V * CURRENT_A * sizes[0]
+
+    shape = Moving(
+        simulate,
+        1,
+        ((0.0,),),
+        np.array([[limits[0]], [limits[1]]]),
+        lambda sizes: (usual * float(sizes[0]),),
+        lambda sizes, _view: simulate(sizes),
+    )
+    return cast(Tried, cast(Any, _Moved(shape, simulate(np.ones(1))[:, None])))
 
 
 def noise_V(rng: np.random.Generator) -> np.ndarray:
@@ -88,3 +119,19 @@ def test_an_effect_of_that_size_is_told_as_often_as_promised() -> None:
     assert share_told(1.4) > THRESHOLDS.power
     assert share_told(0.5) < 0.5
     assert share_told(0.0) < 0.02
+
+
+def test_a_share_that_is_lost_shows_as_what_grows_in_proportion_does() -> None:
+    size = shown(tried())
+    # A tenth is what USUAL_OHM makes of the voltage.
+    assert shown(lost((-0.25, 5.0))) == pytest.approx(0.1 * size / USUAL_OHM, rel=0.05)
+    assert shown(lost((-5.0, 5.0))) == pytest.approx(0.1 * size / USUAL_OHM, rel=0.05)
+
+
+def test_no_size_is_said_that_is_not_possible() -> None:
+    size = shown(lost((-5.0, 5.0))) / 0.1  # in usual ones
+    for furthest in (0.5 * size, 2.0 * size):
+        of = lost((-0.05 * furthest, furthest))
+        assert np.isinf(shown(of)) == (furthest < size)
+    # Both ways are possible, and one of them shows nothing.
+    assert np.isinf(shown(lost((-0.5 * size, 2.0 * size))))
