@@ -17,6 +17,7 @@ from models.network.signals.filters import DIFFUSION_GAINS, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
+    DIFFUSION,
     DRIVEN,
     ENTRY_BITS,
     INVERSE_TEMPERATURE,
@@ -57,8 +58,8 @@ def _make_signals(
                 count += 1
             else:
                 _bent(form, net.pole[s, 0], filters[s], drive[drive_of[s]], into[s])
-        elif form == SOC:
-            _soc(net, s, filters[s], slowed[slowed_of[s]], current_A, soc, into[s])
+        elif form == SOC or form == DIFFUSION:
+            _diffusion(net, s, filters[s], slowed[slowed_of[s]], current_A, soc, into[s])
         else:
             _others(net, s, filters[s], held, current_A, temperature_degC, into[s])
     for first in range(0, count - count % 4, 4):
@@ -146,7 +147,7 @@ def _bent(form: int, pole: float, state: np.ndarray, x: np.ndarray, out: np.ndar
 
 
 @njit(cache=True)
-def _soc(
+def _diffusion(
     net: FlatNetwork,
     s: int,
     state: np.ndarray,
@@ -155,7 +156,7 @@ def _soc(
     soc: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """State of charge, ahead of the mean one by what diffuses."""
+    """What diffuses, with the state of charge that it is ahead of or without."""
     rates, factor, emptying = net.pole[s], net.factor[s], net.exchange_A[s]
     constant = net.activation_K[s] == 0.0 and emptying == 0.0
     if emptying != 0.0:
@@ -164,7 +165,7 @@ def _soc(
         for k in range(out.shape[0]):
             slowed[k] *= slower_at(emptying, soc[k])
     for k in range(out.shape[0]):
-        out[k] = soc[k]
+        out[k] = soc[k] if net.form[s] == SOC else 0.0
     for mode in range(3 if factor != 0.0 else 0):
         y, keep, gain = state[mode], np.exp(-rates[mode]), DIFFUSION_GAINS[mode]
         for k in range(out.shape[0]):

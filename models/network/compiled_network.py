@@ -17,6 +17,7 @@ from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
     CHARGE,
+    DIFFUSION,
     DISCHARGE,
     DRIVEN,
     ENTRY_BITS,
@@ -93,13 +94,13 @@ def step_signals(
     for s in range(net.form.shape[0]):
         form, pole, state = net.form[s], net.pole[s], filters[s]
         value = direction
-        if form >= DRIVEN or form == SOC:
+        if form >= DRIVEN or form == SOC or form == DIFFUSION:
             if net.activation_K[s] != slowed_for:
                 slowed_for = net.activation_K[s]
                 slowed = np.exp(slowed_for * (1.0 / (temperature_degC + KELVIN) - 1.0 / REFERENCE_K))
                 exchange_for = 0.0
             value = current_A * slowed
-            if form == SOC:
+            if form < DRIVEN:
                 shift, slower = 0.0, slowed
                 if net.exchange_A[s] != 0.0:
                     slower *= slower_at(net.exchange_A[s], soc)
@@ -107,7 +108,7 @@ def step_signals(
                     keep = np.exp(-pole[mode] / slower)
                     state[mode] = keep * state[mode] + (1.0 - keep) * DIFFUSION_GAINS[mode] * (current_A * slower)
                     shift += state[mode]
-                value = soc + net.factor[s] * shift
+                value = (soc if form == SOC else 0.0) + net.factor[s] * shift
             else:
                 if net.exchange_A[s] != 0.0:
                     if net.exchange_A[s] != exchange_for:

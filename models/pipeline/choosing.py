@@ -16,7 +16,8 @@ import numpy as np
 
 from models.data.errors import ModelError, NotIdentifiableError
 from models.effects.bounded_parts import parts_of, resolved_parts
-from models.identification.bounded.variants import Trials, Variant, best_variant, clearly_better
+from models.identification.bounded.best_variant import best_variant
+from models.identification.bounded.variants import Trials, Variant, clearly_better
 from models.identification.progress import Progress, part_of
 from models.identification.search.search import Search
 from models.network.folds import N_FOLDS, WHOLE_RUNS

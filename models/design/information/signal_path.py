@@ -16,6 +16,7 @@ from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
     CHARGE,
+    DIFFUSION,
     DIRECTION,
     DISCHARGE,
     DRIVEN,
@@ -62,7 +63,7 @@ def signal_values(
         form = net.form[s]
         if form >= DRIVEN:
             _driven(net, s, current_A, temperature_degC, values, slopes)
-        elif form == SOC:
+        elif form == SOC or form == DIFFUSION:
             _diffusion(net, s, current_A, temperature_degC, soc, values, slopes)
         elif form == CASCADE:
             _cascade(net, s, current_A, values)
@@ -81,8 +82,8 @@ def signal_values(
                 kelvin = temperature_degC[k] + KELVIN
                 values[k, s] = temperature_degC[k] if form == TEMPERATURE else 1.0 / kelvin
         for k in range(n_samples):
-            if form == SOC:
-                values[k, s] = soc[k] + net.factor[s] * values[k, s]
+            if form == SOC or form == DIFFUSION:
+                values[k, s] = (soc[k] if form == SOC else 0.0) + net.factor[s] * values[k, s]
             values[k, s] = (values[k, s] - net.low[s]) / net.span[s]
 
 
@@ -210,6 +211,7 @@ def current_gradient(
         if form == SOC:
             for k in range(n_samples):
                 by_soc[k] += by_signal[k, s] / net.span[s]
+        if form == SOC or form == DIFFUSION:
             if net.factor[s] != 0.0:
                 _diffusion_gradient(net, s, slopes, by_signal, out)
                 if net.exchange_A[s] != 0.0:

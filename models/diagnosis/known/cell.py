@@ -13,6 +13,7 @@ from models.data.timeseries import FloatArray
 from models.effects.view import ModelInputs
 from models.identification.bounded.knots import hats
 from models.identification.bounded.layout import REFERENCE_DEGC, Layout
+from models.identification.bounded.terms import BEHIND
 from models.network.regression import delayed
 from models.network.signals import RunSignals, parse_signal
 
@@ -111,7 +112,8 @@ class KnownCell:
         """
         surface = soc + inputs.surface
         unspread_V = self.open_circuit_V(surface) - self.open_circuit_V(soc)
-        return self.through(inputs.signals, surface, self.resistive) + unspread_V
+        lossy = np.concatenate([self.resistive, self.terms_of(BEHIND)])
+        return self.through(inputs.signals, surface, lossy) + unspread_V
 
     def loop_V(self, soc: FloatArray) -> FloatArray:
         """(n,) half the width of the hysteresis loop."""
@@ -165,8 +167,8 @@ class KnownCell:
 
     @cached_property
     def resistive(self) -> np.ndarray:
-        """Numbers of the terms that the current runs through."""
-        others = np.concatenate([self.terms_of("hysteresis_state"), self.terms_of("temperature")])
+        """Numbers of the terms that the current runs through, without what belongs to the curve."""
+        others = np.concatenate([self.terms_of(kind) for kind in ("hysteresis_state", "temperature", BEHIND)])
         return np.setdiff1d(self._every, others)
 
     @cached_property

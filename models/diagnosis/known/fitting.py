@@ -14,13 +14,14 @@ from models.diagnosis.known.left import Left, covariance_of, left_of, noise_of
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.known.training_starts import Fitted, TrainingStarts, training_starts
 from models.effects.view import View
+from models.identification.bounded.best_variant import best_variant
 from models.identification.bounded.fitted import curve_by_values
 from models.identification.bounded.knots import make_knots
 from models.identification.bounded.layout import Layout, make_layout, soc_over
 from models.identification.bounded.monotone import rising
 from models.identification.bounded.problem import fold_of, groups_of, make_sums, run_index
 from models.identification.bounded.strengths import START, HeldOut, penalty
-from models.identification.bounded.variants import CURVE, GAINS, SLOPES, Trials, Variant, best_variant
+from models.identification.bounded.variants import CURVE, GAINS, SLOPES, Trials, Variant
 from models.network.folds import outer_folds
 from models.network.regression import CellContext, SignalBank
 

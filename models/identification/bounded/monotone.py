@@ -15,6 +15,7 @@ from models.identification.bounded.box_least_squares import Solution, solve
 from models.identification.bounded.knots import hats
 from models.identification.bounded.layout import REFERENCE_DEGC, Layout
 from models.identification.bounded.strengths import HeldOut, penalty
+from models.identification.bounded.terms import BEHIND
 from models.network.signals import parse_signal
 
 _ROUNDS = 12
@@ -63,7 +64,7 @@ def corner_increments(layout: Layout, temperature_degC: tuple[float, float]) -> 
     """(corners (n - 1), P) increments of the open-circuit curve at both temperatures, on both branches."""
     knots, n = layout.knots.soc, layout.n_curve
     slope, loop = np.zeros((n - 1, layout.size)), np.zeros((n - 1, layout.size))
-    slope_scale = 1.0
+    slope_scale, curve = 1.0, np.eye(n - 1, layout.size, k=1)
     for b, term in enumerate(layout.basis.terms):
         part = slice(int(layout.first[b]), int(layout.first[b + 1]))
         steps = np.diff(hats(knots[layout.places(b)], knots), axis=0)
@@ -72,6 +73,9 @@ def corner_increments(layout: Layout, temperature_degC: tuple[float, float]) -> 
         elif parse_signal(term.signal).kind == "hysteresis_state":
             # Its ends are -1 and 1, whether the runs reached them or not.
             loop[:, part] = steps / float(layout.scale[b])
-    curve = np.eye(n - 1, layout.size, k=1)
+        elif parse_signal(term.signal).kind == BEHIND:
+            # What is left at the surface has to rise as well: its gain is a slope, over what stands between two knots.
+            between = hats(knots[layout.places(b)], 0.5 * (knots[1:] + knots[:-1]))
+            curve[:, part] = -between * np.diff(knots)[:, None] / float(layout.scale[b])
     away = {(degC - REFERENCE_DEGC) / slope_scale for degC in (*temperature_degC, REFERENCE_DEGC)}
     return np.vstack([curve + share * slope + side * loop for share in away for side in (-1.0, 1.0)])

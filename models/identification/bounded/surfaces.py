@@ -18,6 +18,10 @@ _STEPS = (1.5, 1.25)
 _WORTH = 0.005
 # Ranges of the depth in h and of the time constant in s: those of the table, and a factor of two to four beyond.
 _DEPTH_H, _TAU_S = (0.01, 0.15), (40.0, 2000.0)
+# A sphere's depth in h is its slowest time constant over so many seconds: 15 hours over the squared first root of
+# tan x = x (Crank, as in `filters.diffusion`). Ranges in which that and its activation in K are moved, and the factor.
+_SPHERE_S_PER_H = 2675.0
+_SPHERE_RANGES, _SPHERE_STEP = ((40.0, 600.0), (1500.0, 7000.0)), 1.4
 # A time constant of fewer samples is none.
 _FASTEST_SAMPLES = 2.0
 
@@ -43,6 +47,32 @@ def moved_surface(error: Callable[[Surface], float], surface: Surface, dt_s: flo
                     if best != at:
                         break
     return best
+
+
+def sphere(tau_s: float, kelvin: float) -> Surface:
+    """Return the surface of a sphere by its slowest time constant in s and its activation in K."""
+    return float(f"{tau_s / _SPHERE_S_PER_H:.3g}"), tau_s, kelvin
+
+
+def moved_sphere(error: Callable[[Surface], float], surface: Surface, dt_s: float, *, moves_K: bool) -> Surface:
+    """Return the sphere's surface with the least error that single moves lead to.
+
+    Parameters
+    ----------
+    error : held-out error of a surface
+    surface : of a sphere, to begin with
+    dt_s : sampling time
+    moves_K : whether its activation is moved as well
+    """
+    best, least = surface[1:], error(surface)
+    low_s = max(_SPHERE_RANGES[0][0], _FASTEST_SAMPLES * dt_s)
+    ranges = ((low_s, _SPHERE_RANGES[0][1]), _SPHERE_RANGES[1])
+    for place in (0, 1, 0) if moves_K else (0,):
+        for factor in (_SPHERE_STEP, 1.0 / _SPHERE_STEP):
+            at, (best, least) = best, _along(lambda s: error(sphere(*s)), (best, least), place, factor, ranges[place])
+            if best != at:
+                break
+    return sphere(*best)
 
 
 def _along(

@@ -39,6 +39,8 @@ _FASTEST_SAMPLES = 1.5
 SLOW, TRANSFER, LOOP = "relaxation", "charge_transfer", "hysteresis"
 BOTH_WAYS = "asymmetry of charge and discharge"
 SCALED, SLOPE = "scaling by temperature", "slope with temperature"
+# The state of charge at a surface, and by how much the mean is behind it, where the faster electrode stands.
+_SURFACE, BEHIND = "surface_soc", "behind_surface"
 # What every network has: gains over the state of charge.
 GAINS_OVER_SOC = ""
 
@@ -112,6 +114,7 @@ def make_basis(
     axis: str = "soc",
     slowest_s: float = 2000.0,
     squared: bool = False,
+    behind: bool = False,
     finer: Collection[str] = (),
 ) -> Basis:
     """All terms that runs can tell something of.
@@ -124,6 +127,7 @@ def make_basis(
     axis : state of charge that curve and gains stand over
     slowest_s : longest time constant
     squared : whether overvoltages that grow faster than the current are offered
+    behind : whether a part of the curve may stand at the mean state of charge, where the axis is that at a surface
     finer : parts that are wanted with more resolution: more time constants, rates or activations
     """
     factors = {"moves": _ACTIVATIONS_K, "one": (_TYPICAL_K,), "missing": (0.0,)}[temperature]
@@ -144,6 +148,9 @@ def make_basis(
     terms += _charge_transfer(dt_s, capacity_Ah, 0.0 if temperature == "missing" else _EXCHANGE_K, exchange_rates, held)
     loop_rates = (*_LOOP_RATES, *(_MORE_LOOP_RATES if LOOP in finer else ()))
     terms += [Term(f"hysteresis_state:{rate:g}", (LOOP,)) for rate in loop_rates]
+    surface, _, numbers = axis.partition(":")
+    if behind and surface == _SURFACE:
+        terms.append(Term(f"{BEHIND}:{numbers}", (SLOW,)))
     if temperature == "moves":
         terms.append(Term("temperature", (SLOPE, SCALED), bounded=False))
     return Basis(axis, tuple(terms))

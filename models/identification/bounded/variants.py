@@ -1,13 +1,9 @@
-"""Which forms a bounded network is tried in: with the surface's state of charge ahead of the mean, with squared terms.
-
-A form is taken where its error on held-out folds is lower by more than the standard error of the difference: a surface
-that runs ahead cannot be told from a moved curve where all runs have the same mean current, and then harms elsewhere.
-"""
+"""Forms that a bounded network may have, and the error of each on held-out folds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,8 +14,7 @@ from models.identification.bounded.knots import make_knots
 from models.identification.bounded.layout import Layout, make_layout, soc_over
 from models.identification.bounded.problem import groups_of, make_sums, run_index
 from models.identification.bounded.strengths import HeldOut
-from models.identification.bounded.surfaces import Surface, moved_surface
-from models.identification.bounded.terms import GAINS_OVER_SOC, SLOPE, SLOW, Basis, make_basis
+from models.identification.bounded.terms import GAINS_OVER_SOC, SLOPE, Basis, make_basis
 from models.network.folds import N_FOLDS, WHOLE_RUNS, outer_folds
 from models.network.regression import SignalBank
 
@@ -27,25 +22,8 @@ from models.network.regression import SignalBank
 CURVE, GAINS, FINE_GAINS, SLOPES, FINE_SLOPES = 48, 9, 17, 6, 24
 # Samples in the sums while forms are compared.
 _SEARCH_SAMPLES = 45_000
-# Depth in h, time constant in s and activation in K of the surfaces that are offered. A sphere's depth is its slowest
-# time constant over 2675 in units of its own filling; a curve that two electrodes share moves by less.
-_SPHERES = ((0.055, 150.0, 3500.0), (0.08, 215.0, 3500.0))
-_SURFACES = ((0.02, 200.0, 5500.0), (0.02, 700.0, 5500.0), (0.05, 1000.0, 4500.0), (0.1, 2000.0, 2500.0), *_SPHERES)
-_ONE_TEMPERATURE = ((0.02, 200.0, 3500.0), (0.05, 400.0, 3500.0), (0.1, 1500.0, 3500.0), *_SPHERES)
-# The same of surfaces that run away where the cell is all but empty: there diffusion is slower by so many times.
-_EMPTYING = ((0.05, 1000.0, 6500.0, 30.0), (0.03, 700.0, 7500.0, 100.0))
-_EMPTYING_ONE = ((0.02, 200.0, 3500.0, 30.0), (0.05, 400.0, 3500.0, 30.0))
-# The range of temperature from which on its influence can be told, and from which on a surface's activation can.
+# The range of temperature from which on its influence can be told.
 _MOVING_K = 2.0
-_WIDE_K = 10.0
-# Numbers of a surface whose diffusion is as fast at empty as elsewhere.
-_PLAIN_SURFACE = 3
-# Such a one is moved to where the runs have it, if these have one temperature: over a wide range its activation would
-# have to go with it, and where it did not a Leaf cell between 10 and 40 degC had 5.2 instead of 3.7 mV at 25 degC. None
-# is moved whose error is so many times that of the form without: moving takes off up to a quarter. So many samples tell
-# where it goes.
-_WITHIN_REACH = 1.25
-_MOVING_SAMPLES = 15_000
 # Passes over the strengths of a form that begins with those of one like it.
 _NEAR_PASSES = 2
 
@@ -61,12 +39,14 @@ class Variant:
     squared : whether overvoltages that grow faster than the current are offered
     fine_slope : whether the curve's slope with temperature has knots as dense as a moved curve asks for
     fine_gains : whether gains have twice as many knots
+    behind : whether a part of the curve may stand at the mean state of charge beside a surface
     """
 
     surface: tuple[float, ...] | None = None
     squared: bool = False
     fine_slope: bool = False
     fine_gains: bool = False
+    behind: bool = False
 
     @property
     def axis(self) -> str:
@@ -80,6 +60,7 @@ class Variant:
             "squared": self.squared,
             "fine_slope": self.fine_slope,
             "fine_gains": self.fine_gains,
+            "behind": self.behind,
         }
 
 
@@ -91,8 +72,8 @@ def variant_of(document: dict[str, Any]) -> Variant:
         raise ModelError(
             f"axis {document['axis']!r} of a bounded network is neither soc nor surface_soc:a/b/c or a/b/c/d"
         )
-    fine_gains = bool(document.get("fine_gains", False))  # former documents have no such choice
-    return Variant(surface, bool(document["squared"]), bool(document["fine_slope"]), fine_gains)
+    later = {name: bool(document.get(name, False)) for name in ("fine_gains", "behind")}  # not in former documents
+    return Variant(surface, bool(document["squared"]), bool(document["fine_slope"]), **later)
 
 
 @dataclass
@@ -153,6 +134,7 @@ class Trials:
             temperature_in(self.bank),
             axis=variant.axis,
             squared=variant.squared,
+            behind=variant.behind,
             finer=self.finer,
         )
         return made.without(self.without) if self.without else made
@@ -171,75 +153,6 @@ class Trials:
     def mean(self, errors: FloatArray) -> float:
         """Root mean squared errors of the folds, their mean over all samples."""
         return mean_V(errors, self.counts)
-
-
-def best_variant(trials: Trials) -> Variant:
-    """Return the form to take: the plain one unless a richer one is clearly better, and then what else is."""
-    plain = Variant()
-    trials.error(plain)
-    logs = trials.known[plain][1]
-    best = min((plain, *_richer(trials)), key=lambda variant: trials.mean(trials.error(variant, logs)))
-    best = _spared(trials, best, plain)
-    for surface in _surfaces(trials, _EMPTYING, _EMPTYING_ONE):
-        best = _better(trials, replace(best, surface=surface, squared=True), best)
-    best = _better(trials, replace(best, fine_gains=True), best)
-    return _moved(trials, best)
-
-
-def _moved(trials: Trials, present: Variant) -> Variant:
-    """The form over its surface, or the best one, moved to where the runs have it, where this is clearly better."""
-    over = [variant for variant in trials.known if variant.surface and len(variant.surface) == _PLAIN_SURFACE]
-    best = min(over, key=lambda variant: trials.mean(trials.error(variant)), default=present)
-    start = replace(best, fine_gains=present.fine_gains) if present.surface is None else present
-    if start.surface is None or len(start.surface) != _PLAIN_SURFACE or _span_of(trials.bank) >= _WIDE_K:
-        return present
-    logs = trials.known[present if start == present else best][1]
-    if trials.mean(trials.error(start, logs)) > _WITHIN_REACH * trials.mean(trials.error(present)):
-        return present
-    logs = trials.known[start][1]
-    keep_every = max(trials.keep_every, round(sum(len(run) for run in trials.bank.runs) / _MOVING_SAMPLES))
-
-    def error(surface: Surface) -> float:
-        return trials.mean(trials.held_out(replace(start, surface=surface), keep_every).mse(logs))
-
-    moved = replace(start, surface=moved_surface(error, start.surface, trials.bank.runs[0].dt_s))
-    found = trials.error(moved, logs)
-    return moved if clearly_better(found, trials.error(present), trials.counts) else present
-
-
-def _better(trials: Trials, trial: Variant, present: Variant) -> Variant:
-    """Return another form where it is clearly better than the present one."""
-    error = trials.error(trial, trials.known[present][1])
-    return trial if clearly_better(error, trials.error(present), trials.counts) else present
-
-
-def _spared(trials: Trials, best: Variant, plain: Variant) -> Variant:
-    """Return the form without what it can spare; the plain one, where that does as well."""
-    if not clearly_better(trials.error(best), trials.error(plain), trials.counts):
-        return plain
-    for spared in ("fine_slope", "squared"):
-        simpler = replace(best, **{spared: False})
-        if not clearly_better(trials.error(best), trials.error(simpler, trials.known[best][1]), trials.counts):
-            best = simpler
-    return best
-
-
-def _richer(trials: Trials) -> list[Variant]:
-    moves = temperature_in(trials.bank) == "moves"
-    surfaces = [None, *_surfaces(trials, _SURFACES, _ONE_TEMPERATURE)]
-    return [Variant(surface, squared=True, fine_slope=moves) for surface in surfaces]
-
-
-def _surfaces(
-    trials: Trials, wide: tuple[tuple[float, ...], ...], one: tuple[tuple[float, ...], ...]
-) -> list[tuple[float, ...]]:
-    """Surfaces to be tried, of those for runs at many temperatures and those for runs at one."""
-    if SLOW in trials.without:
-        return []
-    if _span_of(trials.bank) >= _WIDE_K:
-        return list(wide)
-    unscaled = temperature_in(trials.bank) == "missing"
-    return [(depth, tau_s, 0.0 if unscaled else kelvin, *more) for depth, tau_s, kelvin, *more in one]
 
 
 def outer_held_out(bank: SignalBank, layout: Layout, keep_every: int) -> HeldOut | None:
@@ -281,10 +194,10 @@ def temperature_in(bank: SignalBank) -> str:
     """What the runs say of the temperature, as `make_basis` asks for it."""
     if any(np.isnan(run.temperature_degC).any() for run in bank.runs):
         return "missing"
-    return "moves" if _span_of(bank) >= _MOVING_K else "one"
+    return "moves" if span_of(bank) >= _MOVING_K else "one"
 
 
-def _span_of(bank: SignalBank) -> float:
+def span_of(bank: SignalBank) -> float:
     """Range of the temperature in K over all runs; 0 where none is known."""
     every = np.concatenate([run.temperature_degC for run in bank.runs])
     return float(np.nanmax(every) - np.nanmin(every)) if not np.isnan(every).all() else 0.0

@@ -18,6 +18,7 @@ INVERSE_TEMPERATURE    1/K
 SOC                    state of charge; where `factor` is not 0, plus factor times the current, scaled by temperature,
                        through the modes of diffusion in a sphere (`poles` holds their rates per sample at 25 degC),
                        and where `exchange_A` is not 0 the slower the emptier it is (`filters.slower_at`)
+DIFFUSION              what SOC adds to the state of charge alone
 =====================  ================================================================================================
 """
 
@@ -25,7 +26,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-CASCADE, LOOP, DIRECTION, TEMPERATURE, INVERSE_TEMPERATURE, SOC = range(6)
+CASCADE, LOOP, DIRECTION, TEMPERATURE, INVERSE_TEMPERATURE, SOC, DIFFUSION = range(7)
 # How DRIVEN bends what it is given: x, x|x|, |x|, x^2, and x where it charges or discharges, else 0. The result is bent
 # in the first two ways only: from them the design's gradient reads back what was bent.
 AS_IS, SIGNED_SQUARE, MAGNITUDE, SQUARE, CHARGE, DISCHARGE = range(6)
@@ -44,8 +45,8 @@ class LoopForm(NamedTuple):
     result : how DRIVEN bends what leaves it, AS_IS or SIGNED_SQUARE
     poles : of the filter's stages, 0 where there is none; of a diffusion: rates of its modes
     activation_K : scaling of the current by temperature; 0: none
-    exchange_A : scale of asinh; 0: none; of SOC in its place how many times its time more a diffusion takes at empty
-    factor : of SOC per ampere, or of LOOP per ampere and sample
+    exchange_A : scale of asinh; 0: none; of a diffusion in its place how many times its time more it takes at empty
+    factor : of a diffusion per ampere, or of LOOP per ampere and sample
     """
 
     form: int
@@ -64,4 +65,4 @@ class LoopForm(NamedTuple):
 
 def is_overpotential(code: int) -> bool:
     """Whether a signal is what the current does beyond counting charge and turning a loop: 0 after a long rest."""
-    return code == CASCADE or code >= DRIVEN
+    return code in (CASCADE, DIFFUSION) or code >= DRIVEN

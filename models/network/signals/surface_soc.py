@@ -8,6 +8,7 @@ fill up and have few places left to move to.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -19,17 +20,20 @@ from models.network.signals.loop_form import SOC, LoopForm
 from models.network.signals.temperature_scale import arrhenius
 
 
-def _values(signal: Signal, run: Run) -> FloatArray:
-    return _shifted(signal, run, _diffused(signal, run, _drive(signal, run), run.dt_s))
+def lead(signal: Signal, run: Run) -> FloatArray:
+    """(n,) by how much the surface's state of charge is ahead of the mean over a whole run."""
+    return _share(signal, run, _diffused(signal, run, _drive(signal, run), run.dt_s))
 
 
-def _settled(signal: Signal, points: Held) -> FloatArray:
-    return _shifted(signal, points, _drive(signal, points))
+def settled_lead(signal: Signal, points: Held) -> FloatArray:
+    """(n,) the same where everything is held."""
+    return _share(signal, points, _drive(signal, points))
 
 
-def _after_step(signal: Signal, step: Step) -> FloatArray:
+def lead_after_step(signal: Signal, step: Step) -> FloatArray:
+    """(n,) the same around a step of the current."""
     x = _drive(signal, step)
-    return _shifted(signal, step, x[0] + _diffused(signal, step, x - x[0], step.dt_s))
+    return _share(signal, step, x[0] + _diffused(signal, step, x - x[0], step.dt_s))
 
 
 def _drive(signal: Signal, points: Points) -> FloatArray:
@@ -46,14 +50,15 @@ def _diffused(signal: Signal, points: Points, x: FloatArray, dt_s: float) -> Flo
     return diffusion(x, signal.get("time_constant_s"), slower, dt_s)
 
 
-def _shifted(signal: Signal, points: Points, shift_A: FloatArray) -> FloatArray:
-    return points.soc + signal.get("depth") * shift_A / points.capacity_Ah
+def _share(signal: Signal, points: Points, shift_A: FloatArray) -> FloatArray:
+    return signal.get("depth") * shift_A / points.capacity_Ah
 
 
-def _loop(signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
+def diffusion_loop(form: int, signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
+    """Row of a diffusion for the compiled loops, of a form that takes one."""
     first, second, third = diffusion_rates(signal.get("time_constant_s"), dt_s).tolist()
     return LoopForm(
-        SOC,
+        form,
         poles=(first, second, third),
         activation_K=signal.get("activation_K"),
         exchange_A=signal.get("emptying"),
@@ -61,19 +66,21 @@ def _loop(signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
     )
 
 
+PARAMETERS = (
+    Parameter("depth", "h", positive=False),
+    TIME_CONSTANT,
+    replace(ACTIVATION, optional=True),
+    Parameter("emptying", "1", optional=True),
+)
+
 KIND = SignalKind(
     name="surface_soc",
     title="state of charge at the surface of the particles as a fraction",
     example="surface_soc:0.05/300/3500/10",
-    parameters=(
-        Parameter("depth", "h", positive=False),
-        TIME_CONSTANT,
-        replace(ACTIVATION, optional=True),
-        Parameter("emptying", "1", optional=True),
-    ),
-    values=_values,
-    settled=_settled,
-    after_step=_after_step,
-    loop=_loop,
+    parameters=PARAMETERS,
+    values=lambda signal, run: run.soc + lead(signal, run),
+    settled=lambda signal, points: points.soc + settled_lead(signal, points),
+    after_step=lambda signal, step: step.soc + lead_after_step(signal, step),
+    loop=partial(diffusion_loop, SOC),
     soc=True,
 )

@@ -14,6 +14,7 @@ from models.network.signals.filters import DIFFUSION_GAINS, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
+    DIFFUSION,
     DRIVEN,
     ENTRY_BITS,
     INVERSE_TEMPERATURE,
@@ -72,17 +73,17 @@ def move_on(
     slowed, slowed_for, exchange_for, transfer, transfer_more = 1.0, 0.0, 0.0, 0.0, 0.0
     for s in range(n_signals):
         form = forms[s]
-        if form >= DRIVEN or form == SOC:
+        if form >= DRIVEN or form == SOC or form == DIFFUSION:
             if activation_K[s] != slowed_for:
                 slowed_for = activation_K[s]
                 slowed = np.exp(slowed_for * (inverse_K - 1.0 / REFERENCE_K))
                 exchange_for = 0.0
-            if form == SOC:
+            if form < DRIVEN:
                 slower = slowed
                 if exchange_A[s] != 0.0:
                     slower *= slower_at(exchange_A[s], likely_soc)
                 for run in range(runs):
-                    history[run, 0, s] = soc
+                    history[run, 0, s] = soc if form == SOC else 0.0
                 for mode in range(3 if factor[s] != 0.0 else 0):
                     keep = np.exp(-poles[s, mode] / slower)
                     for run in range(runs):

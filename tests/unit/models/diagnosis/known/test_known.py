@@ -8,11 +8,14 @@ import pytest
 
 from models.data.errors import ModelError
 from models.diagnosis.known.elsewhere import OWN_LOAD, PLACES, TIMES, Points, level, points_of
+from models.diagnosis.known.fitting import fit_known
 from models.diagnosis.known.points import spread
 from models.diagnosis.known.record import from_json, to_json
 from models.effects.view import View
+from models.identification.bounded.variants import Variant
 from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, steps_A, trained, true_run
 from tests.unit.models.hand_network import CAPACITY_AH
+from tests.unit.models.identification.bounded.bank import lead_V, two_electrodes
 
 
 def view(largest_A: float = 3.0) -> View:
@@ -30,6 +33,22 @@ def test_regressors_times_coefficients_are_the_voltage() -> None:
     seen, cell = view(), known_runs().cell
     rows = cell.regressors(seen.inputs, seen.soc[seen.index])
     np.testing.assert_allclose(rows @ cell.coefficients, seen.voltage_V, atol=1e-9)
+
+
+def test_what_is_behind_a_surface_is_no_resistance_and_warms_as_charge_that_has_not_spread() -> None:
+    bank = two_electrodes(0.8)
+    form = Variant((0.1, 268.0, 3500.0), behind=True)
+    cell, _ = fit_known(bank.runs, bank.initial_soc, bank.cell.capacity_Ah, form, starts_known=True)
+    seen = View(cell, bank.runs[0], bank.initial_soc[0], np.arange(0, 6000, 7))
+    assert np.sqrt(np.mean(seen.residual_V**2)) < 2e-3
+    assert cell.typical_Ohm == pytest.approx(0.02, rel=0.15)
+    # All that is lost is what the terminals have more than a cell whose charge has spread and whose loop is left out.
+    soc, loops = seen.soc[seen.index], cell.terms_of("hysteresis_state")
+    loop_V = cell.through(seen.inputs.signals, soc + seen.inputs.surface, loops)
+    lost_V = cell.loss_V(seen.inputs, soc)
+    np.testing.assert_allclose(lost_V + loop_V, seen.voltage_V - cell.open_circuit_V(soc), atol=1e-9)
+    truly_V = 0.02 * bank.runs[0].current_A[seen.index] + lead_V(bank)[seen.index]
+    assert np.sqrt(np.mean((lost_V - truly_V) ** 2)) < 0.1 * np.sqrt(np.mean(truly_V**2))
 
 
 def test_overvoltage_is_linear_in_the_current() -> None:

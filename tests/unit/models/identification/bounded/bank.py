@@ -6,11 +6,14 @@ from functools import cache
 import numpy as np
 
 from models.data.resampling import to_grid
+from models.data.timeseries import FloatArray
 from models.identification.bounded.variants import Trials
 from models.network.regression import CellContext, SignalBank
 from simulators.cell import CellParameters
 from tests.unit.models.diagnosis.cells import SOC, bare, measured
 
+# Of a sphere whose slowest time constant is 268 s.
+SLOW_SURFACE = "surface_soc:0.1/268/3500"
 CELL: CellParameters = replace(bare(), hysteresis_amplitude_V=0.02)
 
 
@@ -28,3 +31,26 @@ def bank(
 
 def trials(without: tuple[str, ...] = (), cell: CellParameters = CELL) -> Trials:
     return Trials(bank(cell), without)
+
+
+def stepped_V(surface: FloatArray) -> FloatArray:
+    """Potential of the electrode that diffuses slowly."""
+    return 3.4 + 0.05 * np.tanh((surface - 0.5) / 0.015)
+
+
+def two_electrodes(slope_V: float) -> SignalBank:
+    """One electrode's curve steps where its own surface stands, the other one's rises evenly with the mean."""
+    plain, rng = bank(n=6000), np.random.default_rng(5)
+    runs = [
+        replace(
+            run,
+            voltage_V=stepped_V(at) + slope_V * soc + 0.02 * run.current_A + rng.normal(0.0, 5e-4, len(run)),
+        )
+        for run, at, soc in zip(plain.runs, plain.values(SLOW_SURFACE), plain.values("soc"), strict=True)
+    ]
+    return SignalBank(runs, plain.initial_soc, plain.cell)
+
+
+def lead_V(two: SignalBank) -> FloatArray:
+    """(n,) of the first run, what the surface that runs ahead makes of the voltage."""
+    return stepped_V(two.values(SLOW_SURFACE)[0]) - stepped_V(two.values("soc")[0])

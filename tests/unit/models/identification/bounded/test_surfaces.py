@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.identification.bounded.surfaces import Surface, moved_surface
-from models.identification.bounded.variants import Trials, Variant, best_variant
+from models.identification.bounded.best_variant import best_variant
+from models.identification.bounded.surfaces import Surface, moved_sphere, moved_surface, sphere
+from models.identification.bounded.variants import Trials, Variant
 from models.network.regression import SignalBank
 from tests.unit.models.diagnosis.cells import SOC
 from tests.unit.models.identification.bounded.bank import bank
@@ -33,6 +34,17 @@ def test_what_does_not_pay_is_left() -> None:
     start = (0.02, 200.0, 3500.0)
     assert moved_surface(lambda s: 1.0 + 1e-3 * float(s != start), start, 1.0) == start
     assert moved_surface(lambda s: 1.0 - 1e-3 * float(s != start), start, 1.0) == start
+
+
+def test_a_sphere_is_moved_along_its_only_constant_and_its_activation() -> None:
+    def error(surface: Surface) -> float:
+        assert surface[0] == pytest.approx(surface[1] / 2675.0, rel=0.01)
+        return 1.0 + np.log(surface[1] / 300.0) ** 2 + np.log(max(surface[2], 1.0) / 5000.0) ** 2
+
+    found = moved_sphere(error, sphere(150.0, 3500.0), 1.0, moves_K=True)
+    assert found[1] == pytest.approx(300.0, rel=0.2) and found[2] == pytest.approx(5000.0, rel=0.2)
+    still = moved_sphere(error, sphere(150.0, 3500.0), 1.0, moves_K=False)
+    assert still[2] == 3500.0 and still[1] == pytest.approx(300.0, rel=0.2)
 
 
 def test_no_further_than_runs_can_tell() -> None:

@@ -6,17 +6,12 @@ import numpy as np
 import pytest
 
 from models.data.errors import ModelError
-from models.identification.bounded.terms import BOTH_WAYS
-from models.identification.bounded.variants import (
-    Trials,
-    Variant,
-    best_variant,
-    clearly_better,
-    temperature_in,
-    variant_of,
-)
+from models.identification.bounded.best_variant import best_variant
+from models.identification.bounded.fitted import fit_variant
+from models.identification.bounded.terms import BEHIND, BOTH_WAYS
+from models.identification.bounded.variants import Trials, Variant, clearly_better, temperature_in, variant_of
 from models.network.regression import CellContext, SignalBank
-from tests.unit.models.identification.bounded.bank import bank, trials
+from tests.unit.models.identification.bounded.bank import bank, trials, two_electrodes
 
 COUNTS = np.full(5, 100.0)
 
@@ -81,6 +76,30 @@ def test_a_surface_that_runs_empty_in_the_cold_is_slower_there() -> None:
     assert tried.mean(tried.error(best)) < 0.8 * min(others)
 
 
+def test_where_one_electrode_alone_runs_ahead_the_other_one_stands_at_the_mean() -> None:
+    tried = Trials(two_electrodes(0.8))
+    best = best_variant(tried)
+    assert best.behind and best.surface is not None
+    assert best.surface[:2] == pytest.approx((0.1, 268.0), rel=0.3)
+    alone = [tried.mean(tried.error(each)) for each in tried.known if not each.behind]
+    assert tried.mean(tried.error(best)) < 0.85 * min(alone)
+    fit = fit_variant(tried, best)
+    (number,) = (b for b, term in enumerate(fit.layout.basis.terms) if term.signal.startswith(BEHIND))
+    part = slice(int(fit.layout.first[number]), int(fit.layout.first[number + 1]))
+    slope_V = fit.coefficients[part] / fit.layout.scale[number]
+    assert slope_V == pytest.approx(0.8, rel=0.25)
+    # What is left to the surface does not fall.
+    knots, n = fit.layout.knots, fit.layout.n_curve
+    between = np.interp(0.5 * (knots.soc[1:] + knots.soc[:-1]), knots.soc[knots.gain], slope_V)
+    assert (np.diff(fit.coefficients[:n]) - between * np.diff(knots.soc)).min() > -1e-9
+
+
+def test_without_diffusion_no_part_of_the_curve_is_behind() -> None:
+    tried = Trials(two_electrodes(0.8), ("relaxation",))
+    best_variant(tried)
+    assert not any(each.behind for each in tried.known)
+
+
 def test_effects_are_left_out_of_every_form() -> None:
     tried = trials(("hysteresis", "relaxation"))
     for variant in (Variant(), Variant(squared=True)):
@@ -106,9 +125,9 @@ def test_what_runs_say_of_the_temperature() -> None:
 
 def test_a_form_names_itself() -> None:
     plain = {"axis": "soc", "squared": False, "fine_slope": False}
-    assert Variant().to_json() == plain | {"fine_gains": False}
+    assert Variant().to_json() == plain | {"fine_gains": False, "behind": False}
     assert variant_of(plain) == Variant()  # as former versions wrote it
-    rich = Variant((0.02, 200.0, 5500.0), squared=True, fine_gains=True)
+    rich = Variant((0.02, 200.0, 5500.0), squared=True, fine_gains=True, behind=True)
     assert variant_of(rich.to_json()) == rich
     assert Variant((0.02, 200.0, 5500.0), squared=True).axis == "surface_soc:0.02/200/5500"
     emptying = Variant((0.05, 1000.0, 6500.0, 30.0))

@@ -17,7 +17,7 @@ def test_parameters_follow_the_colon() -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("nonsense:3", "'nonsense:3' is unknown; known are charge_transfer, current"),
+        ("nonsense:3", "'nonsense:3' is unknown; known are behind_surface, charge_transfer, current"),
         ("current:3", "current takes no parameters"),
         ("low_pass", "low_pass takes time_constant_s/activation_K"),
         ("low_pass:1/2/3", "low_pass takes time_constant_s/activation_K"),
