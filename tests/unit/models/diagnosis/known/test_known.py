@@ -42,11 +42,12 @@ def test_what_is_behind_a_surface_is_no_resistance_and_warms_as_charge_that_has_
     seen = View(cell, bank.runs[0], bank.initial_soc[0], np.arange(0, 6000, 7))
     assert np.sqrt(np.mean(seen.residual_V**2)) < 2e-3
     assert cell.typical_Ohm == pytest.approx(0.02, rel=0.15)
-    # All that is lost is what the terminals have more than a cell whose charge has spread and whose loop is left out.
-    soc, loops = seen.soc[seen.index], cell.terms_of("hysteresis_state")
-    loop_V = cell.through(seen.inputs.signals, soc + seen.inputs.surface, loops)
+    # All that is lost is what the terminals have more than a cell whose charge has spread, loop and temperature apart.
+    soc = seen.soc[seen.index]
+    others = np.concatenate([cell.terms_of("hysteresis_state"), cell.terms_of("temperature")])
+    kept_V = cell.through(seen.inputs.signals, soc + seen.inputs.surface, others)
     lost_V = cell.loss_V(seen.inputs, soc)
-    np.testing.assert_allclose(lost_V + loop_V, seen.voltage_V - cell.open_circuit_V(soc), atol=1e-9)
+    np.testing.assert_allclose(lost_V + kept_V, seen.voltage_V - cell.open_circuit_V(soc), atol=1e-9)
     truly_V = 0.02 * bank.runs[0].current_A[seen.index] + lead_V(bank)[seen.index]
     assert np.sqrt(np.mean((lost_V - truly_V) ** 2)) < 0.1 * np.sqrt(np.mean(truly_V**2))
 
