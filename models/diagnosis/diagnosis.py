@@ -176,9 +176,7 @@ def own_variant(network: LocalModelNetwork, train: list[GridRun]) -> Variant | N
     form = choices if choices.get("family") == "bounded" else choices.get("bounded")
     if not known or form is None:
         return None
-    found = variant_of(form)
-    # The known cell makes its signals from the current alone, without the state of charge that these slow down with.
-    return found if found.surface is None else replace(found, surface=found.surface[:3])
+    return variant_of(form)
 
 
 def _has(network: LocalModelNetwork, effect: Effect) -> bool:

@@ -77,9 +77,9 @@ class OwnModel(Protocol):
         ...
 
     def inputs(
-        self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray
+        self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray, soc: FloatArray
     ) -> ModelInputs:
-        """What the model makes of current and temperature at `index`."""
+        """What the model makes of current and temperature at `index`; the (n,) SoC says how fast it diffuses there."""
         ...
 
     def voltage_V(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
@@ -131,7 +131,7 @@ class View:
     @cached_property
     def inputs(self) -> ModelInputs:
         """The model's signals for the measured current and temperature."""
-        return self.model.inputs(self.run, self.index, self.run.current_A, self.run.temperature_degC)
+        return self.model.inputs(self.run, self.index, self.run.current_A, self.run.temperature_degC, self.soc)
 
     @cached_property
     def voltage_V(self) -> FloatArray:
@@ -217,6 +217,6 @@ class View:
         if current_A is not None or temperature_degC is not None:
             current = self.run.current_A if current_A is None else current_A
             temperature = self.run.temperature_degC if temperature_degC is None else temperature_degC
-            inputs = self.model.inputs(self.run, self.index, current, temperature)
+            inputs = self.model.inputs(self.run, self.index, current, temperature, self.soc)
         own = self.soc if soc is None else soc
         return self.model.voltage_V(inputs, own[self.index]) - self.voltage_V

@@ -69,13 +69,16 @@ class KnownCell:
         return 0.0
 
     def inputs(
-        self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray
+        self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray, soc: FloatArray
     ) -> ModelInputs:
-        """Signals of current and temperature at `index`; the SoC of a sample is that of the one before."""
+        """Signals of current and temperature at `index`; the SoC of a sample is that of the one before.
+
+        The (n,) state of charge says how fast it diffuses there, where that is slower towards empty.
+        """
         if run.dt_s != self.dt_s:
             raise ModelError(f"{run.name}: on a grid of {run.dt_s:g} s; the model's is {self.dt_s:g} s")
-        source = RunSignals(current_A, temperature_degC, np.zeros(len(run)), run.dt_s, self.capacity_Ah)
-        shift = delayed(source.values(self.layout.basis.axis), 1)
+        source = RunSignals(current_A, temperature_degC, soc, run.dt_s, self.capacity_Ah)
+        shift = delayed(source.values(self.layout.basis.axis) - soc, 1)
         behind = (delayed(run.charge_Ah, 1) - run.charge_Ah) / self.capacity_Ah
         return ModelInputs((shift + behind)[index], self.signals(source, index))
 

@@ -224,7 +224,7 @@ def _heat_of_shift(sight: Sight, run: RunSight, one: Effect, shift: Shift, width
 def _loss_W(sight: Sight, view: View, current_A: FloatArray, soc: FloatArray) -> FloatArray:
     """(m,) heat of a current through the model's resistances."""
     cell = sight.known.cell
-    inputs = cell.inputs(view.run, view.index, current_A, view.run.temperature_degC)
+    inputs = cell.inputs(view.run, view.index, current_A, view.run.temperature_degC, view.soc)
     return current_A[view.index] * cell.loss_V(inputs, soc[view.index])
 
 

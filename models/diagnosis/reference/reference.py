@@ -91,9 +91,9 @@ class Reference:
         return 0.5 * (low + high)
 
     def inputs(
-        self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray
+        self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray, _soc: FloatArray
     ) -> ModelInputs:
-        """Signals of current and temperature at `index`."""
+        """Signals of current and temperature at `index`, whatever the state of charge."""
         if run.dt_s != self.layout.dt_s:
             raise ModelError(f"{run.name}: on a grid of {run.dt_s:g} s; the model's is {self.layout.dt_s:g} s")
         return self.layout.inputs(current_A, temperature_degC, index)

@@ -29,7 +29,7 @@ class LinearCell:
     def domain(self) -> dict[str, tuple[float, float]]:
         return {"soc": self.soc_range, "current_A": (-2.0, 2.0)}
 
-    def inputs(self, run, index, current_A, temperature_degC):
+    def inputs(self, run, index, current_A, temperature_degC, _soc):
         warmer_K = temperature_degC - run.temperature_degC
         return ModelInputs(np.zeros(len(index)), (current_A * (1.0 - warmer_K * PER_K))[index][None, :])
 

@@ -12,10 +12,14 @@ from models.diagnosis.known.fitting import fit_known
 from models.diagnosis.known.points import spread
 from models.diagnosis.known.record import from_json, to_json
 from models.effects.view import View
+from models.identification.bounded.fitted import simulated
+from models.identification.bounded.layout import soc_over
+from models.identification.bounded.problem import regressors
 from models.identification.bounded.variants import Variant
+from models.network.regression import SignalBank
 from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, steps_A, trained, true_run
 from tests.unit.models.hand_network import CAPACITY_AH
-from tests.unit.models.identification.bounded.bank import lead_V, two_electrodes
+from tests.unit.models.identification.bounded.bank import bank, lead_V, two_electrodes
 
 
 def view(largest_A: float = 3.0) -> View:
@@ -36,10 +40,10 @@ def test_regressors_times_coefficients_are_the_voltage() -> None:
 
 
 def test_what_is_behind_a_surface_is_no_resistance_and_warms_as_charge_that_has_not_spread() -> None:
-    bank = two_electrodes(0.8)
+    two = two_electrodes(0.8)
     form = Variant((0.1, 268.0, 3500.0), behind=True)
-    cell, _ = fit_known(bank.runs, bank.initial_soc, bank.cell.capacity_Ah, form, starts_known=True)
-    seen = View(cell, bank.runs[0], bank.initial_soc[0], np.arange(0, 6000, 7))
+    cell, _ = fit_known(two.runs, two.initial_soc, two.cell.capacity_Ah, form, starts_known=True)
+    seen = View(cell, two.runs[0], two.initial_soc[0], np.arange(0, 6000, 7))
     assert np.sqrt(np.mean(seen.residual_V**2)) < 2e-3
     assert cell.typical_Ohm == pytest.approx(0.02, rel=0.15)
     # All that is lost is what the terminals have more than a cell whose charge has spread, loop and temperature apart.
@@ -48,8 +52,20 @@ def test_what_is_behind_a_surface_is_no_resistance_and_warms_as_charge_that_has_
     kept_V = cell.through(seen.inputs.signals, soc + seen.inputs.surface, others)
     lost_V = cell.loss_V(seen.inputs, soc)
     np.testing.assert_allclose(lost_V + kept_V, seen.voltage_V - cell.open_circuit_V(soc), atol=1e-9)
-    truly_V = 0.02 * bank.runs[0].current_A[seen.index] + lead_V(bank)[seen.index]
+    truly_V = 0.02 * two.runs[0].current_A[seen.index] + lead_V(two)[seen.index]
     assert np.sqrt(np.mean((lost_V - truly_V) ** 2)) < 0.1 * np.sqrt(np.mean(truly_V**2))
+
+
+@pytest.mark.parametrize("form", [Variant((0.05, 300.0, 6500.0, 30.0)), Variant((0.1, 268.0, 3500.0), behind=True)])
+def test_a_run_is_seen_as_the_fit_saw_it(form: Variant) -> None:
+    moved = bank(n=3000, swing_K=8.0)
+    # Down to a tenth of the charge, where a diffusion that slows down towards empty takes several times as long.
+    drained = SignalBank(moved.runs, [0.2] * len(moved.runs), moved.cell)
+    cell, _ = fit_known(drained.runs, drained.initial_soc, drained.cell.capacity_Ah, form, starts_known=True)
+    rows = regressors(drained, cell.layout.basis, cell.layout.scale)
+    fitted_V = simulated(cell.layout, cell.coefficients, rows, np.concatenate(soc_over(drained, form.axis)))
+    seen = View(cell, drained.runs[0], drained.initial_soc[0], np.arange(1, 3000))
+    np.testing.assert_allclose(seen.voltage_V, fitted_V[1:3000], atol=1e-9)
 
 
 def test_overvoltage_is_linear_in_the_current() -> None:
