@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Parameter, Shift
@@ -44,7 +43,7 @@ def loss_shift(loss: Loss, of: str = "") -> Shift:
         aged = loss(fresh, share)
         counted = soc(view, share)[view.index]
         # By as much charge as before the surface of the particles runs ahead: more of what is left.
-        inputs = replace(view.inputs, surface=view.inputs.surface * _shrinks(fresh, aged))
+        inputs = view.inputs.ahead(_shrinks(fresh, aged))
         at = counted + inputs.surface
         bent_V = aged.open_circuit_V(at) - fresh.open_circuit_V(at)
         return view.model.voltage_V(inputs, counted) - view.voltage_V + bent_V

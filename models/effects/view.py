@@ -27,10 +27,18 @@ class ModelInputs:
     ----------
     surface : (m,) state of charge at the particles' surface less the mean one
     signals : (b, m) signals that the model's gains multiply
+    of_surface : numbers of those that are the surface's lead over the mean
     """
 
     surface: FloatArray
     signals: FloatArray
+    of_surface: tuple[int, ...] = ()
+
+    def ahead(self, factor: float) -> ModelInputs:
+        """Return the same with a surface that is so many times as far ahead."""
+        signals = self.signals.copy()
+        signals[list(self.of_surface)] *= factor
+        return replace(self, surface=factor * self.surface, signals=signals)
 
 
 class OwnModel(Protocol):

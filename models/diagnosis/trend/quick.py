@@ -12,6 +12,7 @@ from models.diagnosis.known.cell import KnownCell
 from models.diagnosis.known.elsewhere import Points
 from models.diagnosis.known.thresholds import KNOWN
 from models.effects.view import ModelInputs
+from models.identification.bounded.terms import BEHIND
 from models.network.signals import RunSignals, arrhenius
 
 _SMALL_SOC = 5e-3
@@ -61,6 +62,8 @@ def quick_rows(cell: KnownCell, steps: Steps) -> FloatArray:
         at = np.array([low, 0.5 * (low + high), high])
         shares = _parabola((steps.temperature_degC - low) / (high - low))
     signals = shares @ np.array([_after_step(cell, steps.current_A, degC) for degC in at.tolist()])
+    # Neither does the surface run ahead, nor the mean fall behind it, by anything that is asked for here.
+    signals[:, cell.terms_of(BEHIND)] = 0.0
     rows = cell.regressors(ModelInputs(np.zeros(len(steps.soc)), signals.T), steps.soc)
     rows[:, : cell.layout.n_curve] = 0.0
     return rows / steps.current_A

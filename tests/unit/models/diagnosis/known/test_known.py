@@ -66,6 +66,11 @@ def test_a_run_is_seen_as_the_fit_saw_it(form: Variant) -> None:
     fitted_V = simulated(cell.layout, cell.coefficients, rows, np.concatenate(soc_over(drained, form.axis)))
     seen = View(cell, drained.runs[0], drained.initial_soc[0], np.arange(1, 3000))
     np.testing.assert_allclose(seen.voltage_V, fitted_V[1:3000], atol=1e-9)
+    # Of a cell with half of the capacity, say, a surface is twice as far ahead, and the mean as far behind it.
+    ahead = seen.inputs.ahead(2.0)
+    np.testing.assert_array_equal(ahead.surface, 2.0 * seen.inputs.surface)
+    moved = np.flatnonzero((ahead.signals != seen.inputs.signals).any(axis=1))
+    np.testing.assert_array_equal(moved, cell.terms_of("behind_surface"))
 
 
 def test_overvoltage_is_linear_in_the_current() -> None:

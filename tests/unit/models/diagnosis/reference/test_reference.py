@@ -16,7 +16,7 @@ from tests.unit.models.hand_network import CAPACITY_AH, grid_run
 def test_voltage_of_a_line_and_a_resistance() -> None:
     model, run = reference(), true_run(steps_A(300))
     index, soc = np.arange(0, 300, 3), SOC + run.charge_Ah / CAPACITY_AH
-    inputs = model.inputs(run, index, run.current_A, run.temperature_degC)
+    inputs = model.inputs(run, index, run.current_A, run.temperature_degC, np.full(len(run), 0.5))
     np.testing.assert_allclose(model.voltage_V(inputs, soc[index]), run.voltage_V[index], atol=1e-12)
 
 
@@ -25,7 +25,7 @@ def test_voltage_is_what_the_regressors_give() -> None:
     rng = np.random.default_rng(2)
     model = replace(model, coefficients=model.coefficients + 1e-3 * rng.standard_normal(model.layout.size))
     index, soc = np.arange(300), SOC + run.charge_Ah / CAPACITY_AH
-    inputs = model.inputs(run, index, run.current_A, 25.0 + 0.02 * run.time_s)
+    inputs = model.inputs(run, index, run.current_A, 25.0 + 0.02 * run.time_s, np.full(len(run), 0.5))
     by_regressors = model.layout.regressors(inputs, soc) @ model.coefficients
     np.testing.assert_allclose(model.voltage_V(inputs, soc), by_regressors, atol=1e-12)
 
@@ -37,7 +37,7 @@ def test_the_open_circuit_curve_is_the_first_block_alone() -> None:
 def test_a_run_on_another_grid_is_refused() -> None:
     run = grid_run(steps_A(50), 25.0)
     with pytest.raises(ModelError, match="grid of 2 s; the model's is 1 s"):
-        reference().inputs(replace(run, dt_s=2.0), np.arange(50), run.current_A, run.temperature_degC)
+        reference().inputs(replace(run, dt_s=2.0), np.arange(50), run.current_A, run.temperature_degC, np.full(len(run), 0.5))
 
 
 def test_overvoltage_is_the_slope_at_the_runs_own_current() -> None:
