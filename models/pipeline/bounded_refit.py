@@ -95,7 +95,8 @@ def _layout(network: LocalModelNetwork, known: Uncertainty) -> Layout:
     whole = np.array([0, len(expansion.centres) - 3])
     gain, slope = whole, whole
     for term, each in zip(terms, places, strict=True):
-        gain, slope = (each, slope) if term.bounded else (gain, each)
+        if not term.flat:
+            gain, slope = (each, slope) if term.bounded else (gain, each)
     scale = np.array([network.scaling[signal][1] - network.scaling[signal][0] for signal in signals])
     first = np.cumsum([len(expansion.centres) - 2, *(len(each) for each in places)])
     basis = Basis(network.structure.axes[0].signal, terms)

@@ -103,9 +103,10 @@ class KnownCell:
             own = np.flatnonzero(among[numbers])
             if len(own):
                 knots = self.layout.knots.soc[places]
-                left = np.clip(np.searchsorted(knots, soc, side="right") - 1, 0, len(knots) - 2)
-                share = np.clip((soc - knots[left]) / (knots[left + 1] - knots[left]), 0.0, 1.0)
-                here = (1.0 - share) * gains[left][:, own].T + share * gains[left + 1][:, own].T
+                left = np.clip(np.searchsorted(knots, soc, side="right") - 1, 0, max(len(knots) - 2, 0))
+                right = np.minimum(left + 1, len(knots) - 1)
+                share = np.clip((soc - knots[left]) / np.maximum(knots[right] - knots[left], 1e-300), 0.0, 1.0)
+                here = (1.0 - share) * gains[left][:, own].T + share * gains[right][:, own].T
                 out += np.einsum("bm,bm->m", here, signals[numbers[own]])
         return out
 
@@ -183,10 +184,9 @@ class KnownCell:
     def _groups(self) -> list[tuple[np.ndarray, FloatArray, np.ndarray]]:
         """Terms that share their knots: places of these, (g, b) gains, numbers of the terms."""
         out = []
-        for bounded in (True, False):
-            numbers = np.array([b for b, t in enumerate(self.layout.basis.terms) if t.bounded == bounded], np.int64)
-            if len(numbers):
-                first = self.layout.first
-                gains = [self.coefficients[int(first[b]) : int(first[b + 1])] for b in numbers]
-                out.append((self.layout.places(int(numbers[0])), np.column_stack(gains), numbers))
+        for kind in sorted({(t.bounded, t.flat) for t in self.layout.basis.terms}):
+            own = [b for b, t in enumerate(self.layout.basis.terms) if (t.bounded, t.flat) == kind]
+            first = self.layout.first
+            gains = [self.coefficients[int(first[b]) : int(first[b + 1])] for b in own]
+            out.append((self.layout.places(own[0]), np.column_stack(gains), np.array(own, np.int64)))
         return out

@@ -73,6 +73,8 @@ def make_knots(low: float, high: float, n_curve: int, n_gain: int, n_slope: int)
 
 def hats(knots: FloatArray, at: FloatArray) -> FloatArray:
     """(m, n) hat functions on rising knots, constant beyond the last ones; each row sums to 1."""
+    if len(knots) == 1:
+        return np.ones((len(at), 1))
     out = np.zeros((len(at), len(knots)))
     left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
     share = np.clip((at - knots[left]) / (knots[left + 1] - knots[left]), 0.0, 1.0)

@@ -71,7 +71,13 @@ class Layout:
 
     def places(self, term: int) -> np.ndarray:
         """Knots of a term, as places among those of the curve."""
-        return self.knots.gain if self.basis.terms[term].bounded else self.knots.slope
+        return _places(self.knots, self.basis.terms[term])
+
+
+def _places(knots: Knots, term: Term) -> np.ndarray:
+    if term.flat:
+        return np.zeros(1, dtype=np.int64)
+    return knots.gain if term.bounded else knots.slope
 
 
 def soc_over(bank: SignalBank, axis: str) -> list[FloatArray]:
@@ -86,7 +92,7 @@ def make_layout(bank: SignalBank, basis: Basis, knots: Knots) -> Layout:
         offset = 0.0 if term.bounded else REFERENCE_DEGC
         largest = max(float(np.abs(values - offset).max()) for values in either_way(bank, term))
         scale.append(max(largest, 1e-9))
-        first.append(first[-1] + len(knots.gain if term.bounded else knots.slope))
+        first.append(first[-1] + len(_places(knots, term)))
     limit = slope_limit(knots, _steep_curve(bank, basis.axis, knots))
     return Layout(basis, knots, np.array(scale), np.array(first), limit)
 

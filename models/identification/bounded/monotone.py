@@ -74,8 +74,7 @@ def corner_increments(layout: Layout, temperature_degC: tuple[float, float]) -> 
             # Its ends are -1 and 1, whether the runs reached them or not.
             loop[:, part] = steps / float(layout.scale[b])
         elif parse_signal(term.signal).kind == BEHIND:
-            # What is left at the surface has to rise as well: its gain is a slope, over what stands between two knots.
-            between = hats(knots[layout.places(b)], 0.5 * (knots[1:] + knots[:-1]))
-            curve[:, part] = -between * np.diff(knots)[:, None] / float(layout.scale[b])
+            # What is left at the surface has to rise as well: its gain is a slope.
+            curve[:, part] = -np.diff(knots)[:, None] / float(layout.scale[b])
     away = {(degC - REFERENCE_DEGC) / slope_scale for degC in (*temperature_degC, REFERENCE_DEGC)}
     return np.vstack([curve + share * slope + side * loop for share in away for side in (-1.0, 1.0)])

@@ -167,12 +167,12 @@ def _block(layout: Layout, cell: int, rows: FloatArray, soc: FloatArray) -> tupl
     low, high = int(knots.gain[cell]), int(knots.gain[cell + 1])
     curve = hats(knots.soc[low : high + 1], soc)
     pair = hats(knots.soc[[low, high]], soc)
-    gains = np.array([b for b, term in enumerate(layout.basis.terms) if term.bounded], dtype=np.int64)
+    gains = np.array([b for b, t in enumerate(layout.basis.terms) if t.bounded and not t.flat], dtype=np.int64)
     parts = [curve, rows[:, gains] * pair[:, :1], rows[:, gains] * pair[:, 1:]]
     columns = [np.arange(low, high + 1), layout.first[gains] + cell, layout.first[gains] + cell + 1]
     for b, term in enumerate(layout.basis.terms):
-        if not term.bounded:
-            parts.append(rows[:, b : b + 1] * hats(knots.soc[knots.slope], soc))
+        if not term.bounded or term.flat:
+            parts.append(rows[:, b : b + 1] * hats(knots.soc[layout.places(b)], soc))
             columns.append(np.arange(layout.first[b], layout.first[b + 1]))
     return np.hstack(parts), np.concatenate(columns)
 
@@ -187,7 +187,7 @@ def penalty_forms(layout: Layout, rms: FloatArray) -> FloatArray:
         part = slice(int(layout.first[b]), int(layout.first[b + 1]))
         count = part.stop - part.start
         steps = np.diff(np.eye(count), axis=0)
-        differences = rms[b] ** 2 * steps.T @ steps / len(steps)
+        differences = rms[b] ** 2 * steps.T @ steps / max(len(steps), 1)
         if term.bounded:
             forms[1, part, part] = differences
             forms[2, part, part] = term.held * rms[b] ** 2 * np.eye(count) / count

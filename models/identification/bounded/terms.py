@@ -63,6 +63,14 @@ class Term:
     held: float = 1.0
 
     @property
+    def flat(self) -> bool:
+        """Whether its gain is the same at every state of charge.
+
+        A surface may be far ahead of the mean. A slope that changed on the way could take back more than the curve has.
+        """
+        return self.signal.startswith(f"{BEHIND}:")
+
+    @property
     def mirrored(self) -> str:
         """What the signal would be if the current flowed the other way; of most kinds, the same but for its sign."""
         for way, other in (_WAYS, _WAYS[::-1]):
