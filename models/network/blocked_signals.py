@@ -13,7 +13,7 @@ from numba import njit
 
 from models.network.compiled_network import FlatNetwork, bent
 from models.network.signals import KELVIN, REFERENCE_K
-from models.network.signals.filters import DIFFUSION_GAINS, slower_at
+from models.network.signals.filters import DIFFUSION_GAINS, FURTHEST_BEHIND, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
@@ -85,7 +85,7 @@ def _drives(net: FlatNetwork, current_A: np.ndarray, temperature_degC: np.ndarra
     own_slowed, own_drive = np.empty(n_signals, np.int64), np.empty(n_signals, np.int64)
     for s in range(n_signals):
         slowed_of[s] = drive_of[s] = -1
-        if net.form[s] < DRIVEN and net.form[s] != SOC:
+        if net.form[s] < DRIVEN and net.form[s] != SOC and net.form[s] != DIFFUSION:
             continue
         for t in range(s):
             if slowed_of[t] >= 0 and net.activation_K[t] == net.activation_K[s]:
@@ -174,6 +174,9 @@ def _diffusion(
             y = keep * y + (1.0 - keep) * gain * (current_A[k] * slowed[k])
             out[k] += factor * y
         state[mode] = y
+    if net.form[s] == DIFFUSION:
+        for k in range(out.shape[0]):
+            out[k] = min(max(out[k], -FURTHEST_BEHIND), FURTHEST_BEHIND)
 
 
 @njit(cache=True)

@@ -12,7 +12,7 @@ from models.network.hats import hat_interval
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import VOLTAGE, axis_lag
 from models.network.signals import KELVIN, REFERENCE_K, parse_signal
-from models.network.signals.filters import DIFFUSION_GAINS, slower_at
+from models.network.signals.filters import DIFFUSION_GAINS, FURTHEST_BEHIND, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
@@ -108,7 +108,8 @@ def step_signals(
                     keep = np.exp(-pole[mode] / slower)
                     state[mode] = keep * state[mode] + (1.0 - keep) * DIFFUSION_GAINS[mode] * (current_A * slower)
                     shift += state[mode]
-                value = (soc if form == SOC else 0.0) + net.factor[s] * shift
+                value = net.factor[s] * shift
+                value = soc + value if form == SOC else min(max(value, -FURTHEST_BEHIND), FURTHEST_BEHIND)
             else:
                 if net.exchange_A[s] != 0.0:
                     if net.exchange_A[s] != exchange_for:

@@ -106,6 +106,12 @@ def test_the_name_parses(name: str) -> None:
 
 
 @pytest.mark.parametrize("check", [*IN_ARRAYS, *IN_LOOPS], ids=lambda check: check.__name__)
+def test_a_mean_is_no_further_behind_than_a_curve_goes_on(check: Callable[[str], None]) -> None:
+    """So deep a surface is beyond all curves most of the time."""
+    check("behind_surface:3/20/3500")
+
+
+@pytest.mark.parametrize("check", [*IN_ARRAYS, *IN_LOOPS], ids=lambda check: check.__name__)
 @pytest.mark.parametrize("name", KINDS)
 def test_promise(name: str, check: Callable[[str], None]) -> None:
     kind = signal_kinds()[name]

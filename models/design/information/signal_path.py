@@ -11,7 +11,7 @@ from numba import njit
 
 from models.network.compiled_network import FlatNetwork, bent
 from models.network.signals import KELVIN, REFERENCE_K
-from models.network.signals.filters import DIFFUSION_GAINS, EMPTY_SOC, slower_at
+from models.network.signals.filters import DIFFUSION_GAINS, EMPTY_SOC, FURTHEST_BEHIND, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
@@ -82,8 +82,10 @@ def signal_values(
                 kelvin = temperature_degC[k] + KELVIN
                 values[k, s] = temperature_degC[k] if form == TEMPERATURE else 1.0 / kelvin
         for k in range(n_samples):
-            if form == SOC or form == DIFFUSION:
-                values[k, s] = (soc[k] if form == SOC else 0.0) + net.factor[s] * values[k, s]
+            if form == SOC:
+                values[k, s] = soc[k] + net.factor[s] * values[k, s]
+            elif form == DIFFUSION:
+                values[k, s] = min(max(net.factor[s] * values[k, s], -FURTHEST_BEHIND), FURTHEST_BEHIND)
             values[k, s] = (values[k, s] - net.low[s]) / net.span[s]
 
 
@@ -211,6 +213,10 @@ def current_gradient(
         if form == SOC:
             for k in range(n_samples):
                 by_soc[k] += by_signal[k, s] / net.span[s]
+        elif form == DIFFUSION:
+            for k in range(n_samples):  # where it is as far behind as can be it does not move
+                if abs(net.low[s] + net.span[s] * signals[k, s]) > (1.0 - 1e-9) * FURTHEST_BEHIND:
+                    by_signal[k, s] = 0.0
         if form == SOC or form == DIFFUSION:
             if net.factor[s] != 0.0:
                 _diffusion_gradient(net, s, slopes, by_signal, out)

@@ -91,7 +91,7 @@ class Reference:
         return 0.5 * (low + high)
 
     def inputs(
-        self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray, _soc: FloatArray
+        self, run: GridRun, index: np.ndarray, current_A: FloatArray, temperature_degC: FloatArray, soc: FloatArray
     ) -> ModelInputs:
         """Signals of current and temperature at `index`, whatever the state of charge."""
         if run.dt_s != self.layout.dt_s:

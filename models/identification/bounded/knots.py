@@ -8,12 +8,14 @@ import numpy as np
 
 from models.data.errors import NotIdentifiableError
 from models.data.timeseries import FloatArray
+from models.network.signals.filters import FURTHEST_BEHIND
 
 # Knots crowd towards empty and full, where curves of all chemistries bend most.
 _CROWDING = 0.05
 _RIM = 0.02
-# Distance of the outermost knots, which only continue what the last trained ones say.
-_BEYOND = 0.5
+# Distance of the outermost knots, which only continue what the last trained ones say: as far as a mean can be behind a
+# surface, or that would take back more than the curve has beyond them.
+_BEYOND = FURTHEST_BEHIND
 # A range of the state of charge that is smaller is rounding.
 _LEAST_RANGE = 1e-5
 

@@ -7,9 +7,17 @@ other's share.
 
 from __future__ import annotations
 
+import numpy as np
+
+from models.data.timeseries import FloatArray
+from models.network.signals.filters import FURTHEST_BEHIND
 from models.network.signals.kind import Signal, SignalKind
 from models.network.signals.loop_form import DIFFUSION, LoopForm
 from models.network.signals.surface_soc import PARAMETERS, diffusion_loop, lead, lead_after_step, settled_lead
+
+
+def _behind(ahead: FloatArray) -> FloatArray:
+    return np.clip(-ahead, -FURTHEST_BEHIND, FURTHEST_BEHIND)
 
 
 def _loop(signal: Signal, dt_s: float, capacity_Ah: float) -> LoopForm:
@@ -22,8 +30,8 @@ KIND = SignalKind(
     title="how far the mean state of charge is behind that at the surface of the particles, as a fraction",
     example="behind_surface:0.05/300/3500/10",
     parameters=PARAMETERS,
-    values=lambda signal, run: -lead(signal, run),
-    settled=lambda signal, points: -settled_lead(signal, points),
-    after_step=lambda signal, step: -lead_after_step(signal, step),
+    values=lambda signal, run: _behind(lead(signal, run)),
+    settled=lambda signal, points: _behind(settled_lead(signal, points)),
+    after_step=lambda signal, step: _behind(lead_after_step(signal, step)),
     loop=_loop,
 )

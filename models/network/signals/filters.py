@@ -12,6 +12,8 @@ from models.data.timeseries import FloatArray
 _RELAXATION_STAGES = (1.0, 0.002, 0.002)
 # Over so much of the state of charge a diffusion that slows down towards empty does so by a factor of e.
 EMPTY_SOC = 0.12
+# Further than this no mean is said to be behind a surface: so far beyond its data a curve goes on.
+FURTHEST_BEHIND = 0.5
 # Time constant of the slow state that a model's domain is told by.
 _SLOW_S = 600.0
 

@@ -18,7 +18,7 @@ INVERSE_TEMPERATURE    1/K
 SOC                    state of charge; where `factor` is not 0, plus factor times the current, scaled by temperature,
                        through the modes of diffusion in a sphere (`poles` holds their rates per sample at 25 degC),
                        and where `exchange_A` is not 0 the slower the emptier it is (`filters.slower_at`)
-DIFFUSION              what SOC adds to the state of charge alone
+DIFFUSION              what SOC adds to the state of charge alone, at most `filters.FURTHEST_BEHIND` either way
 =====================  ================================================================================================
 """
 

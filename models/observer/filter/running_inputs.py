@@ -10,7 +10,7 @@ from numba import njit
 
 from models.network.compiled_network import FlatNetwork, bent
 from models.network.signals import KELVIN, REFERENCE_K
-from models.network.signals.filters import DIFFUSION_GAINS, slower_at
+from models.network.signals.filters import DIFFUSION_GAINS, FURTHEST_BEHIND, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
     CASCADE,
@@ -91,6 +91,8 @@ def move_on(
                         moved = keep * filters[run, s, mode] + (1.0 - keep) * DIFFUSION_GAINS[mode] * value
                         filters[run, s, mode] = moved
                         history[run, 0, s] += factor[s] * moved
+                for run in range(runs if form == DIFFUSION else 0):
+                    history[run, 0, s] = min(max(history[run, 0, s], -FURTHEST_BEHIND), FURTHEST_BEHIND)
             else:
                 keep, entry, squared = poles[s, 0], form & ENTRY_BITS, form & SQUARED_BIT
                 if exchange_A[s] != exchange_for and exchange_A[s] != 0.0:

@@ -25,6 +25,8 @@ SIGNALS = (
     "surface_soc:0.02/900",
     "surface_soc:0.05/400/3500/30",
     "surface_soc:0.05/400/0/30",
+    "behind_surface:0.05/400/3500/30",
+    "behind_surface:3/20",
     "current",
     "scaled_current:3500",
     "relaxation:300",

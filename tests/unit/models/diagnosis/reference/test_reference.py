@@ -37,7 +37,9 @@ def test_the_open_circuit_curve_is_the_first_block_alone() -> None:
 def test_a_run_on_another_grid_is_refused() -> None:
     run = grid_run(steps_A(50), 25.0)
     with pytest.raises(ModelError, match="grid of 2 s; the model's is 1 s"):
-        reference().inputs(replace(run, dt_s=2.0), np.arange(50), run.current_A, run.temperature_degC, np.full(len(run), 0.5))
+        reference().inputs(
+            replace(run, dt_s=2.0), np.arange(50), run.current_A, run.temperature_degC, np.full(len(run), 0.5)
+        )
 
 
 def test_overvoltage_is_the_slope_at_the_runs_own_current() -> None:
