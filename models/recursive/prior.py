@@ -9,7 +9,7 @@ from models.network.compiled_network import flat_network
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import normalise
 from models.network.signals import Held, is_soc, parse_signal
-from models.network.signals.loop_form import LOOP, is_overpotential
+from models.network.signals.loop_form import DIFFUSION, LOOP, is_overpotential
 from models.recursive.settings import UpdateSettings
 from models.recursive.update_step import FlatUpdate
 
@@ -48,7 +48,7 @@ def _of_current(network: LocalModelNetwork) -> np.ndarray:
     net = flat_network(network)
     codes = net.form[net.tap_signal].tolist()
     past = [False] * network.structure.output_order
-    return np.array([*past, *(is_overpotential(code) or code == LOOP for code in codes), False])
+    return np.array([*past, *(is_overpotential(code) or code in (LOOP, DIFFUSION) for code in codes), False])
 
 
 def _between_neighbours(rest: FloatArray) -> tuple[FloatArray, FloatArray]:

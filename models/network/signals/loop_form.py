@@ -64,5 +64,8 @@ class LoopForm(NamedTuple):
 
 
 def is_overpotential(code: int) -> bool:
-    """Whether a signal is what the current does beyond counting charge and turning a loop: 0 after a long rest."""
-    return code in (CASCADE, DIFFUSION) or code >= DRIVEN
+    """Whether a signal is what the current does beyond counting charge and turning a loop: 0 after a long rest.
+
+    What a mean is behind a surface is none: it takes back a part of the curve, and no resistance.
+    """
+    return code == CASCADE or code >= DRIVEN

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from models.network.compiled_network import HAT, FlatNetwork
-from models.network.signals.loop_form import CASCADE, DIFFUSION, DRIVEN, LOOP, SOC
+from models.network.signals.loop_form import CASCADE, DRIVEN, LOOP, SOC
 from models.observer.filter.blending import Prepared, blend, blend_hats
 from models.observer.filter.places import (
     AT_CAPACITY,
@@ -134,7 +134,7 @@ def _output(
         if form == SOC:
             value += base * per_span[s]
             per_soc += blended[p] * per_span[s]
-        elif form >= DRIVEN or form == CASCADE or form == DIFFUSION:
+        elif form >= DRIVEN or form == CASCADE:
             overpotential += blended[p] * (value + low[s] * per_span[s])
         elif form == LOOP:
             row[n + AT_LOOP] += blended[p] * filters[0, s, LOOP_LEFT] * per_span[s]

@@ -5,6 +5,7 @@ import pytest
 
 from models.data.errors import StructureError
 from models.network.signals import RunSignals, is_soc, parse_signal
+from models.network.signals.loop_form import is_overpotential
 
 
 def test_parameters_follow_the_colon() -> None:
@@ -56,3 +57,13 @@ def test_a_surface_that_is_slower_at_empty_leads_by_more_there() -> None:
         # And it takes as many times longer to get there.
         share = lead[int(100.0 * times)] / lead[-1]
         assert share == pytest.approx((held.values("surface_soc:0.05/100")[100] - soc) / (-0.05 * 0.2), abs=0.01)
+
+
+def test_what_a_mean_is_behind_a_surface_is_no_overpotential() -> None:
+    def is_one(name: str) -> bool:
+        signal = parse_signal(name)
+        assert signal.definition.loop is not None
+        return is_overpotential(signal.definition.loop(signal, 1.0, 2.5).code)
+
+    assert is_one("current") and is_one("low_pass:60/3500") and is_one("relaxation:300")
+    assert not is_one("behind_surface:0.05/300/3500") and not is_one("surface_soc:0.05/300/3500")
