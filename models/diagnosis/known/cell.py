@@ -79,9 +79,9 @@ class KnownCell:
             raise ModelError(f"{run.name}: on a grid of {run.dt_s:g} s; the model's is {self.dt_s:g} s")
         source = RunSignals(current_A, temperature_degC, soc, run.dt_s, self.capacity_Ah)
         shift = delayed(source.values(self.layout.basis.axis) - soc, 1)
-        behind = (delayed(run.charge_Ah, 1) - run.charge_Ah) / self.capacity_Ah
+        late = (delayed(run.charge_Ah, 1) - run.charge_Ah) / self.capacity_Ah
         of_surface = tuple(self.terms_of(BEHIND).tolist())
-        return ModelInputs((shift + behind)[index], self.signals(source, index), of_surface)
+        return ModelInputs((shift + late)[index], self.signals(source, index), of_surface)
 
     def signals(self, source: RunSignals, index: np.ndarray) -> FloatArray:
         """(B, m) signals of the terms over their largest values."""

@@ -62,7 +62,7 @@ def quick_rows(cell: KnownCell, steps: Steps) -> FloatArray:
         at = np.array([low, 0.5 * (low + high), high])
         shares = _parabola((steps.temperature_degC - low) / (high - low))
     signals = shares @ np.array([_after_step(cell, steps.current_A, degC) for degC in at.tolist()])
-    # Neither does the surface run ahead, nor the mean fall behind it, by anything that is asked for here.
+    # The curve is left out below; what stands behind its surface belongs to it.
     signals[:, cell.terms_of(BEHIND)] = 0.0
     rows = cell.regressors(ModelInputs(np.zeros(len(steps.soc)), signals.T), steps.soc)
     rows[:, : cell.layout.n_curve] = 0.0

@@ -75,6 +75,7 @@ class Layout:
 
 
 def _places(knots: Knots, term: Term) -> np.ndarray:
+    """Knots of a term, as places among those of the curve."""
     if term.flat:
         return np.zeros(1, dtype=np.int64)
     return knots.gain if term.bounded else knots.slope
