@@ -40,6 +40,8 @@ class Form:
     least : smallest change that the first column can stand for, in units of its usual size: what is nothing already
         cannot become less
     dU_dT_V_per_K : (m, k) change of the entropic coefficient that a column is, which heats with the current; None: none
+    of_model : whether it changes a part that the model has: the training runs say how large that was, and neither is it
+        lacking nor does a little of it come and go
     """
 
     columns: FloatArray
@@ -47,6 +49,7 @@ class Form:
     fixed: tuple[tuple[str, str, float], ...] = ()
     least: float = -np.inf
     dU_dT_V_per_K: FloatArray | None = None
+    of_model: bool = False
 
 
 @dataclass(frozen=True)

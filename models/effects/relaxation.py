@@ -27,6 +27,8 @@ _SURFACE_K = 2500.0
 # A usual change, relative to the cell's resistance, of a surface that runs ahead in h, and speeds that it may have.
 _USUAL_SHARE, _USUAL_AHEAD_H = 0.3, 0.02
 _EXPECTED_S = (30.0, 100.0, 300.0, 1000.0, 3000.0)
+# Factors of the time in which what the model has at the particles' surface diffuses.
+_SLOWER = (0.4, 0.6, 1.6, 2.5, 4.0, 6.0)
 # Of the settled difference the modes that are simulated hold so much; the rest acts at once.
 DIFFUSED = 0.84
 
@@ -73,7 +75,10 @@ def _at_surface(structure: Structure, ground: Ground) -> list[Structure]:
 
 
 def _expected(view: View) -> tuple[Form, ...]:
-    """Diffusion at each of several speeds: as a resistance, and as a surface that runs ahead of the mean."""
+    """Diffusion at each of several speeds: as a resistance, and as a surface that runs ahead of the mean.
+
+    Where the model has such a surface, its own may have become slower as well.
+    """
     usual_Ohm, forms = _USUAL_SHARE * view.model.typical_Ohm, []
     current_A, index = view.run.current_A, view.index
     for tau_s in _EXPECTED_S:
@@ -83,7 +88,19 @@ def _expected(view: View) -> tuple[Form, ...]:
         as_Ohm = float(np.mean(view.slope_V)) * _USUAL_AHEAD_H / view.capacity_Ah
         told = (Told("resistance_Ohm", "Ohm", (usual_Ohm, as_Ohm)),)
         forms.append(Form(columns, told, (("time_constant_s", "s", tau_s),)))
-    return tuple(forms)
+    own_s = view.model.diffusion_s
+    return tuple(forms) if own_s is None else (*forms, *(_slower(view, own_s, times) for times in _SLOWER))
+
+
+def _slower(view: View, own_s: float, times: float) -> Form:
+    """The model's own surface where it takes so many times as long to even out; told by what it adds in the end."""
+    volts = view.slowed_V(times)
+    settled_A = view.low_pass(view.run.current_A, times * own_s)
+    as_Ohm = float(settled_A @ volts) / max(float(settled_A @ settled_A), 1e-12)
+    told = (Told("resistance_Ohm", "Ohm", (as_Ohm,)),)
+    # With less no surface would be ahead at all.
+    least = -1.0 / (times - 1.0) if times > 1.0 else -np.inf
+    return Form(volts[:, None], told, (("time_constant_s", "s", times * own_s),), least, of_model=True)
 
 
 EFFECT = Effect(

@@ -90,6 +90,18 @@ class OwnModel(Protocol):
         """What the model makes of current and temperature at `index`; the (n,) SoC says how fast it diffuses there."""
         ...
 
+    @property
+    def diffusion_s(self) -> float | None:
+        """Time constant of the diffusion by which the surface of the particles runs ahead; None: it does not."""
+        ...
+
+    def slower_inputs(self, run: GridRun, index: np.ndarray, soc: FloatArray, times: float) -> ModelInputs:
+        """What the model makes of the run's current and temperature where that diffusion takes so many times as long.
+
+        Settled differences and times to them grow alike.
+        """
+        ...
+
     def voltage_V(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
         """(m,) simulated voltage for a state of charge at the same samples."""
         ...
@@ -213,6 +225,11 @@ class View:
     def _late(self) -> dict[int, FloatArray]:
         # A search for a delay asks for the same few over and over.
         return {0: np.zeros(len(self.index))}
+
+    def slowed_V(self, times: float) -> FloatArray:
+        """(m,) change of the model's voltage where diffusion to its surface takes so many times as long."""
+        inputs = self.model.slower_inputs(self.run, self.index, self.soc, times)
+        return self.model.voltage_V(inputs, self.soc[self.index]) - self.voltage_V
 
     def moved(
         self,

@@ -54,7 +54,7 @@ def change_answer(
     shown = analysis.power if with_power else []
     power = tuple(
         Shown(
-            each.tried.effect.name,
+            each.effect.name,
             each.size if np.isfinite(each.size) else None,
             each.unit,
             1e3 * each.rms_V if np.isfinite(each.rms_V) else None,
@@ -172,7 +172,7 @@ def _remarks(analysis: Analysis, record: Record, has_train: bool, with_power: bo
             f"{rms_mV:.1f} mV: most of it is the network's own; ask what its structure lacks"
         )
     if with_power and not analysis.verdict.something:
-        every = [(each.tried.effect, each.size) for each in analysis.power]
+        every = [(each.effect, each.size) for each in analysis.power]
         hidden = [(one, size) for one, size in every if one.name in analysis.hides_best]
         remarks.append(explain_power(hidden))
     if not has_train:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,7 @@ from models.identification.bounded.knots import hats
 from models.identification.bounded.layout import REFERENCE_DEGC, Layout
 from models.identification.bounded.terms import BEHIND
 from models.network.regression import delayed
-from models.network.signals import RunSignals, parse_signal
+from models.network.signals import RunSignals, parse_signal, slower
 
 # Range of the state of charge at the particles' surface, where a cell has one.
 SURFACE = "surface_soc"
@@ -82,6 +82,21 @@ class KnownCell:
         late = (delayed(run.charge_Ah, 1) - run.charge_Ah) / self.capacity_Ah
         of_surface = tuple(self.terms_of(BEHIND).tolist())
         return ModelInputs((shift + late)[index], self.signals(source, index), of_surface)
+
+    @property
+    def diffusion_s(self) -> float | None:
+        """Slowest time constant at 25 degC by which the surface runs ahead; None: there is none."""
+        return parse_signal(self.layout.basis.axis).parameters.get("time_constant_s")
+
+    def slower_inputs(self, run: GridRun, index: np.ndarray, soc: FloatArray, times: float) -> ModelInputs:
+        """Signals of the run where diffusion to the surface takes so many times as long."""
+        return self._slower(times).inputs(run, index, run.current_A, run.temperature_degC, soc)
+
+    def _slower(self, times: float) -> KnownCell:
+        basis = self.layout.basis
+        terms = [replace(term, signal=slower(term.signal, times)) for term in basis.terms]
+        basis = replace(basis, axis=slower(basis.axis, times), terms=tuple(terms))
+        return replace(self, layout=replace(self.layout, basis=basis))
 
     def signals(self, source: RunSignals, index: np.ndarray) -> FloatArray:
         """(B, m) signals of the terms over their largest values."""

@@ -212,9 +212,10 @@ class Analysis:
     @property
     def hides_best(self) -> tuple[str, ...]:
         """The three effects that could hide best: those that make most voltage at the smallest size that is seen."""
-        told = [each for each in self.power if all(each.tried is not one for one in self.untold)]
+        asked = {each.effect.name for each in self.tried}
+        told = [each for each in self.power if np.isfinite(each.size) or each.effect.name in asked]
         order = sorted(told, key=lambda each: -each.rms_V)
-        return tuple(each.tried.effect.name for each in order[:3])
+        return tuple(each.effect.name for each in order[:3])
 
 
 def analyse(

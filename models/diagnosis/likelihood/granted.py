@@ -34,7 +34,7 @@ def learned_columns(sight: Sight, shapes: Mapping[str, tuple[Linear | Moving, ..
     out = {}
     for name, own in shapes.items():
         # Shapes that differ by how much they warm are one in the voltage.
-        once = {(i if isinstance(shape, Moving) else shape.number): shape for i, shape in enumerate(own)}
+        once = {(i if isinstance(shape, Moving) else shape.number): shape for i, shape in enumerate(_new(own))}
         if once and effect(name).expected.learned:
             volts = [columns_of(shape)[: sight.n_voltage] for shape in once.values()]
             out[name] = np.hstack(volts) / np.sqrt(len(volts))
@@ -71,16 +71,22 @@ def granted(sight: Sight, shapes: Mapping[str, tuple[Linear | Moving, ...]]) -> 
         # The cell is known as it is: nothing differs from run to run.
         return np.zeros((len(sight.own_rows[0]), 0))
     parts = [np.sqrt(seen.get(ALL_RESISTANCES, 0.0)) * all_resistances(sight)]
-    for name, own in shapes.items():
+    for name, every in shapes.items():
+        own = _new(every)
         share = effect(name).expected.granted
         least = share(sight.runs[0].points) if share is not None else 0.0
-        size = max(least, float(np.sqrt(seen.get(name, 0.0)))) / np.sqrt(len(own))
+        size = max(least, float(np.sqrt(seen.get(name, 0.0)))) / np.sqrt(max(len(own), 1))
         if size:
             parts += [size * columns_of(shape) for shape in own]
         if _misreads(effect(name)):
             parts += [_INSIDE * np.where(_is_voltage(sight)[:, None], columns_of(shape), 0.0) for shape in own]
-    every = np.hstack(parts)
-    return np.hstack([np.where(rows[:, None], every, 0.0) for rows in sight.own_rows])
+    columns = np.hstack(parts)
+    return np.hstack([np.where(rows[:, None], columns, 0.0) for rows in sight.own_rows])
+
+
+def _new(shapes: tuple[Linear | Moving, ...]) -> list[Linear | Moving]:
+    """Shapes that stand for something beside what the model has."""
+    return [shape for shape in shapes if isinstance(shape, Moving) or not shape.of_model]
 
 
 def _misreads(one: Effect) -> bool:

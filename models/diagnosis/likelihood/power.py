@@ -30,12 +30,12 @@ class Power:
 
     Attributes
     ----------
-    tried : the effect
+    effect : which
     size, unit : of its first figure; infinite: none would
     rms_V, rms_K : what it makes of the voltage, and of the temperature where that is looked at
     """
 
-    tried: Tried
+    effect: Effect
     size: float
     unit: str
     rms_V: float
@@ -112,7 +112,7 @@ def power_of(
     ----------
     sight, back : the runs, their error, and its covariance
     tried : effects
-    absent : effects that have no shape in these runs: those are asked about that might have had one
+    absent : effects that have no shape in these runs: those are asked about that might have had one, others never show
     untold : effects that these runs do not tell from what any cell does, however large
     explained : (N,) part of the error that another effect is named for
     """
@@ -128,8 +128,10 @@ def power_of(
         volts, kelvins = np.split(shown, [sight.n_voltage])
         rms_K = float(np.sqrt(np.mean(kelvins**2))) if len(kelvins) else None
         rms_V = float(np.sqrt(np.mean(volts**2)))
-        found.append(Power(each, size, first_direction(each)[2], rms_V, rms_K))
-    return found + [Power(each, np.inf, first_direction(each)[2], np.inf, None) for each in untold]
+        found.append(Power(each.effect, size, first_direction(each)[2], rms_V, rms_K))
+    never = [(each.effect, first_direction(each)[2]) for each in untold]
+    never += [(one, one.parameters[0].unit) for one, shapes in might if not shapes]
+    return found + [Power(one, np.inf, unit, np.inf, None) for one, unit in never]
 
 
 def _along(back: Background, tried: Tried, column: FloatArray, prior: float, explained: FloatArray) -> float:

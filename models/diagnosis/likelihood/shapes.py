@@ -36,6 +36,7 @@ class Linear:
     number : of the shape among those of its effect
     scale : (k,) of the effect's regressors, where it does not say how large it usually is
     least : smallest size that the first column can have
+    of_model : whether it changes a part that the model has, see `Form`
     """
 
     columns: FloatArray
@@ -44,6 +45,7 @@ class Linear:
     number: int
     scale: FloatArray | None = None
     least: float = -np.inf
+    of_model: bool = False
 
 
 @dataclass(frozen=True)
@@ -155,8 +157,9 @@ def _linear(sight: Sight, one: Effect, forms_of: Callable[[View], tuple[Form, ..
                 kelvins.append(np.zeros((len(run.warm_place), form.columns.shape[1])))
         for share in shares:
             warmed = [share * each if heats else each for each in kelvins]
-            least = max(form.least for form in forms)
-            out.append(Linear(sight.stacked(volts, warmed), forms[0].told, forms[0].fixed, number, least=least))
+            least, first = max(form.least for form in forms), forms[0]
+            columns = sight.stacked(volts, warmed)
+            out.append(Linear(columns, first.told, first.fixed, number, least=least, of_model=first.of_model))
     return tuple(out)
 
 

@@ -163,12 +163,14 @@ def background(sight: Sight, soc_std: list[float] | None, granted: FloatArray) -
     elsewhere_V2 = elsewhere_V2 + known.elsewhere.in_time(points)
     rows = np.vstack([known.cell.regressors(run.points.inputs, run.points.soc[run.points.index]) for run in sight.runs])
     fixed_V2 = rows @ known.cell.covariance @ rows.T
-    first = 0
+    first, starts = 0, [np.zeros((n, 0))]
     for run, std in zip(sight.runs, soc_std or [None] * len(sight.runs), strict=True):
         own = slice(first, first + len(run.place))
         if std is not None:
             columns = start_columns(known.cell, run.points, std)
             fixed_V2[own, own] += columns @ columns.T
+            starts.append(np.zeros((n, columns.shape[1])))
+            starts[-1][own] = columns
         first = own.stop
     fixed_V2[np.diag_indices(n)] += KNOWN.least_V**2
     error_V = np.concatenate([run.points.residual_V for run in sight.runs]) - mean_V
@@ -180,7 +182,10 @@ def background(sight: Sight, soc_std: list[float] | None, granted: FloatArray) -
     # By their size: a cell whose errors hang together for a third is far from known to the noise.
     white = 1.0 - float(np.sqrt(max(1.0 - known.elsewhere.white_share, 0.0)))
     tempering = (1.0 - white) * THRESHOLDS.tempering + white * THRESHOLDS.tempering_white
-    return Background(np.concatenate([error_V, error_K]), fixed, elsewhere + granted @ granted.T, tempering)
+    began = np.vstack([np.hstack(starts), np.zeros((size - n, sum(each.shape[1] for each in starts)))])
+    return Background(
+        np.concatenate([error_V, error_K]), fixed, elsewhere + granted @ granted.T, tempering, starts=began
+    )
 
 
 def _temperature(sight: Sight) -> tuple[FloatArray, FloatArray, FloatArray]:

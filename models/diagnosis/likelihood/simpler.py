@@ -11,10 +11,21 @@ from models.diagnosis.likelihood.background import Background, log_sum
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried, together
 
+# Square of an error below which there is none.
+_LEAST_V2 = 1e-12
+
 
 def _left_V(back: Background, contribution: FloatArray, n_voltage: int) -> float:
-    """Root mean square of the voltage's error that an explanation leaves, all that is open left aside."""
-    return float(np.sqrt(np.mean((back.error[:n_voltage] - contribution[:n_voltage]) ** 2)))
+    """Root mean square of the voltage's error that an explanation leaves, all that is open left aside but the starts.
+
+    Where a log begins in the middle of anything, a slow effect's first minutes pass for what went before.
+    """
+    left = back.error[:n_voltage] - contribution[:n_voltage]
+    if back.starts is not None and back.starts.size:
+        starts, usual_V2 = back.starts[:n_voltage], float(np.mean(back.error[:n_voltage] ** 2))
+        information = starts.T @ starts + max(usual_V2, _LEAST_V2) * np.eye(starts.shape[1])
+        left = left - starts @ np.linalg.solve(information, starts.T @ left)
+    return float(np.sqrt(np.mean(left**2)))
 
 
 def worsens(back: Background, contribution: FloatArray, n_voltage: int) -> bool:

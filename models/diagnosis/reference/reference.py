@@ -98,6 +98,15 @@ class Reference:
             raise ModelError(f"{run.name}: on a grid of {run.dt_s:g} s; the model's is {self.layout.dt_s:g} s")
         return self.layout.inputs(current_A, temperature_degC, index)
 
+    @property
+    def diffusion_s(self) -> float | None:
+        """The surface is the mean."""
+        return None
+
+    def slower_inputs(self, run: GridRun, index: np.ndarray, soc: FloatArray, times: float) -> ModelInputs:
+        """The same inputs, since no surface runs ahead."""
+        return self.inputs(run, index, run.current_A, run.temperature_degC, soc)
+
     def voltage_V(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
         """(m,) simulated voltage for a state of charge at the same samples."""
         splines = self.layout.splines(soc + inputs.surface)

@@ -37,6 +37,7 @@ __all__ = [
     "is_soc",
     "parse_signal",
     "signal_kinds",
+    "slower",
     "soc_by_counting",
 ]
 
@@ -112,6 +113,16 @@ def parse_signal(name: str) -> Signal:
         if not np.isfinite(value) or (parameter.positive and not value > 0.0 and not left_out):
             raise StructureError(f"signal {name!r}: {parameter.name} is {value:g}; it must be positive")
     return Signal(name, definition, {each.name: value for each, value in zip(known, values, strict=False)})
+
+
+def slower(name: str, times: float) -> str:
+    """Name of the signal where diffusion to the surface takes so many times as long; of any other one its own."""
+    signal = parse_signal(name)
+    if "depth" not in signal.parameters:
+        return name
+    # Settled differences go with the time of diffusion.
+    moved = {key: signal.get(key) * times for key in ("depth", "time_constant_s")}
+    return f"{signal.kind}:" + "/".join(f"{value:.6g}" for value in {**signal.parameters, **moved}.values())
 
 
 def is_soc(name: str) -> bool:

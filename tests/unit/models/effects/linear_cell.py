@@ -24,6 +24,7 @@ class LinearCell:
     dt_s: float = 1.0
     usual_A: float = 1.0
     trained_degC: float = 25.0
+    diffusion_s: float | None = None
 
     @property
     def domain(self) -> dict[str, tuple[float, float]]:
@@ -32,6 +33,9 @@ class LinearCell:
     def inputs(self, run, index, current_A, temperature_degC, _soc):
         warmer_K = temperature_degC - run.temperature_degC
         return ModelInputs(np.zeros(len(index)), (current_A * (1.0 - warmer_K * PER_K))[index][None, :])
+
+    def slower_inputs(self, run, index, soc, _times):
+        return self.inputs(run, index, run.current_A, run.temperature_degC, soc)
 
     def open_circuit_V(self, soc):
         return 3.0 + SLOPE_V * soc

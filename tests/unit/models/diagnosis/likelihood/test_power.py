@@ -1,17 +1,20 @@
 """The smallest size that would have been told: as often as promised, and larger where less can be seen."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from models.diagnosis.likelihood.analysis import analyse
 from models.diagnosis.likelihood.background import Background
 from models.diagnosis.likelihood.power import first_direction, smallest_shown
 from models.diagnosis.likelihood.shapes import Moving
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried
+from models.effects import effects
 from models.effects.effect import Parameter
+from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, trained
 
 N, PRIOR = 60, 0.02
 FIXED_V2 = 1e-6 * np.eye(N)
@@ -135,3 +138,16 @@ def test_no_size_is_said_that_is_not_possible() -> None:
         assert np.isinf(shown(of)) == (furthest < size)
     # Both ways are possible, and one of them shows nothing.
     assert np.isinf(shown(lost((-0.5 * size, 2.0 * size))))
+
+
+def test_what_no_size_of_shows_is_said_and_is_none_of_those_that_hide_best() -> None:
+    still = replace(trained(3), ambient_degC=None)
+    analysis = analyse(known_runs(), [still], [SOC], None, list(effects().values()))
+    of = {each.effect.name: each for each in analysis.power}
+    assert set(of) == set(effects())
+    # The temperature neither moves nor is it known what the chamber's is.
+    never = {"temperature_dependence", "heat_transfer", "reversible_heat"}
+    assert all(np.isinf(of[name].size) for name in never)
+    assert np.isfinite(of["series_resistance"].size)
+    assert len(analysis.hides_best) == 3
+    assert not never.intersection(analysis.hides_best)

@@ -38,15 +38,15 @@ def stepped_V(surface: FloatArray) -> FloatArray:
     return 3.4 + 0.05 * np.tanh((surface - 0.5) / 0.015)
 
 
-def two_electrodes(slope_V: float) -> SignalBank:
+def two_electrodes(slope_V: float, surface: str = SLOW_SURFACE, seeds: tuple[int, ...] = (1, 2)) -> SignalBank:
     """One electrode's curve steps where its own surface stands, the other one's rises evenly with the mean."""
-    plain, rng = bank(n=6000), np.random.default_rng(5)
+    plain, rng = bank(seeds=seeds, n=6000), np.random.default_rng(5)
     runs = [
         replace(
             run,
             voltage_V=stepped_V(at) + slope_V * soc + 0.02 * run.current_A + rng.normal(0.0, 5e-4, len(run)),
         )
-        for run, at, soc in zip(plain.runs, plain.values(SLOW_SURFACE), plain.values("soc"), strict=True)
+        for run, at, soc in zip(plain.runs, plain.values(surface), plain.values("soc"), strict=True)
     ]
     return SignalBank(runs, plain.initial_soc, plain.cell)
 

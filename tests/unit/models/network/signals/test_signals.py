@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from models.data.errors import StructureError
-from models.network.signals import RunSignals, is_soc, parse_signal
+from models.network.signals import RunSignals, is_soc, parse_signal, slower
 from models.network.signals.loop_form import is_overpotential
 
 
@@ -57,6 +57,14 @@ def test_a_surface_that_is_slower_at_empty_leads_by_more_there() -> None:
         # And it takes as many times longer to get there.
         share = lead[int(100.0 * times)] / lead[-1]
         assert share == pytest.approx((held.values("surface_soc:0.05/100")[100] - soc) / (-0.05 * 0.2), abs=0.01)
+
+
+def test_a_slower_diffusion_leads_by_more_and_takes_longer() -> None:
+    assert slower("surface_soc:0.05/100/0/30", 4.0) == "surface_soc:0.2/400/0/30"
+    assert slower("behind_surface:0.05/300/3500", 0.5) == "behind_surface:0.025/150/3500"
+    assert slower("surface_soc:0.05/100", 1.0) == "surface_soc:0.05/100"
+    others = ("soc", "current", "low_pass:60/3500", "relaxation:300")
+    assert tuple(slower(name, 4.0) for name in others) == others
 
 
 def test_what_a_mean_is_behind_a_surface_is_no_overpotential() -> None:
