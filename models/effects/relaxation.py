@@ -29,6 +29,7 @@ _USUAL_SHARE, _USUAL_AHEAD_H = 0.3, 0.02
 _EXPECTED_S = (30.0, 100.0, 300.0, 1000.0, 3000.0)
 # Factors of the time in which what the model has at the particles' surface diffuses.
 _SLOWER = (0.4, 0.6, 1.6, 2.5, 4.0, 6.0)
+_TINY = 1e-12
 # Of the settled difference the modes that are simulated hold so much; the rest acts at once.
 DIFFUSED = 0.84
 
@@ -77,7 +78,7 @@ def _at_surface(structure: Structure, ground: Ground) -> list[Structure]:
 def _expected(view: View) -> tuple[Form, ...]:
     """Diffusion at each of several speeds: as a resistance, and as a surface that runs ahead of the mean.
 
-    Where the model has such a surface, its own may have become slower as well.
+    What the model has of it may have grown as well: all of its slow resistances alike, and the time of its own surface.
     """
     usual_Ohm, forms = _USUAL_SHARE * view.model.typical_Ohm, []
     current_A, index = view.run.current_A, view.index
@@ -88,19 +89,28 @@ def _expected(view: View) -> tuple[Form, ...]:
         as_Ohm = float(np.mean(view.slope_V)) * _USUAL_AHEAD_H / view.capacity_Ah
         told = (Told("resistance_Ohm", "Ohm", (usual_Ohm, as_Ohm)),)
         forms.append(Form(columns, told, (("time_constant_s", "s", tau_s),)))
+    slow_V = view.model.slow_V(view.inputs, view.soc[index])
+    forms.append(_of_model(view, slow_V, max(_EXPECTED_S, key=lambda each: _likeness(view, slow_V, each)), -1.0))
     own_s = view.model.diffusion_s
-    return tuple(forms) if own_s is None else (*forms, *(_slower(view, own_s, times) for times in _SLOWER))
+    for times in _SLOWER if own_s is not None else ():
+        # With less no surface would be ahead at all.
+        least = -1.0 / (times - 1.0) if times > 1.0 else -np.inf
+        forms.append(_of_model(view, view.slowed_V(times), times * own_s, least))
+    return tuple(forms)
 
 
-def _slower(view: View, own_s: float, times: float) -> Form:
-    """The model's own surface where it takes so many times as long to even out; told by what it adds in the end."""
-    volts = view.slowed_V(times)
-    settled_A = view.low_pass(view.run.current_A, times * own_s)
-    as_Ohm = float(settled_A @ volts) / max(float(settled_A @ settled_A), 1e-12)
+def _of_model(view: View, volts: FloatArray, tau_s: float, least: float) -> Form:
+    """A change of what the model has, (m,) V, told by what it adds in the end."""
+    settled_A = view.low_pass(view.run.current_A, tau_s)
+    as_Ohm = float(settled_A @ volts) / max(float(settled_A @ settled_A), _TINY)
     told = (Told("resistance_Ohm", "Ohm", (as_Ohm,)),)
-    # With less no surface would be ahead at all.
-    least = -1.0 / (times - 1.0) if times > 1.0 else -np.inf
-    return Form(volts[:, None], told, (("time_constant_s", "s", times * own_s),), least, of_model=True)
+    return Form(volts[:, None], told, (("time_constant_s", "s", tau_s),), least, of_model=True)
+
+
+def _likeness(view: View, volts: FloatArray, tau_s: float) -> float:
+    """Share of a voltage's square that a relaxation of one time constant stands for."""
+    settled_A = view.low_pass(view.run.current_A, tau_s)
+    return float(settled_A @ volts) ** 2 / max(float(settled_A @ settled_A), _TINY)
 
 
 EFFECT = Effect(

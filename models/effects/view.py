@@ -106,6 +106,10 @@ class OwnModel(Protocol):
         """(m,) simulated voltage for a state of charge at the same samples."""
         ...
 
+    def slow_V(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
+        """(m,) part of it that relaxes in minutes and more, without the lead of the surface."""
+        ...
+
     def open_circuit_V(self, soc: FloatArray) -> FloatArray:
         """(n,) open-circuit voltage at 25 degC."""
         ...

@@ -13,7 +13,7 @@ from models.data.timeseries import FloatArray
 from models.effects.view import ModelInputs
 from models.identification.bounded.knots import hats
 from models.identification.bounded.layout import REFERENCE_DEGC, Layout
-from models.identification.bounded.terms import BEHIND
+from models.identification.bounded.terms import BEHIND, SLOW
 from models.network.regression import delayed
 from models.network.signals import RunSignals, parse_signal, slower
 
@@ -109,6 +109,12 @@ class KnownCell:
         """(m,) simulated voltage for a state of charge at the same samples."""
         surface = soc + inputs.surface
         return self.open_circuit_V(surface) + self.through(inputs.signals, surface, self._every)
+
+    def slow_V(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
+        """(m,) part of the voltage that relaxes in minutes and more, without the lead of the surface."""
+        slow = [b for b, term in enumerate(self.layout.basis.terms) if SLOW in term.parts]
+        chosen = np.setdiff1d(slow, self.terms_of(BEHIND))
+        return self.through(inputs.signals, soc + inputs.surface, chosen)
 
     def through(self, signals: FloatArray, soc: FloatArray, chosen: np.ndarray) -> FloatArray:
         """(m,) voltage of some of the terms, given by their numbers."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background, log_sum
-from models.diagnosis.likelihood.shapes import Moving, unseen_shapes
+from models.diagnosis.likelihood.shapes import Linear, Moving, unseen_shapes
 from models.diagnosis.likelihood.sight import Sight
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried, try_shapes
@@ -121,17 +121,31 @@ def power_of(
     found = []
     priors = [*prior_alone(list(tried)), *prior_alone(every)[len(tried) :]]
     for each, prior in zip(every, priors, strict=True):
-        size = smallest_shown(back, each, float(prior), explained)
+        size, shaped = _over_shapes(back, each, float(prior), explained)
         if each.effect.expected.found_from is not None:
             size = max(size, min(each.effect.expected.found_from(run.points) for run in sight.runs))
-        shown = change_at(each, size) if np.isfinite(size) else np.full(len(back.error), np.inf)
+        shown = change_at(shaped, size) if np.isfinite(size) else np.full(len(back.error), np.inf)
         volts, kelvins = np.split(shown, [sight.n_voltage])
         rms_K = float(np.sqrt(np.mean(kelvins**2))) if len(kelvins) else None
         rms_V = float(np.sqrt(np.mean(volts**2)))
-        found.append(Power(each.effect, size, first_direction(each)[2], rms_V, rms_K))
+        found.append(Power(each.effect, size, first_direction(shaped)[2], rms_V, rms_K))
     never = [(each.effect, first_direction(each)[2]) for each in untold]
     never += [(one, one.parameters[0].unit) for one, shapes in might if not shapes]
     return found + [Power(one, np.inf, unit, np.inf, None) for one, unit in never]
+
+
+def _over_shapes(back: Background, tried: Tried, prior: float, explained: FloatArray) -> tuple[float, Tried]:
+    """Size that is seen as often as promised whichever shape the effect has, and the effect in the shape that asks it.
+
+    The shape that is likeliest where nothing is there is any of them, and the one by which the effect shows best.
+    """
+    shapes = [each for each in tried.shapes if isinstance(each, Linear)]
+    if not shapes or isinstance(tried.shape, Moving):
+        return smallest_shown(back, tried, prior, explained), tried
+    every = [replace(tried, shape=each, columns=each.columns) for each in shapes]
+    sizes = np.array([smallest_shown(back, each, prior, explained) for each in every])
+    chosen = np.argsort(sizes, kind="stable")[int(np.ceil(THRESHOLDS.power * len(sizes))) - 1]
+    return float(sizes[chosen]), every[int(chosen)]
 
 
 def _along(back: Background, tried: Tried, column: FloatArray, prior: float, explained: FloatArray) -> float:

@@ -28,14 +28,31 @@ def _left_V(back: Background, contribution: FloatArray, n_voltage: int) -> float
     return float(np.sqrt(np.mean(left**2)))
 
 
+def _left_K(back: Background, contribution: FloatArray, n_voltage: int) -> float:
+    """The same of the temperature; 0 where it is not looked at."""
+    left = (back.error - contribution)[n_voltage:]
+    return float(np.sqrt(np.mean(left**2))) if len(left) else 0.0
+
+
+def _most_K(back: Background, n_voltage: int) -> float:
+    """Error of the temperature that an explanation may leave: what nothing does, or the heat balance usually does."""
+    usual_K2 = np.diag(back.elsewhere)[n_voltage:]
+    usual_K = float(np.sqrt(np.mean(usual_K2))) if len(usual_K2) else 0.0
+    return THRESHOLDS.worse * max(_left_K(back, np.zeros(len(back.error)), n_voltage), usual_K)
+
+
 def worsens(back: Background, contribution: FloatArray, n_voltage: int) -> bool:
-    """Whether an explanation raises the error of the voltage instead of lowering it."""
+    """Whether an explanation raises the error of the voltage, or of the temperature, instead of lowering it."""
     before_V = _left_V(back, np.zeros(len(back.error)), n_voltage)
-    return _left_V(back, contribution, n_voltage) > THRESHOLDS.worse * before_V
+    return _left_V(back, contribution, n_voltage) > THRESHOLDS.worse * before_V or _left_K(
+        back, contribution, n_voltage
+    ) > _most_K(back, n_voltage)
 
 
 class Simpler:
     """Whether an explanation leaves clearly more error of the voltage than nothing, or than a simpler one within it.
+
+    Or more of the temperature than nothing, beyond what the heat balance is usually off by.
 
     Simpler are one of two effects alone, and a special case in the place of what contains it; each only where the runs
     ask for it by itself.
@@ -51,6 +68,8 @@ class Simpler:
         self._back, self._n_voltage, self._tried = back, n_voltage, tried
         self._nothing_V = _left_V(back, np.zeros(len(back.error)), n_voltage)
         self._alone_V = [_left_V(back, each.contribution, n_voltage) for each in tried]
+        self._alone_K = [_left_K(back, each.contribution, n_voltage) for each in tried]
+        self._most_K = _most_K(back, n_voltage)
         self._asked = [each.weighed.log_likelihood >= THRESHOLDS.asked for each in tried]
         self._number = {each.effect.name: i for i, each in enumerate(tried)}
 
@@ -67,10 +86,14 @@ class Simpler:
 
     def single(self, i: int) -> bool:
         """Of one effect."""
+        if self._alone_K[i] > self._most_K:
+            return True
         return not self._warms[i] and self._alone_V[i] > THRESHOLDS.worse * min(self._nothing_V, *self._least_V(i))
 
     def pair(self, i: int, j: int, part: FloatArray) -> bool:
         """Of two at once, which stand for (N,) `part`."""
+        if _left_K(self._back, part, self._n_voltage) > self._most_K:
+            return True
         most_V = _left_V(self._back, part, self._n_voltage) / THRESHOLDS.worse
         if warm_V := [self._alone_V[each] for each in (i, j) if self._warms[each]]:
             return most_V > max(warm_V)

@@ -31,6 +31,7 @@ class Tried:
     moved : (N,) what is taken off the error first; None: nothing
     weighed : its evidence, that of all shapes together
     broken : what is taken off the logarithm of the likelihood, because a simulation does not bear it out
+    shapes : all that were tried
     """
 
     effect: Effect
@@ -39,6 +40,7 @@ class Tried:
     moved: FloatArray | None
     weighed: Weighed
     broken: float = 0.0
+    shapes: tuple[Linear | Moving, ...] = ()
 
     @property
     def contribution(self) -> FloatArray:
@@ -86,7 +88,7 @@ def try_shapes(back: Background, one: Effect, shapes: tuple[Linear | Moving, ...
     every = [_linear(back, one, shape) if isinstance(shape, Linear) else _moving(back, one, shape) for shape in shapes]
     best = max(every, key=lambda each: each.weighed.log_likelihood)
     together = log_sum([each.weighed.log_likelihood for each in every]) - float(np.log(len(every)))
-    return replace(best, weighed=replace(best.weighed, log_likelihood=together))
+    return replace(best, weighed=replace(best.weighed, log_likelihood=together), shapes=shapes)
 
 
 def _linear(back: Background, one: Effect, shape: Linear) -> Tried:

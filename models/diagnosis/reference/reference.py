@@ -114,6 +114,12 @@ class Reference:
         out = splines[first.size] @ self.coefficients[first.part]
         return out + self._through(splines, others, inputs.signals)
 
+    def slow_V(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
+        """(m,) part of it that relaxes in minutes and more."""
+        places = [i for i, block in enumerate(self.layout.blocks[1:]) if block.term == "slow_current"]
+        blocks = [self.layout.blocks[1 + i] for i in places]
+        return self._through(self.layout.splines(soc + inputs.surface), blocks, inputs.signals[places])
+
     def overvoltage_V(self, run: GridRun, soc: FloatArray, index: np.ndarray, drive_A: FloatArray) -> FloatArray:
         """(m,) voltage across the resistances for another scaled current, to first order around the run's own."""
         layout = self.layout

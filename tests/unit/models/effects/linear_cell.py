@@ -46,6 +46,9 @@ class LinearCell:
     def voltage_V(self, inputs, soc):
         return 3.0 + SLOPE_V * soc + RESISTANCE_OHM * inputs.signals[0]
 
+    def slow_V(self, _inputs, soc):
+        return np.zeros(len(soc))
+
     def overvoltage_V(self, run, soc, index, drive_A):
         return RESISTANCE_OHM * drive_A[index]
 

@@ -1,6 +1,7 @@
 """The smallest size that would have been told: as often as promised, and larger where less can be seen."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -8,12 +9,14 @@ import pytest
 
 from models.diagnosis.likelihood.analysis import analyse
 from models.diagnosis.likelihood.background import Background
-from models.diagnosis.likelihood.power import first_direction, smallest_shown
-from models.diagnosis.likelihood.shapes import Moving
+from models.diagnosis.likelihood.power import first_direction, power_of, smallest_shown
+from models.diagnosis.likelihood.shapes import Linear, Moving
+from models.diagnosis.likelihood.sight import Sight
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
-from models.diagnosis.likelihood.tried import Tried
-from models.effects import effects
+from models.diagnosis.likelihood.tried import Tried, try_shapes
+from models.effects import effect, effects
 from models.effects.effect import Parameter
+from models.effects.expected import Told
 from tests.unit.models.diagnosis.known.hand_cell import SOC, known_runs, trained
 
 N, PRIOR = 60, 0.02
@@ -138,6 +141,21 @@ def test_no_size_is_said_that_is_not_possible() -> None:
         assert np.isinf(shown(of)) == (furthest < size)
     # Both ways are possible, and one of them shows nothing.
     assert np.isinf(shown(lost((-0.5 * size, 2.0 * size))))
+
+
+def test_an_effect_of_many_shapes_shows_by_the_size_that_most_of_them_ask() -> None:
+    told = (Told("resistance_Ohm", "Ohm", (USUAL_OHM,)),)
+    seen = (1.0, 0.9, 0.3, 0.6, 0.8)
+    shapes = tuple(
+        Linear(share * USUAL_OHM * CURRENT_A[:, None], told, (), number) for number, share in enumerate(seen)
+    )
+    one = try_shapes(back(), effect("series_resistance"), shapes)
+    sight = cast(Sight, cast(Any, SimpleNamespace(n_voltage=N)))
+    (power,) = power_of(sight, back(), [one], (), (), np.zeros(N))
+    alone = [smallest_shown(back(), try_shapes(back(), one.effect, (each,)), 0.3, np.zeros(N)) for each in shapes]
+    # Nine in ten of five shapes are all of them: the one that shows a third of the most.
+    assert power.size == pytest.approx(max(alone), rel=0.1)
+    assert power.rms_V == pytest.approx(0.3 * power.size * float(np.sqrt(np.mean(CURRENT_A**2))))
 
 
 def test_what_no_size_of_shows_is_said_and_is_none_of_those_that_hide_best() -> None:

@@ -47,6 +47,22 @@ def test_what_the_start_hides_is_no_error_that_an_effect_raises() -> None:
     assert shown[False].single[0][0] > 0.5
 
 
+@pytest.mark.parametrize(("warms_K", "usual_K", "stands"), [(0.0, 0.1, True), (1.0, 0.1, False), (1.0, 2.0, True)])
+def test_a_voltage_that_would_warm_the_cell_otherwise_than_it_was_is_not_named(
+    warms_K: float, usual_K: float, stands: bool
+) -> None:
+    # Half of the points are of the temperature, which nothing moved and which the heat balance is usually off by.
+    n = N // 2
+    volts, kelvins = 0.02 * np.sin(9.0 * TIME[:n]), warms_K * TIME[:n]
+    usual_2 = np.diag(np.repeat([1e-8, usual_K**2], n))
+    back = Background(np.concatenate([volts, np.zeros(n)]), np.diag(np.repeat([1e-6, 1e-4], n)), usual_2)
+    shape = Linear(np.concatenate([volts, kelvins])[:, None], (), (), 0)
+    tried = try_shapes(back, effect("series_resistance"), (shape,))
+    sized = replace(tried, weighed=replace(tried.weighed, mean=np.ones(1)))
+    assert Simpler(back, [sized], n).single(0) is not stands
+    assert Simpler(back, [sized], n).pair(0, 0, sized.contribution) is not stands
+
+
 def test_an_effect_that_lowers_it_is() -> None:
     column = 0.02 * np.sin(9.0 * TIME)
     back = against(0.1 * TIME, column)

@@ -1,4 +1,4 @@
-"""What the model has at the particles' surface may become slower: it is told as such, and is nothing that it lacks."""
+"""What a model has of relaxations may grow, and its surface become slower: told as such, nothing that it lacks."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from models.diagnosis.known.fitting import fit_known
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.likelihood.analysis import Analysis, analyse
 from models.diagnosis.likelihood.granted import learned_columns
@@ -16,8 +17,9 @@ from models.effects import effect, effects
 from models.effects.view import View
 from models.identification.bounded.variants import Variant
 from models.network.regression import SignalBank
+from simulators.catalogue import CELLS
 from tests.unit.models.effects.linear_cell import linear_view
-from tests.unit.models.identification.bounded.bank import SLOW_SURFACE, two_electrodes
+from tests.unit.models.identification.bounded.bank import SLOW_SURFACE, SOC, bank, two_electrodes
 
 SURFACE = (0.1, 268.0, 3500.0)
 SLOPE_V = 0.8
@@ -46,7 +48,24 @@ def judged(times: float) -> Analysis:
 def test_a_model_without_a_surface_has_none_to_be_slower() -> None:
     forms = effect("relaxation").expected.forms
     assert forms is not None
-    assert not any(form.of_model for form in forms(linear_view()))
+    (grown,) = (form for form in forms(linear_view()) if form.of_model)
+    assert not grown.columns.any()  # nor does this cell relax
+
+
+def test_slow_resistances_grow_together() -> None:
+    relaxing = bank(CELLS["nmc"].parameters, n=6000)
+    cell, _ = fit_known(relaxing.runs, relaxing.initial_soc, relaxing.cell.capacity_Ah, Variant(), starts_known=True)
+    view = View(cell, relaxing.runs[0], SOC, np.arange(0, 6000, 7))
+    forms = effect("relaxation").expected.forms
+    assert forms is not None
+    (grown,) = (form for form in forms(view) if form.of_model)
+    soc = view.soc[view.index]
+    np.testing.assert_array_equal(grown.columns[:, 0], cell.slow_V(view.inputs, soc))
+    # It begins with nothing, follows the current by minutes, and is told as a resistance of its size.
+    slow_A = view.low_pass(view.run.current_A, grown.fixed[0][2])
+    assert np.corrcoef(grown.columns[:, 0], slow_A)[0, 1] > 0.9
+    assert grown.told[0].weights[0] == pytest.approx(grown.columns[:, 0] @ slow_A / (slow_A @ slow_A))
+    assert grown.told[0].weights[0] > 0.0
 
 
 def test_a_slower_surface_is_the_voltage_of_a_cell_that_has_it() -> None:
