@@ -10,12 +10,15 @@ from models.diagnosis.known.thresholds import KNOWN
 from models.effects.view import View
 from models.network.signals import parse_signal
 
+# The first columns are of the state of charge, which stays; the other ones fade.
+SOC_COLUMNS = 2
+
 
 def start_columns(cell: KnownCell, view: View, soc_std: float) -> FloatArray:
     """(m, k) V that one standard deviation of each unknown state at the start makes at a run's samples.
 
-    Polarisation of each branch of the model and of branches that it does not have, the surface's lead, the place in the
-    hysteresis loop, and the state of charge.
+    The state of charge (`SOC_COLUMNS`), the place in the hysteresis loop, polarisation of each branch of the model and
+    of branches that it does not have, the surface's lead.
 
     Parameters
     ----------

@@ -61,7 +61,8 @@ class Background:
     fixed : (N, N) covariance of what is known as it is
     elsewhere : (N, N) covariance of the model's own error, which may be larger or smaller than was learned
     tempering : power of the likelihood beside that of nothing
-    starts : (N, k) columns of variance 1 of what is open at the start of each run, which `fixed` has; None: nothing is
+    starts : (N, k) columns of variance 1 of what is open at the start of each run and fades, which `fixed` has, too;
+        None: nothing is
     """
 
     error: FloatArray

@@ -13,7 +13,7 @@ from models.data.timeseries import FloatArray
 from models.diagnosis.known.elsewhere import Points, points_of
 from models.diagnosis.known.memory import KnownRuns, simulated_heat
 from models.diagnosis.known.points import spread
-from models.diagnosis.known.start import start_columns
+from models.diagnosis.known.start import SOC_COLUMNS, start_columns
 from models.diagnosis.known.thresholds import KNOWN
 from models.diagnosis.likelihood.background import Background
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
@@ -169,8 +169,9 @@ def background(sight: Sight, soc_std: list[float] | None, granted: FloatArray) -
         if std is not None:
             columns = start_columns(known.cell, run.points, std)
             fixed_V2[own, own] += columns @ columns.T
-            starts.append(np.zeros((n, columns.shape[1])))
-            starts[-1][own] = columns
+            fading = columns[:, SOC_COLUMNS:]
+            starts.append(np.zeros((n, fading.shape[1])))
+            starts[-1][own] = fading
         first = own.stop
     fixed_V2[np.diag_indices(n)] += KNOWN.least_V**2
     error_V = np.concatenate([run.points.residual_V for run in sight.runs]) - mean_V

@@ -16,10 +16,12 @@ _LEAST_V2 = 1e-12
 
 
 def _left_V(back: Background, contribution: FloatArray, n_voltage: int) -> float:
-    """Root mean square of the voltage's error that an explanation leaves, all that is open left aside but the starts.
+    """Root mean square of the voltage's error that an explanation leaves, all that is open left aside."""
+    return float(np.sqrt(np.mean((back.error[:n_voltage] - contribution[:n_voltage]) ** 2)))
 
-    Where a log begins in the middle of anything, a slow effect's first minutes pass for what went before.
-    """
+
+def _left_by_start_V(back: Background, contribution: FloatArray, n_voltage: int) -> float:
+    """The same, but for what went before the log: an overvoltage's first minutes may pass for it."""
     left = back.error[:n_voltage] - contribution[:n_voltage]
     if back.starts is not None and back.starts.size:
         starts, usual_V2 = back.starts[:n_voltage], float(np.mean(back.error[:n_voltage] ** 2))
@@ -88,7 +90,16 @@ class Simpler:
         """Of one effect."""
         if self._alone_K[i] > self._most_K:
             return True
-        return not self._warms[i] and self._alone_V[i] > THRESHOLDS.worse * min(self._nothing_V, *self._least_V(i))
+        if self._warms[i] or self._alone_V[i] <= THRESHOLDS.worse * min(self._nothing_V, *self._least_V(i)):
+            return False
+        return not self._tried[i].effect.overpotential or self._by_start(i)
+
+    def _by_start(self, i: int) -> bool:
+        """The same of an overvoltage, what it and its special cases share with the start left aside."""
+        parts = [self._tried[each].contribution for each in (i, *self.special(i))]
+        nothing = np.zeros(len(self._back.error))
+        own_V, *least_V = (_left_by_start_V(self._back, each, self._n_voltage) for each in (*parts, nothing))
+        return own_V > THRESHOLDS.worse * min(least_V)
 
     def pair(self, i: int, j: int, part: FloatArray) -> bool:
         """Of two at once, which stand for (N,) `part`."""
