@@ -92,7 +92,9 @@ def _expected(view: View) -> tuple[Form, ...]:
     slow_V = view.model.slow_V(view.inputs, view.soc[index])
     forms.append(_of_model(view, slow_V, max(_EXPECTED_S, key=lambda each: _likeness(view, slow_V, each)), -1.0))
     own_s = view.model.diffusion_s
-    for times in _SLOWER if own_s is not None else ():
+    if own_s is None:
+        return tuple(forms)
+    for times in _SLOWER:
         # With less no surface would be ahead at all.
         least = -1.0 / (times - 1.0) if times > 1.0 else -np.inf
         forms.append(_of_model(view, view.slowed_V(times), times * own_s, least))

@@ -33,7 +33,8 @@ def test_an_effect_that_raises_the_error_is_not_named() -> None:
     assert verdict.single[0][0] == 0.0
 
 
-def test_what_the_start_hides_is_no_error_that_an_effect_raises() -> None:
+@pytest.mark.parametrize(("name", "stands"), [("relaxation", True), ("voltage_offset", False)])
+def test_what_the_start_hides_is_no_error_that_an_overvoltage_raises(name: str, stands: bool) -> None:
     # A slow effect, most of which is taken back by what went on before the log began.
     began_V, slow_V = 0.02 * np.exp(-TIME / 0.5), 0.02 * np.exp(-TIME / 0.5) + 0.004 * np.sin(9.0 * TIME)
     error_V = slow_V - began_V
@@ -41,10 +42,10 @@ def test_what_the_start_hides_is_no_error_that_an_effect_raises() -> None:
     shown = {}
     for starts in (None, began_V[:, None]):
         back = Background(error_V, fixed_V2, 1e-8 * np.eye(N), starts=starts)
-        tried = try_shapes(back, effect("relaxation"), (Linear(slow_V[:, None], (), (), 0),))
+        tried = try_shapes(back, effect(name), (Linear(slow_V[:, None], (), (), 0),))
         shown[starts is None] = judge(back, [tried], N)
     assert shown[True].single[0][0] == 0.0
-    assert shown[False].single[0][0] > 0.5
+    assert (shown[False].single[0][0] > 0.5) is stands
 
 
 @pytest.mark.parametrize(("warms_K", "usual_K", "stands"), [(0.0, 0.1, True), (1.0, 0.1, False), (1.0, 2.0, True)])
