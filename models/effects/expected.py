@@ -42,6 +42,7 @@ class Form:
     dU_dT_V_per_K : (m, k) change of the entropic coefficient that a column is, which heats with the current; None: none
     of_model : whether it changes a part that the model has: the training runs say how large that was, and neither is it
         lacking nor does a little of it come and go
+    untold : of such a one, the part of a usual change that the training runs leave open and no coefficient stands for
     """
 
     columns: FloatArray
@@ -50,6 +51,7 @@ class Form:
     least: float = -np.inf
     dU_dT_V_per_K: FloatArray | None = None
     of_model: bool = False
+    untold: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,10 @@ _SURFACE_K = 2500.0
 # A usual change, relative to the cell's resistance, of a surface that runs ahead in h, and speeds that it may have.
 _USUAL_SHARE, _USUAL_AHEAD_H = 0.3, 0.02
 _EXPECTED_S = (30.0, 100.0, 300.0, 1000.0, 3000.0)
-# Factors of the time in which what the model has at the particles' surface diffuses.
-_SLOWER = (0.4, 0.6, 1.6, 2.5, 4.0, 6.0)
+# Factors of the time in which what the model has at the particles' surface diffuses. A fit looks for that time by
+# steps of 1.4: it knows it to a tenth, one standard deviation, which is so much of a change by the first factor.
+_SLOWER = (1.6, 2.5, 4.0, 6.0)
+_OPEN = 0.2
 _TINY = 1e-12
 # Of the settled difference the modes that are simulated hold so much; the rest acts at once.
 DIFFUSED = 0.84
@@ -90,23 +92,23 @@ def _expected(view: View) -> tuple[Form, ...]:
         told = (Told("resistance_Ohm", "Ohm", (usual_Ohm, as_Ohm)),)
         forms.append(Form(columns, told, (("time_constant_s", "s", tau_s),)))
     slow_V = view.model.slow_V(view.inputs, view.soc[index])
-    forms.append(_of_model(view, slow_V, max(_EXPECTED_S, key=lambda each: _likeness(view, slow_V, each)), -1.0))
+    forms.append(_grown(view, slow_V, max(_EXPECTED_S, key=lambda each: _likeness(view, slow_V, each)), -1.0))
     own_s = view.model.diffusion_s
     if own_s is None:
         return tuple(forms)
     for times in _SLOWER:
         # With less no surface would be ahead at all.
-        least = -1.0 / (times - 1.0) if times > 1.0 else -np.inf
-        forms.append(_of_model(view, view.slowed_V(times), times * own_s, least))
+        slower = _grown(view, view.slowed_V(times), times * own_s, -1.0 / (times - 1.0))
+        forms.append(replace(slower, of_model=True, untold=_OPEN if times == _SLOWER[0] else 0.0))
     return tuple(forms)
 
 
-def _of_model(view: View, volts: FloatArray, tau_s: float, least: float) -> Form:
+def _grown(view: View, volts: FloatArray, tau_s: float, least: float) -> Form:
     """A change of what the model has, (m,) V, told by what it adds in the end."""
     settled_A = view.low_pass(view.run.current_A, tau_s)
     as_Ohm = float(settled_A @ volts) / max(float(settled_A @ settled_A), _TINY)
     told = (Told("resistance_Ohm", "Ohm", (as_Ohm,)),)
-    return Form(volts[:, None], told, (("time_constant_s", "s", tau_s),), least, of_model=True)
+    return Form(volts[:, None], told, (("time_constant_s", "s", tau_s),), least)
 
 
 def _likeness(view: View, volts: FloatArray, tau_s: float) -> float:

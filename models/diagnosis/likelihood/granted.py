@@ -78,6 +78,7 @@ def granted(sight: Sight, shapes: Mapping[str, tuple[Linear | Moving, ...]]) -> 
         size = max(least, float(np.sqrt(seen.get(name, 0.0)))) / np.sqrt(max(len(own), 1))
         if size:
             parts += [size * columns_of(shape) for shape in own]
+        parts += [each.untold * each.columns for each in every if isinstance(each, Linear) and each.untold]
         if _misreads(effect(name)):
             parts += [_INSIDE * np.where(_is_voltage(sight)[:, None], columns_of(shape), 0.0) for shape in own]
     columns = np.hstack(parts)

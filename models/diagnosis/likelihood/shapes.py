@@ -36,7 +36,7 @@ class Linear:
     number : of the shape among those of its effect
     scale : (k,) of the effect's regressors, where it does not say how large it usually is
     least : smallest size that the first column can have
-    of_model : whether it changes a part that the model has, see `Form`
+    of_model, untold : whether it changes a part that the model has, and how much of that is open, see `Form`
     """
 
     columns: FloatArray
@@ -46,6 +46,7 @@ class Linear:
     scale: FloatArray | None = None
     least: float = -np.inf
     of_model: bool = False
+    untold: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,8 @@ def _linear(sight: Sight, one: Effect, forms_of: Callable[[View], tuple[Form, ..
             warmed = [share * each if heats else each for each in kelvins]
             least, first = max(form.least for form in forms), forms[0]
             columns = sight.stacked(volts, warmed)
-            out.append(Linear(columns, first.told, first.fixed, number, least=least, of_model=first.of_model))
+            of_model, untold = first.of_model, first.untold
+            out.append(Linear(columns, first.told, first.fixed, number, None, least, of_model, untold))
     return tuple(out)
 
 

@@ -9,7 +9,7 @@ import pytest
 from models.diagnosis.known.fitting import fit_known
 from models.diagnosis.known.memory import KnownRuns
 from models.diagnosis.likelihood.analysis import Analysis, analyse
-from models.diagnosis.likelihood.granted import learned_columns
+from models.diagnosis.likelihood.granted import granted, learned_columns
 from models.diagnosis.likelihood.learning import know
 from models.diagnosis.likelihood.shapes import Linear, shapes_of
 from models.diagnosis.likelihood.sight import look
@@ -48,8 +48,9 @@ def judged(times: float) -> Analysis:
 def test_a_model_without_a_surface_has_none_to_be_slower() -> None:
     forms = effect("relaxation").expected.forms
     assert forms is not None
-    (grown,) = (form for form in forms(linear_view()) if form.of_model)
+    *others, grown = forms(linear_view())
     assert not grown.columns.any()  # nor does this cell relax
+    assert not any(form.of_model for form in others)
 
 
 def test_slow_resistances_grow_together() -> None:
@@ -58,7 +59,7 @@ def test_slow_resistances_grow_together() -> None:
     view = View(cell, relaxing.runs[0], SOC, np.arange(0, 6000, 7))
     forms = effect("relaxation").expected.forms
     assert forms is not None
-    (grown,) = (form for form in forms(view) if form.of_model)
+    *_, grown = forms(view)
     soc = view.soc[view.index]
     np.testing.assert_array_equal(grown.columns[:, 0], cell.slow_V(view.inputs, soc))
     # It begins with nothing, follows the current by minutes, and is told as a resistance of its size.
@@ -100,3 +101,9 @@ def test_what_the_training_runs_tell_is_neither_lacking_nor_comes_and_goes() -> 
     assert 0 < len(others) < len(shapes)
     learned = learned_columns(sight, {one.name: shapes})[one.name]
     np.testing.assert_array_equal(learned, learned_columns(sight, {one.name: others})[one.name])
+    # But they know the surface's time to a tenth only.
+    every, known = (granted(sight, {one.name: each}) for each in (shapes, others))
+    np.testing.assert_array_equal(every[:, :-1], known)
+    (nearest,) = (each for each in shapes if isinstance(each, Linear) and each.untold)
+    np.testing.assert_allclose(every[:, -1], nearest.untold * nearest.columns[:, 0])
+    assert nearest.untold * np.log(1.6) == pytest.approx(0.1, abs=0.02)
