@@ -26,8 +26,7 @@ def lost_samples(data: Training) -> list[Reason]:
     return [
         limited(
             f"{100.0 * share:.0f} % of the samples are missing here and there: what flowed in between is not known, "
-            f"and the counted charge may be off by {100.0 * drift:.1f} % of the capacity; mend the logger's link, or "
-            "record the cycler's own charge counter"
+            f"and the counted charge may be off by {100.0 * drift:.1f} % of the capacity; mend the logger's link"
         )
     ]
 
