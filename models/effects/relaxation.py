@@ -27,8 +27,9 @@ _SURFACE_K = 2500.0
 # A usual change, relative to the cell's resistance, of a surface that runs ahead in h, and speeds that it may have.
 _USUAL_SHARE, _USUAL_AHEAD_H = 0.3, 0.02
 _EXPECTED_S = (30.0, 100.0, 300.0, 1000.0, 3000.0)
-# Factors of the time in which what the model has at the particles' surface diffuses. A fit looks for that time by
-# steps of 1.4: it knows it to a tenth, one standard deviation, which is so much of a change by the first factor.
+# Factors of the time in which what the model has at the particles' surface diffuses. A fit moves a sphere's time by
+# steps of 1.4: it knows it to a tenth, one standard deviation, which is so much of a change by the first factor. The
+# times of its table stand further apart: of those more is open than this says.
 _SLOWER = (1.6, 2.5, 4.0, 6.0)
 _OPEN = 0.2
 _TINY = 1e-12
