@@ -132,7 +132,8 @@ def _chosen(bank: SignalBank, variant: Variant | None, fold: np.ndarray) -> tupl
     trials = Trials(bank)
     variant = best_variant(trials) if variant is None else variant
     held = _held(bank, variant, fold)
-    return held, held.best() if variant not in trials.known else held.best(trials.known[variant][1], 2)
+    starts = [trials.known[variant][1]] if variant in trials.known else []
+    return held, held.even(START, *starts)
 
 
 def _placed(bank: SignalBank, starts: TrainingStarts) -> SignalBank:

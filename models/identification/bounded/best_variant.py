@@ -45,7 +45,9 @@ def best_variant(trials: Trials) -> Variant:
     for surface in _surfaces(trials, _EMPTYING, _EMPTYING_ONE):
         best = _better(trials, replace(best, surface=surface, squared=True), best)
     best = _better(trials, replace(best, fine_gains=True), best)
-    return _beside(trials, _moved(trials, best))
+    best = _beside(trials, _moved(trials, best))
+    # What is better where one fold alone was, and worse everywhere else, only goes on to there by another way.
+    return best if trials.log_error(best) < trials.log_error(plain) else plain
 
 
 def _beside(trials: Trials, present: Variant) -> Variant:

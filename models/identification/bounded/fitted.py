@@ -11,7 +11,7 @@ from models.identification.bounded.knots import hats
 from models.identification.bounded.layout import REFERENCE_DEGC, Layout, soc_over
 from models.identification.bounded.monotone import rising
 from models.identification.bounded.problem import Sums, regressors
-from models.identification.bounded.strengths import HeldOut
+from models.identification.bounded.strengths import START, HeldOut
 from models.identification.bounded.variants import Trials, Variant
 from models.network.partition import Partition, hat_partition
 from models.network.regression import VOLTAGE, Scaling, SignalBank
@@ -57,7 +57,7 @@ def fit_variant(trials: Trials, variant: Variant) -> BoundedFit:
     """Fit a form to all samples with the strengths that served it best; terms that come out as nothing are left out."""
     trials.error(variant)
     held, logs = trials.known[variant]
-    logs = held.best(logs)
+    logs = held.even(logs, START)
     n_samples = sum(len(run) for run in trials.bank.runs)
     keep_every = max(1, n_samples // _SAMPLES)
     if keep_every < trials.keep_every:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +18,8 @@ _STEP = 1.0
 # middle would tell nothing of the end. Held-out errors do not see that where no run was there in the cold.
 _LOWEST, _HIGHEST = (-4.0, -3.0, -5.0, -3.0), 3.0
 PASSES = 4
+# Of a logarithm: a fold without any error would outweigh all others.
+_LEAST_V2 = 1e-16
 
 
 @dataclass
@@ -48,32 +51,27 @@ class HeldOut:
 
     def best(self, start: tuple[float, ...] = START, passes: int = PASSES) -> tuple[float, ...]:
         """Strengths with the least held-out error, found one after the other in so many passes at most."""
-        best = start
-        for _ in range(passes):
-            before = best
-            for place in range(len(best)):
-                best = self._along(best, place)
-            if best == before:
-                break
-        return best
+        return _searched(start, passes, lambda trial, best: self._below(trial, self.mean_mse(best)))
+
+    def log_mse(self, logs: tuple[float, ...]) -> float:
+        """Mean over all samples of the logarithm of their fold's mean squared error in V^2."""
+        count = self.sums.count
+        return float(np.log(np.maximum(self.mse(logs), _LEAST_V2)) @ count / count.sum())
+
+    def even(self, *starts: tuple[float, ...]) -> tuple[float, ...]:
+        """Strengths with the least `log_mse`, searched from each start: likeliest if each fold errs by its own size.
+
+        Where one fold alone reached a knee, nothing tells of it without that fold. The error of going on to there is
+        most of all squared error; strengths that take a fifth off it left four times the error everywhere else.
+        """
+        found = [_searched(start, PASSES, lambda a, b: self.log_mse(a) < self.log_mse(b)) for start in starts]
+        return min(found, key=self.log_mse)
 
     def whole(self, logs: tuple[float, ...]) -> Solution:
         """The fit to all folds."""
         sums, count = self.sums, float(self.sums.count.sum())
         matrix = sums.xx.sum(axis=0) / count + penalty(sums, logs)
         return solve(matrix, sums.xy.sum(axis=0) / count, sums.layout.box, self._side.get(-1))
-
-    def _along(self, best: tuple[float, ...], place: int) -> tuple[float, ...]:
-        for sign in (_STEP, -_STEP):
-            moved = False
-            while True:
-                trial = (*best[:place], best[place] + sign, *best[place + 1 :])
-                if not _LOWEST[place] <= trial[place] <= _HIGHEST or not self._below(trial, self.mean_mse(best)):
-                    break
-                best, moved = trial, True
-            if moved:
-                break
-        return best
 
     def _below(self, logs: tuple[float, ...], limit: float) -> bool:
         """Whether the mean squared error is below a limit; folds are left out once their sum is past it."""
@@ -112,6 +110,35 @@ class HeldOut:
         found = solve(information + self._penalty[logs], right, sums.layout.box, self._side.get(fold))
         self._side[fold] = found.side
         return found
+
+
+def _searched(
+    start: tuple[float, ...], passes: int, better: Callable[[tuple[float, ...], tuple[float, ...]], bool]
+) -> tuple[float, ...]:
+    """Strengths moved one after the other for as long as they get better."""
+    best = start
+    for _ in range(passes):
+        before = best
+        for place in range(len(best)):
+            best = _along(best, place, better)
+        if best == before:
+            break
+    return best
+
+
+def _along(
+    best: tuple[float, ...], place: int, better: Callable[[tuple[float, ...], tuple[float, ...]], bool]
+) -> tuple[float, ...]:
+    for sign in (_STEP, -_STEP):
+        moved = False
+        while True:
+            trial = (*best[:place], best[place] + sign, *best[place + 1 :])
+            if not _LOWEST[place] <= trial[place] <= _HIGHEST or not better(trial, best):
+                break
+            best, moved = trial, True
+        if moved:
+            break
+    return best
 
 
 def penalty(sums: Sums, logs: tuple[float, ...]) -> FloatArray:

@@ -13,7 +13,7 @@ from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import make_knots
 from models.identification.bounded.layout import Layout, make_layout, soc_over
 from models.identification.bounded.problem import groups_of, make_sums, run_index
-from models.identification.bounded.strengths import HeldOut
+from models.identification.bounded.strengths import START, HeldOut
 from models.identification.bounded.terms import GAINS_OVER_SOC, SLOPE, Basis, make_basis
 from models.network.folds import N_FOLDS, WHOLE_RUNS, outer_folds
 from models.network.regression import SignalBank
@@ -105,6 +105,11 @@ class Trials:
             self.known[variant] = held, held.best() if start is None else held.best(start, _NEAR_PASSES)
         held, logs = self.known[variant]
         return held.mse(logs)
+
+    def log_error(self, variant: Variant) -> float:
+        """Mean logarithm of the squared error in V^2 of a form that was tried, each fold by its own size of error."""
+        held, logs = self.known[variant]
+        return held.log_mse(held.even(logs, START))
 
     def outer_error(self, variant: Variant) -> tuple[FloatArray, FloatArray]:
         """(folds,) mean squared error of a form on the folds that kinds of models are compared on, and their samples.

@@ -7,6 +7,7 @@ import pytest
 
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
+from models.identification.bounded.best_variant import best_variant
 from models.identification.bounded.fitted import BoundedFit, fit_variant, held_out_error, network_parts, simulated
 from models.identification.bounded.layout import soc_over
 from models.identification.bounded.problem import fold_of, regressors
@@ -40,6 +41,18 @@ def test_held_out_error_is_the_noise(found: BoundedFit) -> None:
     assert NOISE_V < found.held_out_rmse_V < 1.04 * NOISE_V
     error = held_out_error(found, fold_of(found.bank))
     assert float(np.sqrt(np.mean(error**2))) < 1.04 * NOISE_V
+
+
+def test_a_knee_that_one_block_alone_saw_does_not_decide_how_strong_penalties_are() -> None:
+    plain = hidden()
+    knee_V = [-0.2 * (np.maximum(0.48 - soc, 0.0) / 0.04) ** 2 for soc in plain.values("soc")]
+    runs = [replace(run, voltage_V=run.voltage_V + more) for run, more in zip(plain.runs, knee_V, strict=True)]
+    trials = Trials(replace(plain, runs=runs))
+    fit = fit_variant(trials, best_variant(trials))
+    assert fit.variant.surface is None
+    rows, soc = regressors(fit.bank, fit.layout.basis, fit.layout.scale), np.concatenate(fit.bank.values("soc"))
+    left = np.concatenate([run.voltage_V for run in runs]) - simulated(fit.layout, fit.coefficients, rows, soc)
+    assert float(np.sqrt(np.mean(left[soc > 0.48] ** 2))) < 1.2 * NOISE_V
 
 
 def test_gains_are_not_negative_and_what_comes_out_as_nothing_is_gone(found: BoundedFit) -> None:
