@@ -63,15 +63,15 @@ def run_cases(arguments: argparse.Namespace, judge: Judge) -> int:
     return 0
 
 
-def arguments_of(description: str | None) -> argparse.Namespace:
-    """Read the command line."""
+def parser_of(description: str | None) -> argparse.ArgumentParser:
+    """What both read from the command line."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=60, help="with one or two effects")
     parser.add_argument("--nulls", type=int, default=20, help="with none")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rows", type=Path, metavar="FILE", help="one JSON line for each case; go on where it ends")
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
-    return parser.parse_args()
+    return parser
 
 
 def _rows(path: Path | None) -> dict[tuple[int, int, bool], Row]:

@@ -1,11 +1,12 @@
 """Change mode on blind cases: a cell is measured, something changes, it is measured again.
 
-``python benchmarks/diagnosis_change.py [--cases 60] [--nulls 20] [--seed 0] [--rows FILE] [--json]``
+``python benchmarks/diagnosis_change.py [--cases 60] [--nulls 20] [--seed 0] [--train-runs 1] [--rows FILE] [--json]``
 
 A base is a cell (NMC or LFP, every parameter moved at random) with one training run (load cycle, pulses and rests, or
-designed; chamber still or moving) and what is remembered of it; cases share bases. Each case draws one effect of the
-whole catalogue, a quarter of them two, and a size that shows by 2 to 20 mV (0.3 to 3 K in the temperature) above what
-a perfect model of the cell before the change would do, and measures one of four further profiles of the base.
+designed; chamber still or moving), or up to three of them, and what is remembered of it; cases share bases. Each case
+draws one effect of the whole catalogue, a quarter of them two, and a size that shows by 2 to 20 mV (0.3 to 3 K in the
+temperature) above what a perfect model of the cell before the change would do, and measures one of four further
+profiles of the base.
 """
 
 import sys
@@ -21,9 +22,9 @@ from diagnosis_cases import (
     Row,
     Sight,
     answered,
-    arguments_of,
     is_thermal,
     middle,
+    parser_of,
     quick_network,
     run_cases,
     scaled,
@@ -68,26 +69,29 @@ class Base:
 
 
 @cache
-def base(seed: int, number: int) -> Base:
-    """Base of a number: chemistry, profile and chamber take turns."""
+def base(seed: int, number: int, train_runs: int) -> Base:
+    """Base of a number: chemistry, profile and chamber take turns; of more runs than one the profiles do, too."""
     rng = np.random.default_rng([seed, number, 7])
     chemistry, profile = CHEMISTRIES[number % 2], PROFILES[number // 2 % 3]
     moves = bool(number // 6 % 2)
     rig = Rig(random_cell(chemistry, rng), SensorParameters())
     capacity_Ah = rig.cell.capacity_Ah
-    current = current_A(profile, capacity_Ah, INITIAL_SOC, TRAIN_S, rng)
-    run = play(rig, current, chamber_degC(moves, len(current), rng), INITIAL_SOC, rng, "before")
-    grid = to_grid(run, 1.0)
+    grid = []
+    for k in range(train_runs):
+        own = PROFILES[(PROFILES.index(profile) + k) % len(PROFILES)]
+        current = current_A(own, capacity_Ah, INITIAL_SOC, TRAIN_S, rng)
+        run = play(rig, current, chamber_degC(moves, len(current), rng), INITIAL_SOC, rng, f"before {k}")
+        grid.append(to_grid(run, 1.0))
     # The figures of an answer are about a network; what is found rests on the memory alone.
-    network, _ = quick_network(grid, INITIAL_SOC, capacity_Ah, minimal_structure(1.0, output_order=0))
-    return Base(rig, profile, chemistry, moves, memory_of([grid], [INITIAL_SOC], capacity_Ah), network)
+    network, _ = quick_network(grid[0], INITIAL_SOC, capacity_Ah, minimal_structure(1.0, output_order=0))
+    return Base(rig, profile, chemistry, moves, memory_of(grid, [INITIAL_SOC] * train_runs, capacity_Ah), network)
 
 
-def judge(seed: int, number: int, null: bool) -> Row:
+def judge(seed: int, number: int, null: bool, train_runs: int = 1) -> Row:
     """Draw one case, measure, diagnose."""
     rng = np.random.default_rng([seed, number, 10 + null])
     while True:
-        found = _drawn(seed, number, null, rng)
+        found = _drawn(seed, number, null, train_runs, rng)
         if found is not None:
             break
     own, current, chamber, rig, truth, sizes, shows = found
@@ -108,7 +112,7 @@ def judge(seed: int, number: int, null: bool) -> Row:
     }
 
 
-def _drawn(seed: int, number: int, null: bool, rng: np.random.Generator) -> tuple[Any, ...] | None:
+def _drawn(seed: int, number: int, null: bool, train_runs: int, rng: np.random.Generator) -> tuple[Any, ...] | None:
     """A base, a profile, and effects of random size; None where one of them cannot be made to show."""
     n_effects = 0 if null else 2 if number // BASES % PAIRS_EVERY == PAIRS_EVERY - 1 else 1
     truth = [str(each) for each in rng.choice(sorted(ALL_SIZES), size=n_effects, replace=False)]
@@ -118,8 +122,8 @@ def _drawn(seed: int, number: int, null: bool, rng: np.random.Generator) -> tupl
     chosen = number % BASES
     if any(each in CHAMBER_MOVES for each in truth) and chosen // 6 % 2 == 0:
         chosen += 6
-    own = base(seed, chosen)
-    sight = _sight(seed, chosen, int(rng.integers(PLANS)))
+    own = base(seed, chosen, train_runs)
+    sight = _sight(seed, chosen, train_runs, int(rng.integers(PLANS)))
     rig, sizes, shows = own.rig, [], []
     for name in truth:
         thermal = is_thermal(name)
@@ -136,9 +140,9 @@ def _drawn(seed: int, number: int, null: bool, rng: np.random.Generator) -> tupl
 
 
 @cache
-def _sight(seed: int, number: int, plan: int) -> Sight:
+def _sight(seed: int, number: int, train_runs: int, plan: int) -> Sight:
     """One of the profiles that are played after the change."""
-    own, rng = base(seed, number), np.random.default_rng([seed, number, plan, 8])
+    own, rng = base(seed, number, train_runs), np.random.default_rng([seed, number, plan, 8])
     current = current_A(own.profile, own.rig.cell.capacity_Ah, INITIAL_SOC, RUN_S, rng)
     return Sight(current, chamber_degC(own.moves, len(current), rng), INITIAL_SOC)
 
@@ -168,4 +172,7 @@ def _off(truth: str, before: Rig, after: Rig, size: float, values: dict[str, flo
 
 
 if __name__ == "__main__":
-    sys.exit(run_cases(arguments_of(__doc__), judge))
+    parser = parser_of(__doc__)
+    parser.add_argument("--train-runs", type=int, choices=(1, 2, 3), default=1, help="of each cell before the change")
+    arguments = parser.parse_args()
+    sys.exit(run_cases(arguments, partial(judge, train_runs=arguments.train_runs)))

@@ -22,8 +22,8 @@ from diagnosis_cases import (
     Row,
     Sight,
     answered,
-    arguments_of,
     middle,
+    parser_of,
     quick_network,
     run_cases,
     scaled,
@@ -254,4 +254,4 @@ def _with(
 
 
 if __name__ == "__main__":
-    sys.exit(run_cases(arguments_of(__doc__), judge))
+    sys.exit(run_cases(parser_of(__doc__).parse_args(), judge))

@@ -120,7 +120,8 @@ async def test_pulses_that_do_not_fit_are_refused() -> None:
 @pytest.mark.parametrize("transport", ["modbus-tcp", "can-virtual"])
 async def test_another_device_at_the_address_is_told_and_not_written_to(transport: str) -> None:
     async with rig(transport) as made:
-        await made.running(2.0)
+        # The usual second is less than a busy machine may need until the output is looked at.
+        await made.running(2.0, watchdog_s=10.0)
         cycler = made.device.cycler
         made.driver._link.close()  # pyright: ignore[reportAttributeAccessIssue]
         cycler.settings = replace(cycler.settings, serial=2)
