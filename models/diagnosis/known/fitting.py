@@ -95,7 +95,7 @@ def _found(
     starts = training_starts(_fitted(bank, placed, held, logs), bank.runs, bank.initial_soc)
     placed, said = _placed(bank, starts), _summed(bank, held.sums.layout, fifths)
     held = _summed(placed, held.sums.layout, fifths)
-    worth = _worth(held, logs, said, said.best(logs), KNOWN.start_worth)
+    worth = _worth(held, logs, said, said.even(START, logs), KNOWN.start_worth)
     return (placed, held, logs, starts) if worth else None
 
 
@@ -124,7 +124,7 @@ def _roughly_placed(bank: SignalBank, rough: HeldOut, soc_std: float) -> SignalB
 
 def _worth(found: HeldOut, logs: tuple[float, ...], said: HeldOut, said_logs: tuple[float, ...], share: float) -> bool:
     """Whether runs with found starts leave no more than a share of the error on unseen samples."""
-    return found.mean_mse(logs) <= share**2 * said.mean_mse(said_logs)
+    return found.typical_V(logs) <= share * said.typical_V(said_logs)
 
 
 def _chosen(bank: SignalBank, variant: Variant | None, fold: np.ndarray) -> tuple[HeldOut, tuple[float, ...]]:

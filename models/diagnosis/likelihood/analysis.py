@@ -17,7 +17,7 @@ from models.diagnosis.likelihood.background import Background, Weighed
 from models.diagnosis.likelihood.granted import granted, lacking
 from models.diagnosis.likelihood.power import Power, power_of
 from models.diagnosis.likelihood.shapes import Moving, shapes_of
-from models.diagnosis.likelihood.sight import Sight, background, look
+from models.diagnosis.likelihood.sight import Sight, background, gain_of_start, look
 from models.diagnosis.likelihood.sizes import averaged, doubt, widened
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried, alike, once, stacked, together, try_shapes
@@ -271,7 +271,8 @@ def _held(sight: Sight, soc_std: list[float] | None, effects: list[Effect]) -> A
     tried = [each for each, own in zip(every, told, strict=True) if own]
     untold = tuple(each for each, own in zip(every, told, strict=True) if not own)
     absent = tuple(one for one in effects if one.name not in shapes)
-    return Analysis(sight, back, tuple(tried), judge(back, tried, sight.n_voltage), untold, absent)
+    verdict = judge(back, tried, sight.n_voltage, gain_of_start(sight, back, soc_std))
+    return Analysis(sight, back, tuple(tried), verdict, untold, absent)
 
 
 def _moved_soc(analysis: Analysis) -> Callable[[View], FloatArray] | None:

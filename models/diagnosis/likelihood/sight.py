@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from models.data.errors import ModelError
 from models.data.resampling import GridRun
@@ -24,6 +25,8 @@ from models.network.signals.filters import low_pass
 
 # Judged runs are told from training runs by numbers far from theirs.
 _JUDGED = 1000
+# A start's likeliest state of charge is found in so many steps along the slope.
+_START_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -187,6 +190,52 @@ def background(sight: Sight, soc_std: list[float] | None, granted: FloatArray) -
     return Background(
         np.concatenate([error_V, error_K]), fixed, elsewhere + granted @ granted.T, tempering, starts=began
     )
+
+
+def gain_of_start(sight: Sight, back: Background, soc_std: list[float] | None) -> float:
+    """By how much the logarithm of nothing grows where the runs begin at the likeliest state of charge.
+
+    What is open at a start is straight along the state of charge in `background`. Where the curve bends, the voltage of
+    a start that is off by two or three standard deviations is another one.
+
+    Parameters
+    ----------
+    sight, back : of the runs, with nothing new
+    soc_std : as in `background`
+    """
+    if soc_std is None:
+        return 0.0
+    std, moved = np.array(soc_std), np.zeros(len(soc_std))
+    here = there = _begun(sight, back, std, moved)
+    for _ in range(_START_STEPS):
+        error, fixed, columns = there
+        moved = columns.T @ cho_solve(cho_factor(fixed + back.elsewhere, lower=True), error)
+        moved = np.clip(moved, -THRESHOLDS.start_spreads, THRESHOLDS.start_spreads)
+        if np.abs(moved).max() < 1.0:
+            return 0.0
+        there = _begun(sight, back, std, moved)
+    now = replace(back, error=there[0], fixed=there[1])
+    return max(now.nothing - replace(back, error=here[0], fixed=here[1]).nothing, 0.0)
+
+
+def _begun(
+    sight: Sight, back: Background, std: FloatArray, moved: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Error and covariance of nothing about starts `moved` by so many `std`, and (N, R) what one of these makes there.
+
+    The error is that of a start that is off by none of them, along the slope about the moved one.
+    """
+    error, fixed, first = back.error.copy(), back.fixed.copy(), 0
+    columns = np.zeros((len(error), len(std)))
+    for i, run in enumerate(sight.runs):
+        own = slice(first, first + len(run.place))
+        view = replace(run.points, initial_soc=run.points.initial_soc + float(moved[i] * std[i]))
+        was, now = (start_columns(sight.known.cell, each, std[i])[:, :SOC_COLUMNS] for each in (run.points, view))
+        columns[own, i] = now[:, 0]
+        error[own] += view.residual_V - run.points.residual_V + moved[i] * now[:, 0]
+        fixed[own, own] += now @ now.T - was @ was.T
+        first = own.stop
+    return error, fixed, columns
 
 
 def _temperature(sight: Sight) -> tuple[FloatArray, FloatArray, FloatArray]:

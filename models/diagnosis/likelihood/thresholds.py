@@ -41,6 +41,7 @@ class Thresholds:
     rival : factor of the probability within which two effects cannot be told apart
     two : factor by which two effects must be likelier than one alone to be named: nearer by, one is the simpler answer
     power : share of cases in which an effect of the stated size is seen
+    start_spreads : standard deviations by which a stated state of charge at the start may be off and no news
     start_K : of the temperature at the start, K
     heat_error : of the model's temperature, in units of its training error: another run is off by its own error too
     resistance : usual share by which all resistances of a run may differ together
@@ -76,6 +77,7 @@ class Thresholds:
     rival: float = 10.0
     two: float = 2.0
     power: float = 0.9
+    start_spreads: float = 3.0
     start_K: float = 3.0
     heat_error: float = 1.4
     resistance: float = 0.3

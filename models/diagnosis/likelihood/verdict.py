@@ -140,7 +140,7 @@ def _is_loss(one: Effect) -> bool:
     return one.life == "capacity" or any(effect(name).life == "capacity" for name in one.like)
 
 
-def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
+def judge(back: Background, tried: list[Tried], n_voltage: int, start_gain: float = 0.0) -> Verdict:
     """Weigh everything against everything.
 
     Parameters
@@ -148,6 +148,7 @@ def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
     back : error and covariance
     tried : every effect
     n_voltage : points of the voltage, the first ones
+    start_gain : by how much nothing is likelier (logarithm) where the runs begin elsewhere within what is stated
     """
     at = THRESHOLDS
     share, alone = shares(tried), np.log(prior_alone(tried))
@@ -164,7 +165,9 @@ def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
     joint_logs = joint + at.tempering * (np.array(gains) - broken)
     simplest_first(tried, couples, single_logs, joint_logs)
     price_of_shape(tried, couples, single_logs, joint_logs)
-    nothing_logs = np.array([np.log(at.nothing), np.log(at.unknown) + at.tempering * back.unknown])
+    nothing_logs = np.array(
+        [np.log(at.nothing) + at.tempering * start_gain, np.log(at.unknown) + at.tempering * back.unknown]
+    )
     least = max(float(nothing_logs.max()), *single_logs.tolist()) - at.in_question
     for c in np.argsort(-joint_logs):
         if joint_logs[c] < least:
@@ -177,7 +180,7 @@ def judge(back: Background, tried: list[Tried], n_voltage: int) -> Verdict:
     # Which effect it is rests on the effects' equations, too; whether there is one on the known errors alone.
     gain = np.concatenate([[each.weighed.log_likelihood for each in tried], np.array(gains) - broken])
     likeliest = int(np.argmax(np.concatenate([single_logs, joint_logs])))
-    sharper = (back.tempering - at.tempering) * max(float(gain[likeliest]), 0.0)
+    sharper = (back.tempering - at.tempering) * max(float(gain[likeliest]) - start_gain, 0.0)
     nothing_logs[0] -= sharper
     logs = np.concatenate([nothing_logs, single_logs, joint_logs])
     posterior = np.exp(logs - log_sum(logs))

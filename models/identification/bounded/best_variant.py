@@ -47,7 +47,7 @@ def best_variant(trials: Trials) -> Variant:
     best = _better(trials, replace(best, fine_gains=True), best)
     best = _beside(trials, _moved(trials, best))
     # What is better where one fold alone was, and worse everywhere else, only goes on to there by another way.
-    return best if trials.log_error(best) < trials.log_error(plain) else plain
+    return best if trials.typical_V(best) < trials.typical_V(plain) else plain
 
 
 def _beside(trials: Trials, present: Variant) -> Variant:

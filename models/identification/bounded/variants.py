@@ -106,10 +106,10 @@ class Trials:
         held, logs = self.known[variant]
         return held.mse(logs)
 
-    def log_error(self, variant: Variant) -> float:
-        """Mean logarithm of the squared error in V^2 of a form that was tried, each fold by its own size of error."""
+    def typical_V(self, variant: Variant) -> float:
+        """Error on a typical fold of a form that was tried, with the strengths that serve that best."""
         held, logs = self.known[variant]
-        return held.log_mse(held.even(logs, START))
+        return held.typical_V(held.even(logs, START))
 
     def outer_error(self, variant: Variant) -> tuple[FloatArray, FloatArray]:
         """(folds,) mean squared error of a form on the folds that kinds of models are compared on, and their samples.

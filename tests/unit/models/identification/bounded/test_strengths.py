@@ -35,9 +35,9 @@ def test_a_fold_that_has_a_knee_to_itself_does_not_decide_for_all(sums: Sums) ->
     assert knee.even((3.0, *START[1:]), START)[0] == START[0]
 
 
-def test_the_mean_logarithm_counts_each_fold_by_its_samples(sums: Sums) -> None:
+def test_the_typical_error_counts_each_fold_by_its_samples(sums: Sums) -> None:
     held = HeldOut(sums)
-    expected = np.average(np.log(held.mse(START)), weights=sums.count)
-    assert held.log_mse(START) == pytest.approx(expected)
-    assert held.log_mse(held.even(START)) <= held.log_mse(START)
-    assert held.log_mse(held.even(START, held.best())) <= held.log_mse(held.best())
+    expected = np.average(np.sqrt(np.sqrt(held.mse(START))), weights=sums.count) ** 2
+    assert held.typical_V(START) == pytest.approx(expected)
+    assert held.typical_V(held.even(START)) <= held.typical_V(START)
+    assert held.typical_V(held.even(START, held.best())) <= held.typical_V(held.best())
