@@ -20,6 +20,8 @@ from models.effects import Effect
 # Sizes, in units of the usual one, that are looked through.
 _SEARCH, _CLOSE = (1e-3, 1e3), 0.02
 _ROUNDS = 2
+# A shape that makes less than this part of what another one of the same size makes is hardly in the runs.
+_HARDLY = 0.1
 # An effect whose search goes further one way by this is of that way alone: nobody finds what he lost.
 _ONE_SIDED = 0.1
 
@@ -138,11 +140,15 @@ def _over_shapes(back: Background, tried: Tried, prior: float, explained: FloatA
     """Size that is seen as often as promised whichever shape the effect has, and the effect in the shape that asks it.
 
     The shape that is likeliest where nothing is there is any of them, and the one by which the effect shows best.
+    Shapes of which the runs have hardly anything are not asked about: no log that stays half full tells of a loop that
+    is wide near empty alone.
     """
     shapes = [each for each in tried.shapes if isinstance(each, Linear)]
     if not shapes or isinstance(tried.shape, Moving):
         return smallest_shown(back, tried, prior, explained), tried
     every = [replace(tried, shape=each, columns=each.columns) for each in shapes]
+    makes = [float(np.linalg.norm(each.columns @ first_direction(each)[0])) for each in every]
+    every = [each for each, size in zip(every, makes, strict=True) if size >= _HARDLY * max(makes)]
     sizes = np.array([smallest_shown(back, each, prior, explained) for each in every])
     chosen = np.argsort(sizes, kind="stable")[int(np.ceil(THRESHOLDS.power * len(sizes))) - 1]
     return float(sizes[chosen]), every[int(chosen)]

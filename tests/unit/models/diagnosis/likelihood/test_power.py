@@ -145,7 +145,8 @@ def test_no_size_is_said_that_is_not_possible() -> None:
 
 def test_an_effect_of_many_shapes_shows_by_the_size_that_most_of_them_ask() -> None:
     told = (Told("resistance_Ohm", "Ohm", (USUAL_OHM,)),)
-    seen = (1.0, 0.9, 0.3, 0.6, 0.8)
+    # The last two are a loop near empty alone in a log that stays half full.
+    seen = (1.0, 0.9, 0.3, 0.6, 0.8, 0.01, 1e-6)
     shapes = tuple(
         Linear(share * USUAL_OHM * CURRENT_A[:, None], told, (), number) for number, share in enumerate(seen)
     )
@@ -153,8 +154,9 @@ def test_an_effect_of_many_shapes_shows_by_the_size_that_most_of_them_ask() -> N
     sight = cast(Sight, cast(Any, SimpleNamespace(n_voltage=N)))
     (power,) = power_of(sight, back(), [one], (), (), np.zeros(N))
     alone = [smallest_shown(back(), try_shapes(back(), one.effect, (each,)), 0.3, np.zeros(N)) for each in shapes]
+    assert alone[-1] > 50.0 * alone[0]
     # Nine in ten of five shapes are all of them: the one that shows a third of the most.
-    assert power.size == pytest.approx(max(alone), rel=0.1)
+    assert power.size == pytest.approx(alone[2], rel=0.1)
     assert power.rms_V == pytest.approx(0.3 * power.size * float(np.sqrt(np.mean(CURRENT_A**2))))
 
 
