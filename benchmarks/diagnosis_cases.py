@@ -193,6 +193,27 @@ def answered(answer: Diagnosis, truth: list[str]) -> Row:
     }
 
 
+def stated_power(answer: Diagnosis, truth: list[str]) -> Row | None:
+    """Smallest true effect that these data would have shown with 90 %; None where the answer does not say so."""
+    return next((each._asdict() for each in answer.power if each.effect in truth), None)
+
+
+def above_power(row: Row) -> bool:
+    """Whether what was changed is larger than what is said to be seen: by its size, else by what it shows, in mV or K.
+
+    Where neither is known the effect was not asked for, or nobody knows how large it is: it counts as large.
+    """
+    stated, shows = row["power"], row["shows"]
+    if stated is None:
+        return True
+    if stated["size"] is None:
+        return False
+    if row.get("change") is not None:
+        return abs(row["change"]) >= stated["size"]
+    least = stated["rms_K"] if set(row["truth"]) & set(THERMAL) else stated["rms_mV"]
+    return not shows or max(np.atleast_1d(shows)) >= least
+
+
 def line(row: Row) -> str:
     """One case in one line."""
     truth = "+".join(row["truth"]) or NONE
@@ -212,6 +233,7 @@ def summary(rows: list[Row]) -> Row:
     double = [row for row in rows if len(row["truth"]) == 2]
     nulls = [row for row in rows if not row["truth"]]
     off = [abs(row["parameter_error"]) for row in rows if row.get("parameter_error") is not None]
+    loud = [row for row in single if row.get("power") is not None and above_power(row)]
     ratios = [row["held_out_ratio"] for row in rows if row.get("held_out_ratio") is not None]
     return {
         "cases": len(single) + len(double),
@@ -224,6 +246,11 @@ def summary(rows: list[Row]) -> Row:
         },
         "more_named_than_there_are": _share([row["too_many"] for row in single + double]),
         "ambiguous_with_truth_among_rivals": sum(row["ambiguous_with_truth"] for row in rows),
+        "above_power": {
+            "cases": len(loud),
+            "first_right": sum(row["right"] for row in loud),
+            "ambiguous_with_truth": sum(row["ambiguous_with_truth"] for row in loud),
+        },
         "nulls": len(nulls),
         "false_alarms": _share([not row["right"] for row in nulls]),
         "parameter_within_15_percent": _share([each <= CLOSE for each in off]),

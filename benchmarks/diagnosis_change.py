@@ -28,6 +28,7 @@ from diagnosis_cases import (
     quick_network,
     run_cases,
     scaled,
+    stated_power,
 )
 from diagnosis_cells import (
     ALL_SIZES,
@@ -109,6 +110,7 @@ def judge(seed: int, number: int, null: bool, train_runs: int = 1) -> Row:
         "sizes": sizes,
         "shows": shows,
         "parameter_error": off,
+        "power": stated_power(answer, truth),
     }
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnosis_cases import Row, answered, same
+from diagnosis_cases import Row, answered, same, stated_power
 from foreign_cells import (
     KINDS,
     TRAIN_S,
@@ -245,7 +245,7 @@ def _row(base: Base, run: TimeSeries, soc: float, family: str, truth: str | None
         "family": family,
         "change": None if size is None else size - _unchanged(base, soc, names),
         "size": _sized(answer, names, size),
-        "power": _power(answer, names),
+        "power": stated_power(answer, names),
     }
 
 
@@ -261,11 +261,6 @@ def _sized(answer: Diagnosis, truth: list[str], size: float | None) -> dict[str,
         return None
     value = next(iter(first.parameters.values()))
     return None if value.std is None else {"true": size, "value": value.value, "std": value.std}
-
-
-def _power(answer: Diagnosis, truth: list[str]) -> dict[str, Any] | None:
-    """Smallest true effect that these data would have shown with 90 %; None where the answer does not say so."""
-    return next((each._asdict() for each in answer.power if each.effect in truth), None)
 
 
 def _known(path: Path | None) -> dict[str, Row]:

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from diagnosis_cases import UNKNOWN, Row
+from diagnosis_cases import UNKNOWN, Row, above_power
 from rich.console import Console
 from rich.table import Table
 
@@ -28,7 +28,7 @@ def figures(rows: list[Row]) -> dict[str, Any]:
     `unknown_effect`. `above_power` counts only cases whose size is above the stated power, as far as it is stated.
     """
     nulls, cases = [row for row in rows if not row["truth"]], [row for row in rows if row["truth"]]
-    loud = [row for row in cases if _above_power(row)]
+    loud = [row for row in cases if above_power(row)]
     sized = [row["size"] for row in cases if row["size"] is not None]
     return {
         "nulls": len(nulls),
@@ -64,22 +64,6 @@ def not_misled(row: Row) -> bool:
 def wrong_and_sure(row: Row) -> bool:
     """Whether the first name is wrong with more confidence than 0.9."""
     return bool(not row["right"] and row["confidence"] and row["confidence"][0] > SURE)
-
-
-def _above_power(row: Row) -> bool:
-    """Whether what was changed is larger than what is said to be seen: by its size, else by what it shows, in mV or K.
-
-    Where neither is known the effect was not asked for, or nobody knows how large it is: it counts as large.
-    """
-    stated, shows = row["power"], row["shows"]
-    if stated is None:
-        return True
-    if stated["size"] is None:
-        return False
-    if row["change"] is not None:
-        return abs(row["change"]) >= stated["size"]
-    least = stated["rms_K"] if set(row["truth"]) & set(THERMAL) else stated["rms_mV"]
-    return not shows or shows >= least
 
 
 def _reliability(rows: list[Row]) -> list[dict[str, Any]]:
