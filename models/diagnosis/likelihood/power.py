@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.likelihood.background import Background, log_sum
@@ -19,6 +19,8 @@ from models.effects import Effect
 
 # Sizes, in units of the usual one, that are looked through.
 _SEARCH, _CLOSE = (1e-3, 1e3), 0.02
+# Standard deviations between which luck is looked through.
+_UNLUCKY = (-6.0, 6.0)
 _ROUNDS = 2
 # A shape that makes less than this part of what another one of the same size makes is hardly in the runs.
 _HARDLY = 0.1
@@ -137,9 +139,9 @@ def power_of(
 
 
 def _over_shapes(back: Background, tried: Tried, prior: float, explained: FloatArray) -> tuple[float, Tried]:
-    """Size that is seen as often as promised whichever shape the effect has, and the effect in the shape that asks it.
+    """Size that is seen as often as promised over all shapes of the effect, and it in a shape that asks so much.
 
-    The shape that is likeliest where nothing is there is any of them, and the one by which the effect shows best.
+    The shape that is likeliest where nothing is there is the one by which the effect shows best.
     Shapes of which the runs have hardly anything are not asked about: no log that stays half full tells of a loop that
     is wide near empty alone.
     """
@@ -147,17 +149,82 @@ def _over_shapes(back: Background, tried: Tried, prior: float, explained: FloatA
     if not shapes or isinstance(tried.shape, Moving):
         return smallest_shown(back, tried, prior, explained), tried
     every = [replace(tried, shape=each, columns=each.columns) for each in shapes]
-    makes = [float(np.linalg.norm(each.columns @ first_direction(each)[0])) for each in every]
-    every = [each for each, size in zip(every, makes, strict=True) if size >= _HARDLY * max(makes)]
-    sizes = np.array([smallest_shown(back, each, prior, explained) for each in every])
-    chosen = np.argsort(sizes, kind="stable")[int(np.ceil(THRESHOLDS.power * len(sizes))) - 1]
-    return float(sizes[chosen]), every[int(chosen)]
+    columns = [each.columns @ first_direction(each)[0] for each in every]
+    makes = np.linalg.norm(columns, axis=1)
+    kept = np.flatnonzero(makes >= _HARDLY * makes.max())
+    lines = [_line(back, every[k], columns[k], prior, explained) for k in kept]
+    alone = np.array([line.shown() for line in lines])
+    size = float(alone.max())
+    if size > alone.min():
+        # All of them at once show by the least and the most that one of them asks, or by something in between.
+        size = _least_of(lambda at: float(np.mean([line.chance(at) for line in lines])) >= THRESHOLDS.power, alone)
+    near = np.where(alone <= size, alone, -np.inf)
+    return size, every[int(kept[int(np.argmax(near))])]
 
 
-def _along(back: Background, tried: Tried, column: FloatArray, prior: float, explained: FloatArray) -> float:
-    """The smallest size of an effect that makes (N,) of one unit of its first figure."""
+def _least_of(enough: Callable[[float], bool], sizes: FloatArray) -> float:
+    """The least size that is enough, no less than the least and no more than the largest of some; infinite: none is."""
+    low, high = np.log(sizes.min()), np.log(min(sizes.max(), sizes.min() * _SEARCH[1]))
+    if not np.isfinite(low) or (np.isinf(sizes).any() and not enough(float(np.exp(high)))):
+        return np.inf
+    while high - low > _CLOSE:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if enough(float(np.exp(middle))) else (middle, high)
+    return float(np.exp(high))
+
+
+@dataclass(frozen=True)
+class _Line:
+    """What one unit of an effect's first figure makes, as the evidence sees it.
+
+    Attributes
+    ----------
+    usual : size of a usual effect, in that unit
+    inner, nothing : for each scale of the error, its squared length by the root, and the logarithm of nothing
+    needed : gain of the logarithm from which it is told
+    """
+
+    usual: float
+    inner: tuple[float, ...]
+    nothing: tuple[float, ...]
+    needed: float
+
+    def surplus(self, size: float, unlucky: float) -> float:
+        """Gain over what is needed where errors hide a usual size by so many standard deviations."""
+        at = THRESHOLDS
+        without, with_it = [], []
+        for a, base in zip(self.inner, self.nothing, strict=True):
+            across = size * a - unlucky * np.sqrt(a)
+            left = base - 0.5 * size**2 * a + size * unlucky * np.sqrt(a)
+            without.append(left)
+            for wide in at.sizes:
+                grown = 1.0 + wide**2 * a
+                with_it.append(left + 0.5 * across**2 * wide**2 / grown - 0.5 * np.log(grown * len(at.sizes) ** 2))
+        return log_sum(with_it) - log_sum(without) - self.needed
+
+    def shown(self) -> float:
+        """The smallest size, in the unit, that is told as often as promised; infinite: none is."""
+        unlucky = float(ndtri(THRESHOLDS.power))
+        low, high = np.log(_SEARCH)
+        if self.surplus(float(np.exp(high)), unlucky) < 0.0:
+            return np.inf
+        while high - low > _CLOSE:
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if self.surplus(float(np.exp(middle)), unlucky) > 0.0 else (middle, high)
+        return self.usual * float(np.exp(high))
+
+    def chance(self, size: float) -> float:
+        """How often a size in the unit is told."""
+        low, high = _UNLUCKY
+        while high - low > _CLOSE:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.surplus(size / self.usual, middle) > 0.0 else (low, middle)
+        return float(ndtr(low))
+
+
+def _line(back: Background, tried: Tried, column: FloatArray, prior: float, explained: FloatArray) -> _Line:
+    """Of the (N,) that one unit of an effect's first figure makes."""
     at = THRESHOLDS
-    unlucky = float(ndtri(at.power))
     usual = 1.0 / max(float(np.linalg.norm(first_direction(tried)[0])), 1e-300)
     inner, nothing = [], []
     whites = back.whites(np.column_stack([column * usual, back.error - explained]), at.scales)
@@ -166,23 +233,9 @@ def _along(back: Background, tried: Tried, column: FloatArray, prior: float, exp
         base = float(np.log(weight)) - back.log_root(scale)
         nothing.append(base - 0.5 * float(white[:, 1] @ white[:, 1]))
     needed = float(np.log(at.nothing * (1.0 / at.claim - 1.0) / prior)) / back.tempering
+    return _Line(usual, tuple(inner), tuple(nothing), needed)
 
-    def surplus(log_size: float) -> float:
-        size = float(np.exp(log_size))
-        without, with_it = [], []
-        for a, base in zip(inner, nothing, strict=True):
-            across = size * a - unlucky * np.sqrt(a)
-            left = base - 0.5 * size**2 * a + size * unlucky * np.sqrt(a)
-            without.append(left)
-            for wide in at.sizes:
-                grown = 1.0 + wide**2 * a
-                with_it.append(left + 0.5 * across**2 * wide**2 / grown - 0.5 * np.log(grown * len(at.sizes) ** 2))
-        return log_sum(with_it) - log_sum(without) - needed
 
-    low, high = np.log(_SEARCH)
-    if surplus(high) < 0.0:
-        return np.inf
-    while high - low > _CLOSE:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if surplus(middle) > 0.0 else (middle, high)
-    return usual * float(np.exp(high))
+def _along(back: Background, tried: Tried, column: FloatArray, prior: float, explained: FloatArray) -> float:
+    """The smallest size of an effect that makes (N,) of one unit of its first figure."""
+    return _line(back, tried, column, prior, explained).shown()

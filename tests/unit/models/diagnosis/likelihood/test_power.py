@@ -153,11 +153,23 @@ def test_an_effect_of_many_shapes_shows_by_the_size_that_most_of_them_ask() -> N
     one = try_shapes(back(), effect("series_resistance"), shapes)
     sight = cast(Sight, cast(Any, SimpleNamespace(n_voltage=N)))
     (power,) = power_of(sight, back(), [one], (), (), np.zeros(N))
-    alone = [smallest_shown(back(), try_shapes(back(), one.effect, (each,)), 0.3, np.zeros(N)) for each in shapes]
-    assert alone[-1] > 50.0 * alone[0]
-    # Nine in ten of five shapes are all of them: the one that shows a third of the most.
-    assert power.size == pytest.approx(alone[2], rel=0.1)
-    assert power.rms_V == pytest.approx(0.3 * power.size * float(np.sqrt(np.mean(CURRENT_A**2))))
+    prior = 0.3
+    alone = [smallest_shown(back(), try_shapes(back(), one.effect, (each,)), prior, np.zeros(N)) for each in shapes]
+    assert alone[-1] > 50.0 * alone[0] and min(alone) < power.size < alone[2]
+    # The most demanding one of those whose own size is no larger.
+    assert power.rms_V == pytest.approx(0.6 * power.size * float(np.sqrt(np.mean(CURRENT_A**2))))
+    rng, needed = np.random.default_rng(6), np.log(THRESHOLDS.nothing * (1.0 / THRESHOLDS.claim - 1.0) / prior)
+
+    def share_told(size: float) -> float:
+        """Of logs with that size of any of the five shapes, how many are told from nothing by just this shape."""
+        found = []
+        for share, shape in zip(seen[:5], shapes, strict=False):
+            errors = (share * size * CURRENT_A + noise_V(rng) for _ in range(80))
+            found += [back(error_V).weigh(shape.columns).log_likelihood for error_V in errors]
+        return float(np.mean(np.array(found) > needed / THRESHOLDS.tempering))
+
+    assert share_told(power.size) == pytest.approx(THRESHOLDS.power, abs=0.06)
+    assert share_told(0.6 * power.size) < THRESHOLDS.power - 0.1
 
 
 def test_what_no_size_of_shows_is_said_and_is_none_of_those_that_hide_best() -> None:
