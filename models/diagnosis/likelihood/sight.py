@@ -206,7 +206,7 @@ def gain_of_start(sight: Sight, back: Background, soc_std: list[float] | None) -
     if soc_std is None:
         return 0.0
     std, moved = np.array(soc_std), np.zeros(len(soc_std))
-    here = there = _begun(sight, back, std, moved)
+    there = _begun(sight, back, std, moved)
     for _ in range(_START_STEPS):
         error, fixed, columns = there
         moved = columns.T @ cho_solve(cho_factor(fixed + back.elsewhere, lower=True), error)
@@ -214,8 +214,7 @@ def gain_of_start(sight: Sight, back: Background, soc_std: list[float] | None) -
         if np.abs(moved).max() < 1.0:
             return 0.0
         there = _begun(sight, back, std, moved)
-    now = replace(back, error=there[0], fixed=there[1])
-    return max(now.nothing - replace(back, error=here[0], fixed=here[1]).nothing, 0.0)
+    return max(replace(back, error=there[0], fixed=there[1]).nothing - back.nothing, 0.0)
 
 
 def _begun(

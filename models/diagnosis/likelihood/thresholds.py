@@ -41,7 +41,8 @@ class Thresholds:
     rival : factor of the probability within which two effects cannot be told apart
     two : factor by which two effects must be likelier than one alone to be named: nearer by, one is the simpler answer
     power : share of cases in which an effect of the stated size is seen
-    start_spreads : standard deviations by which a stated state of charge at the start may be off and no news
+    start_spreads : standard deviations by which a stated state of charge at the start may be off and no news: one in
+        370 logs is further off (many branches, seed 3001: one at 2.6 was told for sure)
     start_K : of the temperature at the start, K
     heat_error : of the model's temperature, in units of its training error: another run is off by its own error too
     resistance : usual share by which all resistances of a run may differ together
