@@ -212,10 +212,11 @@ class BoundedPlan:
     def build(self, data: Training, report: Progress) -> Built:
         """Fit the form to training data."""
         report(0.0, "solving for the bounded network")
-        trials = self.trials
-        if trials is None or trials.bank.runs is not data.fit_grid:
-            bank = SignalBank(data.fit_grid, data.fit_soc, data.cell)
+        trials, bank = self.trials, SignalBank(data.fit_grid, data.fit_soc, data.cell)
+        if trials is None:
             trials = Trials(bank, parts_of(self.without), finer=resolved_parts(self.finer))
+        elif trials.bank.runs is not data.fit_grid:
+            trials = trials.elsewhere(bank, self.variant)
         fit = fit_variant(trials, self.variant)
         structure, partition, theta, scaling = network_parts(fit, self.name)
         record = _record(data, self._choices(fit), self.table, None)
@@ -265,7 +266,7 @@ class BoundedNetwork:
         return self._error(self.fit.held)
 
     def _error(self, held: HeldOut) -> HeldOutError:
-        return HeldOutError(held.mse(self.fit.log_strengths), held.sums.count)
+        return HeldOutError(held.mse(self.fit.log_strengths), held.count)
 
     def uncertainty(self) -> Uncertainty:
         """What it does not know."""

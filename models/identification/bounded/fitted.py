@@ -10,7 +10,7 @@ from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import hats
 from models.identification.bounded.layout import REFERENCE_DEGC, Layout, soc_over
 from models.identification.bounded.monotone import rising
-from models.identification.bounded.problem import Sums, regressors
+from models.identification.bounded.problem import Sums, regressors, rest_weights
 from models.identification.bounded.strengths import START, HeldOut
 from models.identification.bounded.variants import Trials, Variant
 from models.network.partition import Partition, hat_partition
@@ -54,19 +54,24 @@ class BoundedFit:
 
 
 def fit_variant(trials: Trials, variant: Variant) -> BoundedFit:
-    """Fit a form to all samples with the strengths that served it best; terms that come out as nothing are left out."""
+    """Fit a form to all samples with the strengths that served it best; terms that come out as nothing are left out.
+
+    Forms are compared, and all is judged, by errors on all samples alike, since how far off one is where nothing flows
+    for hours counts, too. What is fitted counts a rest for less than its samples.
+    """
     trials.error(variant)
-    held, logs = trials.known[variant]
+    alike, logs = trials.known[variant]
+    weight = rest_weights(trials.bank)
+    held = trials.held_out(variant, trials.keep_every, weight) if weight.min() < 1.0 else alike
     logs = held.even(logs, START)
     n_samples = sum(len(run) for run in trials.bank.runs)
     keep_every = max(1, n_samples // _SAMPLES)
     if keep_every < trials.keep_every:
-        held = trials.held_out(variant, keep_every)
+        held = trials.held_out(variant, keep_every, weight)
     solved = held.whole(logs).x
     layout = held.sums.layout
     kept = [b for b in range(len(layout.basis.terms)) if np.abs(solved[_part(layout, b)]).max() > _NEGLIGIBLE_V]
-    if len(kept) < len(layout.basis.terms):
-        held = HeldOut(_restricted(held.sums, kept))
+    held = HeldOut(_restricted(held.sums, kept), _restricted(alike.sums, kept))
     return solved_fit(trials.bank, variant, held, logs)
 
 

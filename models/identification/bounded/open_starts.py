@@ -15,7 +15,7 @@ from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.identification.bounded.fitted import BoundedFit, solved_fit
 from models.identification.bounded.layout import counted, soc_over
-from models.identification.bounded.problem import Sums, blocks, make_sums, regressors, run_index
+from models.identification.bounded.problem import Sums, blocks, make_sums, regressors, rest_weights, run_index
 from models.identification.bounded.strengths import HeldOut
 
 # Time constants of what dies out, and rates of what the loop forgets with the charge over the capacity: those of the
@@ -47,7 +47,8 @@ def _open_sums(fit: BoundedFit, keep_every: int) -> Sums:
     """Sums of all samples as one fold, transients eliminated."""
     bank, layout = fit.bank, fit.layout
     voltage, run_of = np.concatenate([run.voltage_V for run in bank.runs]), run_index(bank)
-    sums = make_sums(bank, layout, keep_every, np.zeros(len(voltage), dtype=np.int64))
+    weight = rest_weights(bank)
+    sums = make_sums(bank, layout, keep_every, np.zeros(len(voltage), dtype=np.int64), weight)
     chosen = counted(voltage, keep_every)
     rows, soc = regressors(bank, layout.basis, layout.scale, chosen), np.concatenate(soc_over(bank, layout.basis.axis))
     soc, voltage, run_of = soc[chosen], voltage[chosen], run_of[chosen]
@@ -56,12 +57,13 @@ def _open_sums(fit: BoundedFit, keep_every: int) -> Sums:
     for number, run in enumerate(bank.runs):
         own = np.flatnonzero(run_of == number)
         made = transients(run, bank.cell.capacity_Ah)[chosen[own] - before]
+        heavy = weight[chosen[own]][:, None] * made
         before += len(run)
         cross = np.zeros((made.shape[1], layout.size))
         for part, block, columns in blocks(layout, rows, soc, own):
-            cross[:, columns] += made[np.searchsorted(own, part)].T @ block
-        right = made.T @ voltage[own]
-        gone = np.linalg.solve(made.T @ made + ridge * np.eye(made.shape[1]), np.column_stack([cross, right]))
+            cross[:, columns] += heavy[np.searchsorted(own, part)].T @ block
+        right = heavy.T @ voltage[own]
+        gone = np.linalg.solve(heavy.T @ made + ridge * np.eye(made.shape[1]), np.column_stack([cross, right]))
         sums.xx[0] -= cross.T @ gone[:, :-1]
         sums.xy[0] -= cross.T @ gone[:, -1]
         sums.yy[0] -= right @ gone[:, -1]

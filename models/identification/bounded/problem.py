@@ -22,6 +22,8 @@ _LEAST_SHARE = 0.3
 # A cell under load drifts by a kelvin or two, slowly, as do other errors of a model, and these would be put down to the
 # curve's change with temperature: it is believed as far as the temperature varied by more than this beside all else.
 _WARMTH_K = 0.3
+# In a rest so many samples a second tell all there is to tell, half as many after so many seconds of it.
+_REST_HZ, _REST_S = 1.0, 60.0
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,8 @@ class Sums:
     Attributes
     ----------
     layout : of the coefficients
-    xx : (folds, P, P), xy : (folds, P), yy, count : (folds,)
+    xx : (folds, P, P), xy : (folds, P), yy : (folds,)
+    count : (folds,) samples, or what they weigh
     penalties : (5, P, P) forms in V^2: bend of the curve, differences of gains, their size, those of the temperature's,
         and the curve's change over `_WARMTH_K`
     """
@@ -71,7 +74,32 @@ def summed_beyond(values: FloatArray, axis: int = -1) -> FloatArray:
     return np.flip(np.cumsum(np.flip(values, axis), axis=axis), axis)
 
 
-def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.ndarray | None = None) -> Sums:
+def rest_weights(bank: SignalBank) -> FloatArray:
+    """(N,) what each sample of all runs weighs: in a rest the less, the longer it has lasted.
+
+    Seconds of a rest say what those before them said, and an hour of it, taken at its 3600 samples, outweighs the
+    pulse before it. What relaxes is told by as many samples in each decade of time, that is by a rate that falls as
+    1 / (1 + t / `_REST_S`). Samples that come more often share what they weigh; one a minute weighs as much as under
+    load for the first hour.
+    """
+    out = []
+    for run in bank.runs:
+        resting, number = np.abs(run.current_A) <= bank.cell.rest_A, np.arange(len(run))
+        last = np.maximum.accumulate(np.where(resting, -1, number))
+        before = np.concatenate([[-1], np.maximum.accumulate(np.where(run.measured, number, -1))[:-1]])
+        rested_s = np.where(resting, (number - last) * run.dt_s, 0.0)
+        needed_Hz = np.maximum(_REST_HZ, 1.0 / run.dt_s) / (1.0 + rested_s / _REST_S)
+        out.append(np.minimum((number - before) * run.dt_s * needed_Hz, 1.0))
+    return np.concatenate(out)
+
+
+def make_sums(
+    bank: SignalBank,
+    layout: Layout,
+    keep_every: int = 1,
+    fold: np.ndarray | None = None,
+    weight: FloatArray | None = None,
+) -> Sums:
     """Sums of products over all samples with a measured voltage.
 
     Parameters
@@ -80,6 +108,7 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
     layout : of the coefficients
     keep_every : every n-th sample is counted
     fold : (N,) number of the fold of each sample of all runs; by default as `folds` has them
+    weight : (N,) of each sample of all runs; by default all weigh the same
     """
     voltage = np.concatenate([run.voltage_V for run in bank.runs])
     own = fold_of(bank) if fold is None else fold
@@ -88,16 +117,21 @@ def make_sums(bank: SignalBank, layout: Layout, keep_every: int = 1, fold: np.nd
     rows = regressors(bank, layout.basis, layout.scale, chosen)
     soc = np.concatenate(soc_over(bank, layout.basis.axis))[chosen]
     voltage, own = voltage[chosen], own[chosen]
+    heavy = np.ones(len(chosen)) if weight is None else weight[chosen]
     xx, xy = np.zeros((n_folds, size, size)), np.zeros((n_folds, size))
     yy, count = np.zeros(n_folds), np.zeros(n_folds)
     for fold_number in range(n_folds):
         for part, block, columns in blocks(layout, rows, soc, np.flatnonzero(own == fold_number)):
-            y = voltage[part]
+            root = np.sqrt(heavy[part])
+            y, block = root * voltage[part], root[:, None] * block
             xx[fold_number][np.ix_(columns, columns)] += block.T @ block
             xy[fold_number][columns] += block.T @ y
             yy[fold_number] += y @ y
-            count[fold_number] += len(y)
-    rms = [max(_rms(rows[:, b]), _LEAST_SHARE * _mirrored_rms(bank, layout, b)) for b in range(len(layout.basis.terms))]
+            count[fold_number] += float(heavy[part].sum())
+    rms = [
+        max(_rms(rows[:, b], heavy), _LEAST_SHARE * _mirrored_rms(bank, layout, b))
+        for b in range(len(layout.basis.terms))
+    ]
     return Sums(layout, xx, xy, yy, count, penalty_forms(layout, np.array(rms)))
 
 
@@ -109,8 +143,8 @@ def _mirrored_rms(bank: SignalBank, layout: Layout, term: int) -> float:
     return _rms(np.concatenate(bank.values(it.mirrored))) / float(layout.scale[term])
 
 
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _rms(values: FloatArray, weight: FloatArray | None = None) -> float:
+    return float(np.sqrt(np.average(values**2, weights=weight)))
 
 
 def fold_of(bank: SignalBank) -> np.ndarray:

@@ -26,39 +26,49 @@ _TYPICAL = 0.25
 
 @dataclass
 class HeldOut:
-    """Held-out errors of one set of sums, each set of strengths solved once.
+    """Held-out errors of one set of sums, each fold solved once with a set of strengths.
 
     Attributes
     ----------
-    sums : the curve given by its increments
+    sums : what is fitted; the curve given by its increments
+    judged : what the errors are of, with the same coefficients and folds; None: the same
     """
 
     sums: Sums
+    judged: Sums | None = None
     _known: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
-    _side: dict[int, np.ndarray] = field(default_factory=dict)
+    _sides: dict[int, dict[tuple[float, ...], np.ndarray]] = field(default_factory=dict)
     _worst: dict[int, float] = field(default_factory=dict)
     _others: dict[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     _penalty: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
 
+    @property
+    def count(self) -> FloatArray:
+        """(folds,) samples that each error is of, or what they weigh."""
+        return self._of.count
+
+    @property
+    def _of(self) -> Sums:
+        return self.judged or self.sums
+
     def mse(self, logs: tuple[float, ...]) -> FloatArray:
         """(folds,) mean squared error in V^2 of each fold by a fit to the others."""
-        if logs not in self._known:
-            total = range(len(self.sums.count))
-            self._known[logs] = np.array([self._of_fold(logs, f) if self.sums.count[f] > 0 else 0.0 for f in total])
-        return self._known[logs]
+        return np.array([self._error(logs, fold) for fold in range(len(self.count))])
 
     def mean_mse(self, logs: tuple[float, ...]) -> float:
         """Mean squared error in V^2 over all samples."""
-        return float(self.mse(logs) @ self.sums.count / self.sums.count.sum())
+        return float(self.mse(logs) @ self.count / self.count.sum())
 
     def best(self, start: tuple[float, ...] = START, passes: int = PASSES) -> tuple[float, ...]:
         """Strengths with the least held-out error, found one after the other in so many passes at most."""
-        return _searched(start, passes, lambda trial, best: self._below(trial, self.mean_mse(best)))
+        return _searched(start, passes, lambda trial, best: self._below(trial, self.mean_mse(best), 1.0))
 
     def typical_V(self, logs: tuple[float, ...]) -> float:
         """Error of a typical fold: squared mean over all samples of the root of their fold's RMS error in V."""
-        count = self.sums.count
-        return float(self.mse(logs) ** _TYPICAL @ count / count.sum()) ** (0.5 / _TYPICAL)
+        return self._typical(logs) ** (0.5 / _TYPICAL)
+
+    def _typical(self, logs: tuple[float, ...]) -> float:
+        return float(self.mse(logs) ** _TYPICAL @ self.count / self.count.sum())
 
     def even(self, *starts: tuple[float, ...]) -> tuple[float, ...]:
         """Strengths with the least `typical_V`, searched from each start.
@@ -66,37 +76,46 @@ class HeldOut:
         Where one fold alone reached a knee, nothing tells of it without that fold. The error of going on to there is
         most of all squared error; strengths that take a fifth off it left four times the error everywhere else.
         """
-        found = [_searched(start, PASSES, lambda a, b: self.typical_V(a) < self.typical_V(b)) for start in starts]
-        return min(found, key=self.typical_V)
+
+        def better(trial: tuple[float, ...], best: tuple[float, ...]) -> bool:
+            return self._below(trial, self._typical(best), _TYPICAL)
+
+        return min((_searched(start, PASSES, better) for start in starts), key=self.typical_V)
 
     def whole(self, logs: tuple[float, ...]) -> Solution:
         """The fit to all folds."""
         sums, count = self.sums, float(self.sums.count.sum())
         matrix = sums.xx.sum(axis=0) / count + penalty(sums, logs)
-        return solve(matrix, sums.xy.sum(axis=0) / count, sums.layout.box, self._side.get(-1))
+        return solve(matrix, sums.xy.sum(axis=0) / count, sums.layout.box)
 
-    def _below(self, logs: tuple[float, ...], limit: float) -> bool:
-        """Whether the mean squared error is below a limit; folds are left out once their sum is past it."""
-        if logs in self._known:
-            return self.mean_mse(logs) < limit
-        count = self.sums.count
-        found, left = np.zeros(len(count)), limit * float(count.sum())
-        # The fold that was worst last is most likely to say no.
-        for fold in sorted(range(len(count)), key=lambda f: -self._worst.get(f, 0.0)):
-            if count[fold] > 0.0:
-                found[fold] = self._of_fold(logs, fold)
-                left -= found[fold] * float(count[fold])
-                self._worst[fold] = found[fold] * float(count[fold])
+    def _below(self, logs: tuple[float, ...], limit: float, power: float) -> bool:
+        """Whether the mean of a power of the folds' squared errors is below a limit, asked for as long as it may be."""
+        count, known = self.count, self._known_of(logs)
+        left = limit * float(count.sum())
+        # What is known costs nothing, and the fold that was worst last is most likely to say no.
+        for fold in sorted(range(len(count)), key=lambda f: (np.isnan(known[f]), -self._worst.get(f, 0.0))):
+            left -= self._error(logs, fold) ** power * float(count[fold])
             if left <= 0.0:
                 return False
-        self._known[logs] = found
         return True
+
+    def _error(self, logs: tuple[float, ...], fold: int) -> float:
+        """Mean squared error in V^2 of a fold by a fit to the others; 0 where it has no samples."""
+        known = self._known_of(logs)
+        if np.isnan(known[fold]):
+            known[fold] = self._of_fold(logs, fold)
+            self._worst[fold] = known[fold] * float(self.count[fold])
+        return float(known[fold])
+
+    def _known_of(self, logs: tuple[float, ...]) -> FloatArray:
+        """(folds,) errors that are known, NaN where they are not yet."""
+        return self._known.setdefault(logs, np.where(self.count > 0.0, np.nan, 0.0))
 
     def _of_fold(self, logs: tuple[float, ...], fold: int) -> float:
         x = self.without(logs, fold).x
-        sums = self.sums
-        squared = sums.yy[fold] - 2.0 * x @ sums.xy[fold] + x @ sums.xx[fold] @ x
-        return float(max(squared, 0.0) / sums.count[fold])
+        of = self._of
+        squared = of.yy[fold] - 2.0 * x @ of.xy[fold] + x @ of.xx[fold] @ x
+        return float(max(squared, 0.0) / of.count[fold])
 
     def without(self, logs: tuple[float, ...], fold: int) -> Solution:
         """The fit to all folds but one."""
@@ -109,8 +128,10 @@ class HeldOut:
             # All folds are asked for one set of strengths before the next.
             self._penalty = {logs: penalty(sums, logs)}
         information, right = self._others[fold]
-        found = solve(information + self._penalty[logs], right, sums.layout.box, self._side.get(fold))
-        self._side[fold] = found.side
+        sides = self._sides.setdefault(fold, {})
+        near = min(sides, key=lambda known: sum(abs(a - b) for a, b in zip(known, logs, strict=True)), default=None)
+        found = solve(information + self._penalty[logs], right, sums.layout.box, None if near is None else sides[near])
+        sides[logs] = found.side
         return found
 
 

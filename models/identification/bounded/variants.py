@@ -12,7 +12,7 @@ from models.data.errors import ModelError
 from models.data.timeseries import FloatArray
 from models.identification.bounded.knots import make_knots
 from models.identification.bounded.layout import Layout, make_layout, soc_over
-from models.identification.bounded.problem import groups_of, make_sums, run_index
+from models.identification.bounded.problem import groups_of, make_sums, rest_weights, run_index
 from models.identification.bounded.strengths import START, HeldOut
 from models.identification.bounded.terms import GAINS_OVER_SOC, SLOPE, Basis, make_basis
 from models.network.folds import N_FOLDS, WHOLE_RUNS, outer_folds
@@ -106,6 +106,12 @@ class Trials:
         held, logs = self.known[variant]
         return held.mse(logs)
 
+    def elsewhere(self, bank: SignalBank, variant: Variant) -> Trials:
+        """Trials on another bank that take a form as tried: with the strengths that serve it best here."""
+        other = Trials(bank, self.without, finer=self.finer)
+        other.known[variant] = other.held_out(variant, other.keep_every), self.known[variant][1]
+        return other
+
     def typical_V(self, variant: Variant) -> float:
         """Error on a typical fold of a form that was tried, with the strengths that serve that best."""
         held, logs = self.known[variant]
@@ -119,16 +125,16 @@ class Trials:
         self.error(variant)
         held, logs = self.known[variant]
         outer = outer_held_out(self.bank, held.sums.layout, self.keep_every) or held
-        return outer.mse(logs), outer.sums.count
+        return outer.mse(logs), outer.count
 
-    def held_out(self, variant: Variant, keep_every: int) -> HeldOut:
-        """Sums of a form on every n-th sample."""
+    def held_out(self, variant: Variant, keep_every: int, weight: FloatArray | None = None) -> HeldOut:
+        """Sums of a form on every n-th sample, all alike or by what they weigh."""
         soc = np.concatenate(soc_over(self.bank, variant.axis))
         gains = FINE_GAINS if variant.fine_gains or GAINS_OVER_SOC in self.finer else GAINS
         slopes = FINE_SLOPES if variant.fine_slope or SLOPE in self.finer else SLOPES
         knots = make_knots(float(soc.min()), float(soc.max()), CURVE, gains, slopes)
         layout = make_layout(self.bank, self.basis(variant), knots)
-        return HeldOut(make_sums(self.bank, layout, keep_every).by_increments())
+        return HeldOut(make_sums(self.bank, layout, keep_every, weight=weight).by_increments())
 
     def basis(self, variant: Variant) -> Basis:
         """Terms of a form."""
@@ -153,7 +159,7 @@ class Trials:
     def counts(self) -> FloatArray:
         """(folds,) samples of each fold."""
         held, _ = next(iter(self.known.values()))
-        return held.sums.count
+        return held.count
 
     def mean(self, errors: FloatArray) -> float:
         """Root mean squared errors of the folds, their mean over all samples."""
@@ -172,7 +178,8 @@ def outer_held_out(bank: SignalBank, layout: Layout, keep_every: int) -> HeldOut
     if not WHOLE_RUNS <= len(bank.runs) < N_FOLDS:
         return None
     fold = outer_folds(run_index(bank), groups_of(bank))
-    return HeldOut(make_sums(bank, layout, keep_every, fold).by_increments())
+    alike, weighed = (make_sums(bank, layout, keep_every, fold, weight) for weight in (None, rest_weights(bank)))
+    return HeldOut(weighed.by_increments(), alike.by_increments())
 
 
 def mean_V(errors: FloatArray, counts: FloatArray) -> float:

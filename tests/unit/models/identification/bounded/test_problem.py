@@ -7,7 +7,7 @@ import pytest
 
 from models.identification.bounded.knots import hats, make_knots
 from models.identification.bounded.layout import REFERENCE_DEGC, Layout, make_layout, slope_limit, soc_over
-from models.identification.bounded.problem import fold_of, make_sums, penalty_forms, regressors
+from models.identification.bounded.problem import fold_of, make_sums, penalty_forms, regressors, rest_weights
 from models.identification.bounded.strengths import START, HeldOut
 from models.identification.bounded.terms import make_basis
 from models.network.regression import SignalBank
@@ -52,6 +52,34 @@ def test_every_n_th_sample_and_folds_of_ones_own(signals: SignalBank, layout: La
     chosen = np.arange(0, 3000, 3)
     np.testing.assert_allclose(sums.xx.sum(axis=0), a[chosen].T @ a[chosen], atol=1e-8)
     assert sums.count.tolist() == [500.0, 500.0]
+
+
+def test_samples_that_weigh_more_are_as_if_they_came_more_often(signals: SignalBank, layout: Layout) -> None:
+    a, y = dense(signals, layout), np.concatenate([run.voltage_V for run in signals.runs])
+    often = np.random.default_rng(3).integers(1, 4, len(y))
+    sums = make_sums(signals, layout, weight=often.astype(np.float64))
+    each = np.repeat(np.arange(len(y)), often)
+    np.testing.assert_allclose(sums.xx.sum(axis=0), a[each].T @ a[each], atol=1e-8)
+    np.testing.assert_allclose(sums.xy.sum(axis=0), a[each].T @ y[each], atol=1e-8)
+    assert sums.yy.sum() == pytest.approx(y[each] @ y[each])
+    assert sums.count.sum() == len(each)
+
+
+def test_a_rest_weighs_the_less_the_longer_it_lasts(signals: SignalBank) -> None:
+    run = signals.runs[0]
+    current = np.full(len(run), 1.0)
+    current[:100], current[400:1000] = 0.0, 1e-3 * signals.cell.rest_A
+    weight = rest_weights(SignalBank([replace(run, current_A=current)], [0.6], signals.cell))
+    assert weight.shape == (len(run),) and weight.max() == 1.0
+    assert (weight[100:400] == 1.0).all() and (weight[1000:] == 1.0).all()
+    np.testing.assert_allclose(weight[400:1000], 1.0 / (1.0 + np.arange(1, 601) / 60.0))
+    # A record that begins at rest: how long that has lasted before is not known.
+    np.testing.assert_allclose(weight[:100], weight[400:500])
+    # A logger that takes a sample a minute in a rest has thinned it.
+    measured = np.ones(len(run), dtype=bool)
+    measured[400:1000] = np.arange(1, 601) % 60 == 0
+    thinned = rest_weights(SignalBank([replace(run, current_A=current, measured=measured)], [0.6], signals.cell))
+    np.testing.assert_allclose(thinned[459:1000:60], 1.0)
 
 
 def test_increments_are_the_same_curve(signals: SignalBank, layout: Layout) -> None:
