@@ -27,12 +27,19 @@ _SMALL_SHARE, _SMALL = 2e-3, 0.5
 # How far parameters are moved for a derivative, in their prior standard deviations; currents less than what counts as
 # a load, for the direction of the last current would flip.
 _MOVED, _MOVED_REST = 0.05, 0.8
-# Prior of the currents: as large as those of the run, or as this share of the largest that the model was made from.
+# Prior of the currents: as large as those of the run, or as this share of the largest that the model was made from, and
+# no larger than what moves a cell by this share of its charge in one window.
 _SHARE_OF_LARGEST, _LEAST_C_RATE = 0.3, 0.1
+_MOVED_SHARE = 0.5
+# By how much what flowed before may pass empty or full.
+_BEYOND_SOC = 0.02
 # By how much -2 log likelihood must fall: the 0.1 % level of chi-square for one parameter, and for each further one.
 _WORTH, _WORTH_EACH = 10.8, 2.4
 # From a minute alone, errors of the model pass for a start more easily.
 _HEAD_CAUTION = 2.0
+# What flowed before dies out. A start that later makes more than so many times what it made in the minute that it was
+# found by, and more than so much, is none: slow states that cancel there.
+_GROWN, _GROWN_V = 5.0, 0.1
 # A run of fewer samples does not show its own error's correlation.
 _SHOWS_OWN_ERROR = 500
 
@@ -43,7 +50,8 @@ def start_from_head(model: CellModel, run: GridRun, stated: Start) -> Start:
     if int(head.measured.sum()) < _FEWEST_SAMPLES or not _simulates(model, head, stated):
         return stated
     expected = error_model(model, head, stated.initial_soc)
-    return _Estimate(model, head, stated, expected).best(_HEAD_CAUTION)
+    found = _Estimate(model, head, stated, expected).best(_HEAD_CAUTION)
+    return found if _dies_out(model, run, stated, found) else stated
 
 
 def start_from_run(model: CellModel, run: GridRun, stated: Start, expected: ErrorModel | None = None) -> Start:
@@ -114,7 +122,9 @@ class _Estimate:
         self._white: Whitener = whitener(run.measured, expected)
         self._head: GridRun = first_part(run, self._reach)
         soc_std = stated.soc_std or 0.0
-        currents = [_usual_A(model, run)] * (len(self._edges_s) - 1)
+        currents = np.minimum(
+            _usual_A(model, run), _MOVED_SHARE * model.cell.capacity_Ah / np.diff(self._edges_s) * 3600.0
+        )
         self._scale = np.array([*currents, *([soc_std] if soc_std > 0.0 else [])])
         self._n_currents = len(currents)
 
@@ -129,10 +139,20 @@ class _Estimate:
         value = x * self._scale
         currents = value[: self._n_currents]
         offset = float(value[self._n_currents]) if self._soc_open else 0.0
-        history = StartHistory(self._edges_s, tuple(currents.tolist())) if currents.any() else None
         stated = self._stated.initial_soc
         soc = min(max(stated + offset, min(stated, 0.0)), max(stated, 1.0))
+        currents = self._possible(currents, soc)
+        history = StartHistory(self._edges_s, tuple(currents.tolist())) if currents.any() else None
         return replace(self._stated, initial_soc=soc, history=history)
+
+    def _possible(self, currents_A: FloatArray, soc: float) -> FloatArray:
+        """Currents, the newest first, as far as a cell can have had them that is to end at a state of charge."""
+        low, high = min(soc, 0.0) - _BEYOND_SOC, max(soc, 1.0) + _BEYOND_SOC
+        out = currents_A.copy()
+        for k, unit in enumerate(np.diff(self._edges_s) / 3600.0 / self._model.cell.capacity_Ah):
+            out[k] = np.clip(out[k], (soc - high) / unit, (soc - low) / unit)
+            soc -= out[k] * unit
+        return out
 
     def found(self, begin: list[FloatArray]) -> FloatArray:
         """The likeliest parameters from several first guesses."""
@@ -257,6 +277,15 @@ class _Estimate:
             change[: len(run)] = free_run_from_V(self._model, run, self.start(x)) - simulated[: len(run)]
             out.append(-self._white.white(change) / moved)
         return np.column_stack(out)
+
+
+def _dies_out(model: CellModel, run: GridRun, stated: Start, found: Start) -> bool:
+    """Whether what a start does to the voltage is never much more than in the first 60 s, which it was found by."""
+    if found.history is None:
+        return True
+    moved_V = np.abs(free_run_from_V(model, run, found) - free_run_from_V(model, run, stated))
+    first_V = float(np.nanmax(moved_V[: 1 + int(HEAD_S / run.dt_s)]))
+    return bool(np.nanmax(moved_V) <= max(_GROWN * first_V, _GROWN_V))
 
 
 def _simulates(model: CellModel, run: GridRun, stated: Start) -> bool:

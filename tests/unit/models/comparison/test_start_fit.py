@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from models.comparison.start import Start, free_run_from_V
-from models.comparison.start_fit import start_from_head, start_from_run
+from models.comparison.start_fit import _dies_out, start_from_head, start_from_run
 from models.comparison.start_noise import ErrorModel, seen_error_model, whitener
+from models.data.history import StartHistory
 from models.data.resampling import GridRun
 from models.network.free_run import free_run_V, memory_s
 from models.network.local_model_network import LocalModelNetwork
@@ -139,6 +140,40 @@ def test_the_first_minute_shows_a_start_that_is_far_from_rest() -> None:
     assert rms_V(model, run, placed) < 0.7 * rms_V(model, run, Start(soc))
     later = run.voltage_V + np.where(run.time_s > 60.0, 0.1, 0.0)
     assert start_from_head(model, replace(run, voltage_V=later), Start(soc)) == placed
+
+
+def passed_soc(start: Start) -> list[float]:
+    """State of charge at each edge of the windows before a start, the newest first."""
+    assert start.history is not None
+    moved = np.array(start.history.currents_A) * np.diff(start.history.edges_s) / 3600.0 / CAPACITY_AH
+    return (start.initial_soc - np.cumsum(moved)).tolist()
+
+
+@pytest.mark.parametrize(("soc", "is_possible"), [(0.6, True), (0.99, False)])
+def test_nothing_flowed_before_that_the_charge_of_the_cell_does_not_allow(soc: float, is_possible: bool) -> None:
+    model = cell(0)
+    run = grid_run(after((0.0, 5), (-0.5, 1500)), 25.0)
+    edges_s = (0.0, 20.0, 120.0, 600.0, 3600.0)
+    hard = Start(soc, history=StartHistory(edges_s, (-3.0, -3.0, -3.0, -0.2)))
+    noise_V = NOISE_V * np.random.default_rng(5).standard_normal(len(run))
+    voltage_V = free_run_from_V(model, run, hard) + noise_V
+    run = replace(run, voltage_V=voltage_V, measured=np.ones(len(run), dtype=bool))
+    found = start_from_run(model, run, Start(soc))
+    if is_possible:
+        assert found.history is not None and min(found.history.currents_A) < -1.0
+    assert found.history is None or -0.021 < min(passed_soc(found)) <= max(passed_soc(found)) < 1.021
+
+
+def test_a_start_that_grows_after_the_minute_that_it_was_found_by_is_none() -> None:
+    inputs = ("low_pass:3600", "low_pass:2400")
+    structure = Structure(0, tuple(InputChannel(each) for each in inputs), (PartitionAxis("soc"),), 1.0)
+    gains = 5.0, -4.77  # They cancel after hours of the same current, for as long as neither has forgotten it.
+    model = network(structure, np.array([[*gains, 3.3]]), scaling={**SCALING, **dict.fromkeys(inputs, (0.0, 1.0))})
+    run = grid_run(np.zeros(9000), 25.0)
+    slow, quick = (StartHistory((0.0, age_s), (-0.3,)) for age_s in (10_800.0, 20.0))
+    assert not _dies_out(model, run, Start(0.5), Start(0.5, history=slow))
+    assert _dies_out(model, run, Start(0.5), Start(0.5, history=quick))
+    assert _dies_out(model, run, Start(0.5), Start(0.5))
 
 
 def test_a_model_without_memory_has_little_to_remember() -> None:
