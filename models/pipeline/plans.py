@@ -12,7 +12,7 @@ from models.effects.bounded_parts import effects_of, parts_of, resolved_parts
 from models.identification.bounded.fitted import BoundedFit, fit_variant, network_parts, theta_of
 from models.identification.bounded.open_starts import with_open_starts
 from models.identification.bounded.strengths import HeldOut
-from models.identification.bounded.variants import Trials, Variant, outer_held_out
+from models.identification.bounded.variants import Trials, Variant, mean_V, outer_held_out
 from models.identification.output_error import normal_equations
 from models.identification.progress import Progress, silent
 from models.identification.refinement import Refined, refined_theta
@@ -54,13 +54,20 @@ class HeldOutError:
         """Over all samples."""
         return float(np.sqrt(self.mse @ self.count / self.count.sum()))
 
+    @property
+    def mean_V(self) -> float:
+        """Mean of the folds' RMS errors over all samples."""
+        return mean_V(self.mse, self.count)
+
 
 def expected_V(built: Built, held_out: HeldOutError, n_runs: int) -> float:
     """Error to be expected on runs like the trained ones.
 
-    Where there are fewer runs than folds, the two ways to hold out bound it. A whole run of three or four is often the
-    only charge or the only cold one: the fit to all of them is better. Blocks in time share state of charge, load and
-    temperature with those beside them: a further run is worse. So it is their geometric mean.
+    It is the mean of the folds' RMS errors: a fold that has a knee of the curve to itself says how far off a fit is
+    that was never there, and the fit to all runs was. Where there are fewer runs than folds, the two ways to hold out
+    bound it. A whole run of three or four is often the only charge or the only cold one: the fit to all of them is
+    better. Blocks in time share state of charge, load and temperature with those beside them: a further run is worse.
+    So it is their geometric mean.
 
     Parameters
     ----------
@@ -68,8 +75,8 @@ def expected_V(built: Built, held_out: HeldOutError, n_runs: int) -> float:
     n_runs : it was made from
     """
     if not WHOLE_RUNS <= n_runs < N_FOLDS:
-        return held_out.rmse_V
-    return float(np.sqrt(held_out.rmse_V * built.held_out_blocks().rmse_V))
+        return held_out.mean_V
+    return float(np.sqrt(held_out.mean_V * built.held_out_blocks().mean_V))
 
 
 def error_of(error_V: FloatArray, fold: np.ndarray) -> HeldOutError:

@@ -64,7 +64,7 @@ def bounded_uncertainty(fit: BoundedFit) -> Uncertainty:
         samples=_with_ends(own, 0.0),
         effective_samples=_with_ends(own / correlation.inflation, 0.0),
         thin=_with_ends(share, 0.0) < _THIN_SHARE,
-        band_factor=max(1.0, float(np.percentile(ratio, 95.0)) / NORMAL_95),
+        band_factor=float(np.percentile(ratio, 95.0)) / NORMAL_95,
         correlation=correlation,
     )
 
