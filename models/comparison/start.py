@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from models.data.history import PlacedRun, StartHistory, placed
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.network.cell_model import CellModel
 from models.network.free_run import free_run_V
+
+# What flowed before dies out. A start that later makes more than so many times what it made in the minute that it was
+# found by, and more than so much, is none: slow states that cancel there.
+_GROWN, _GROWN_V = 5.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -49,3 +55,26 @@ def free_run_from_V(model: CellModel, run: GridRun, start: Start) -> FloatArray:
     """(n,) free run of a run from its start, in V; see `free_run_V`."""
     found = put_in_front(model, run, start)
     return free_run_V(model, found.run, found.initial_soc)[found.n_before :]
+
+
+def simulates(model: CellModel, run: GridRun, start: Start) -> bool:
+    """Whether there is a voltage wherever one was measured; a missing temperature may leave none."""
+    return bool(np.isfinite(free_run_from_V(model, run, start)[run.measured]).all())
+
+
+def dies_out(model: CellModel, run: GridRun, starts: tuple[Start, Start], found_by_s: float) -> bool:
+    """Whether what a start does to the voltage is never much more than at first.
+
+    Parameters
+    ----------
+    model : simulates the run
+    run : on its grid
+    starts : as stated, and as found
+    found_by_s : time from the first sample that the latter was found by
+    """
+    if starts[1].history is None:
+        return True
+    stated_V, found_V = (free_run_from_V(model, run, each) for each in starts)
+    moved_V = np.abs(found_V - stated_V)
+    first_V = float(np.nanmax(moved_V[: 1 + int(found_by_s / run.dt_s)]))
+    return bool(np.nanmax(moved_V) <= max(_GROWN * first_V, _GROWN_V))

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.comparison.start import Start, free_run_from_V
+from models.comparison.start import Start, dies_out, free_run_from_V, simulates
 from models.comparison.start_noise import ErrorModel, Whitener, error_model, seen_error_model, whitener
-from models.data.history import StartHistory, first_part, history_edges_s
+from models.data.history import StartHistory, first_part, going_on, history_edges_s
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
 from models.network.cell_model import CellModel
@@ -35,11 +35,10 @@ _MOVED_SHARE = 0.5
 _BEYOND_SOC = 0.02
 # By how much -2 log likelihood must fall: the 0.1 % level of chi-square for one parameter, and for each further one.
 _WORTH, _WORTH_EACH = 10.8, 2.4
+# By how much -2 log likelihood must fall for a log to go on as it went: twice the logarithm of ten.
+_LIKELIER = 4.6
 # From a minute alone, errors of the model pass for a start more easily.
 _HEAD_CAUTION = 2.0
-# What flowed before dies out. A start that later makes more than so many times what it made in the minute that it was
-# found by, and more than so much, is none: slow states that cancel there.
-_GROWN, _GROWN_V = 5.0, 0.1
 # A run of fewer samples does not show its own error's correlation.
 _SHOWS_OWN_ERROR = 500
 
@@ -47,11 +46,14 @@ _SHOWS_OWN_ERROR = 500
 def start_from_head(model: CellModel, run: GridRun, stated: Start) -> Start:
     """Place a start by the first 60 s of a run's voltage; the stated one unless another is clearly better."""
     head = first_part(run, 1 + int(HEAD_S / run.dt_s))
-    if int(head.measured.sum()) < _FEWEST_SAMPLES or not _simulates(model, head, stated):
+    if int(head.measured.sum()) < _FEWEST_SAMPLES or not simulates(model, head, stated):
         return stated
     expected = error_model(model, head, stated.initial_soc)
-    found = _Estimate(model, head, stated, expected).best(_HEAD_CAUTION)
-    return found if _dies_out(model, run, stated, found) else stated
+    estimate = _Estimate(model, head, stated, expected)
+    found = estimate.best(_HEAD_CAUTION)
+    if found.history is None:
+        found = estimate.likelier(going_on(run, estimate.edges_s), found)
+    return found if dies_out(model, run, (stated, found), HEAD_S) else stated
 
 
 def start_from_run(model: CellModel, run: GridRun, stated: Start, expected: ErrorModel | None = None) -> Start:
@@ -69,7 +71,7 @@ def start_from_run(model: CellModel, run: GridRun, stated: Start, expected: Erro
     Start
         With the standard deviation of the state of charge that prior, error and correlation leave.
     """
-    if int(run.measured.sum()) < _FEWEST_SAMPLES or not _simulates(model, run, stated):
+    if int(run.measured.sum()) < _FEWEST_SAMPLES or not simulates(model, run, stated):
         return stated
     head = first_part(run, max(1 + int(HEAD_S / run.dt_s), round(memory_s(model) / run.dt_s)))
     if expected is None:
@@ -90,7 +92,7 @@ def plainly_not_at_rest(model: CellModel, run: GridRun, stated: Start, expected:
     A score test: by how much one step of the estimate would lower the error, were it linear.
     """
     head = first_part(run, 1 + int(10.0 * HEAD_S / run.dt_s))
-    if int(head.measured.sum()) < _FEWEST_SAMPLES or not _simulates(model, head, stated):
+    if int(head.measured.sum()) < _FEWEST_SAMPLES or not simulates(model, head, stated):
         return False
     estimate = _Estimate(model, head, stated, expected)
     return estimate.score() > estimate.worth
@@ -118,12 +120,12 @@ class _Estimate:
         self._model, self._run, self._stated = model, run, stated
         # What the history does to the voltage has died out after this many samples.
         self._reach = len(run) if reach is None else min(reach, len(run))
-        self._edges_s = history_edges_s(memory_s(model))
+        self.edges_s = history_edges_s(memory_s(model))
         self._white: Whitener = whitener(run.measured, expected)
         self._head: GridRun = first_part(run, self._reach)
         soc_std = stated.soc_std or 0.0
         currents = np.minimum(
-            _usual_A(model, run), _MOVED_SHARE * model.cell.capacity_Ah / np.diff(self._edges_s) * 3600.0
+            _usual_A(model, run), _MOVED_SHARE * model.cell.capacity_Ah / np.diff(self.edges_s) * 3600.0
         )
         self._scale = np.array([*currents, *([soc_std] if soc_std > 0.0 else [])])
         self._n_currents = len(currents)
@@ -142,17 +144,25 @@ class _Estimate:
         stated = self._stated.initial_soc
         soc = min(max(stated + offset, min(stated, 0.0)), max(stated, 1.0))
         currents = self._possible(currents, soc)
-        history = StartHistory(self._edges_s, tuple(currents.tolist())) if currents.any() else None
+        history = StartHistory(self.edges_s, tuple(currents.tolist())) if currents.any() else None
         return replace(self._stated, initial_soc=soc, history=history)
 
     def _possible(self, currents_A: FloatArray, soc: float) -> FloatArray:
         """Currents, the newest first, as far as a cell can have had them that is to end at a state of charge."""
         low, high = min(soc, 0.0) - _BEYOND_SOC, max(soc, 1.0) + _BEYOND_SOC
         out = currents_A.copy()
-        for k, unit in enumerate(np.diff(self._edges_s) / 3600.0 / self._model.cell.capacity_Ah):
+        for k, unit in enumerate(np.diff(self.edges_s) / 3600.0 / self._model.cell.capacity_Ah):
             out[k] = np.clip(out[k], (soc - high) / unit, (soc - low) / unit)
             soc -= out[k] * unit
         return out
+
+    def likelier(self, history: StartHistory, known: Start) -> Start:
+        """A known start, or the stated one after a history of which nothing was fitted, where that is likelier."""
+        currents_A = self._possible(np.array(history.currents_A), self._stated.initial_soc)
+        after = replace(self._stated, history=StartHistory(self.edges_s, tuple(currents_A.tolist())))
+        nothing = np.zeros(len(self._scale))
+        costs = [self._point(nothing, each).cost for each in (after, known)]
+        return after if costs[0] < min(costs[1], self._settled().cost) - _LIKELIER else known
 
     def found(self, begin: list[FloatArray]) -> FloatArray:
         """The likeliest parameters from several first guesses."""
@@ -258,7 +268,7 @@ class _Estimate:
 
         A network with past outputs otherwise begins at measured ones, whose noise alone is no reason for a history.
         """
-        rest = StartHistory(self._edges_s, (0.0,) * self._n_currents)
+        rest = StartHistory(self.edges_s, (0.0,) * self._n_currents)
         return self._point(np.zeros(len(self._scale)), replace(self._stated, history=rest))
 
     def _slopes(self, point: _Point, free: np.ndarray) -> FloatArray:
@@ -277,20 +287,6 @@ class _Estimate:
             change[: len(run)] = free_run_from_V(self._model, run, self.start(x)) - simulated[: len(run)]
             out.append(-self._white.white(change) / moved)
         return np.column_stack(out)
-
-
-def _dies_out(model: CellModel, run: GridRun, stated: Start, found: Start) -> bool:
-    """Whether what a start does to the voltage is never much more than in the first 60 s, which it was found by."""
-    if found.history is None:
-        return True
-    moved_V = np.abs(free_run_from_V(model, run, found) - free_run_from_V(model, run, stated))
-    first_V = float(np.nanmax(moved_V[: 1 + int(HEAD_S / run.dt_s)]))
-    return bool(np.nanmax(moved_V) <= max(_GROWN * first_V, _GROWN_V))
-
-
-def _simulates(model: CellModel, run: GridRun, stated: Start) -> bool:
-    """Whether there is a voltage wherever one was measured; a missing temperature may leave none."""
-    return bool(np.isfinite(free_run_from_V(model, run, stated)[run.measured]).all())
 
 
 def _usual_A(model: CellModel, run: GridRun) -> float:

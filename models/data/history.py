@@ -17,6 +17,8 @@ from models.data.timeseries import FloatArray
 # Ages of the windows' edges: as fine as what is remembered of them. The oldest one turns a hysteresis loop over without
 # leaving anything in branches of minutes.
 _EDGES_S = (0.0, 20.0, 120.0, 600.0, 3600.0, 10_800.0)
+# What flows within so long is anybody's guess, but for its mean.
+_USUAL_S = 600.0
 # A last window shorter than this share of what stands before it joins its neighbour.
 _LEAST_GROWTH = 1.5
 
@@ -33,6 +35,18 @@ class StartHistory:
 
     edges_s: tuple[float, ...]
     currents_A: tuple[float, ...]
+
+
+def going_on(run: GridRun, edges_s: tuple[float, ...]) -> StartHistory:
+    """What flowed before a run that goes on as it went: in each window the mean current over as long after the start.
+
+    Parameters
+    ----------
+    run : of which only current and grid count
+    edges_s : of the windows, see `StartHistory`; the newest ones take the mean of ten minutes
+    """
+    counts = [max(1, round(max(edge, _USUAL_S) / run.dt_s)) for edge in edges_s[1:]]
+    return StartHistory(edges_s, tuple(float(np.mean(run.current_A[:count])) for count in counts))
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.comparison.start import Start, free_run_from_V
-from models.comparison.start_fit import _dies_out, start_from_head, start_from_run
+from models.comparison.start import Start, dies_out, free_run_from_V
+from models.comparison.start_fit import start_from_head, start_from_run
 from models.comparison.start_noise import ErrorModel, seen_error_model, whitener
-from models.data.history import StartHistory
+from models.data.history import StartHistory, going_on
 from models.data.resampling import GridRun
 from models.network.free_run import free_run_V, memory_s
 from models.network.local_model_network import LocalModelNetwork
@@ -171,9 +171,27 @@ def test_a_start_that_grows_after_the_minute_that_it_was_found_by_is_none() -> N
     model = network(structure, np.array([[*gains, 3.3]]), scaling={**SCALING, **dict.fromkeys(inputs, (0.0, 1.0))})
     run = grid_run(np.zeros(9000), 25.0)
     slow, quick = (StartHistory((0.0, age_s), (-0.3,)) for age_s in (10_800.0, 20.0))
-    assert not _dies_out(model, run, Start(0.5), Start(0.5, history=slow))
-    assert _dies_out(model, run, Start(0.5), Start(0.5, history=quick))
-    assert _dies_out(model, run, Start(0.5), Start(0.5))
+    rest = Start(0.5)
+    assert not dies_out(model, run, (rest, Start(0.5, history=slow)), 60.0)
+    assert dies_out(model, run, (rest, Start(0.5, history=quick)), 60.0)
+    assert dies_out(model, run, (rest, rest), 60.0)
+
+
+def test_a_log_that_begins_in_the_middle_goes_on_as_it_went() -> None:
+    model, rng = cell(0), np.random.default_rng(7)
+    whole = grid_run(-0.4 + rng.choice([-0.6, 0.6], 600).repeat(5), 25.0)
+    # By a minute beside such an error of the model no start can be fitted; which of two is likelier can be told.
+    error_V = 0.012 * np.sin(np.arange(3000) / 500.0) + NOISE_V * rng.standard_normal(3000)
+    log, half = grid_run(whole.current_A[1500:], 25.0), slice(1500, None)
+    log = replace(log, voltage_V=(free_run_V(model, whole, 0.9) + error_V)[half], measured=np.ones(1500, dtype=bool))
+    soc = 0.9 + float(whole.charge_Ah[1500]) / CAPACITY_AH
+    found = start_from_head(model, log, Start(soc))
+    assert found.history is not None
+    assert found.history.currents_A[:3] == going_on(log, found.history.edges_s).currents_A[:3]
+    assert rms_V(model, log, found) < 0.5 * rms_V(model, log, Start(soc))
+    assert -0.021 < min(passed_soc(found)) <= max(passed_soc(found)) < 1.021
+    rested = replace(log, voltage_V=free_run_V(model, log, soc) + error_V[half])
+    assert start_from_head(model, rested, Start(soc)) == Start(soc)
 
 
 def test_a_model_without_memory_has_little_to_remember() -> None:
