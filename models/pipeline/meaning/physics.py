@@ -14,8 +14,10 @@ from models.readouts.resistance import ResistanceTable
 from models.readouts.steady_state import OperatingPoints, settled_voltage
 
 _SAMPLES, _PULSE = 240, 40
-# How far beyond the trained voltages the output may go inside the trained range, in spans of these voltages.
-_MOST_SPANS = 2.0
+# How far beyond the trained voltages the output may go inside the trained range, in spans of these voltages: where it
+# settles, and in trial pulses, whose current was seen in the warm and is asked for in the cold. A fit to drive cycles
+# down to -10 degC goes 3.6 spans beyond with the 18 A of one at 25 degC.
+_MOST_SPANS, _MOST_SPANS_OF_PULSES = 2.0, 6.0
 # Of the trained states of charge, that a trial pulse may move.
 _MOVED_SHARE = 0.2
 _HIGHEST_V = 2000.0
@@ -65,7 +67,7 @@ def check_runs(network: LocalModelNetwork) -> None:
         A voltage is not finite or far from the trained ones.
     """
     low_V, high_V = network.scaling["voltage"]
-    reach_V = _MOST_SPANS * (high_V - low_V)
+    reach_V = _MOST_SPANS_OF_PULSES * (high_V - low_V)
     for run, soc in trial_runs(network):
         with np.errstate(all="ignore"):
             voltage_V = free_run_V(network, to_grid(run, network.dt_s), soc)
