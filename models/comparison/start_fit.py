@@ -50,9 +50,7 @@ def start_from_head(model: CellModel, run: GridRun, stated: Start) -> Start:
         return stated
     expected = error_model(model, head, stated.initial_soc)
     estimate = _Estimate(model, head, stated, expected)
-    found = estimate.best(_HEAD_CAUTION)
-    if found.history is None:
-        found = estimate.likelier(going_on(run, estimate.edges_s), found)
+    found = estimate.best(_HEAD_CAUTION, usual=going_on(run, estimate.edges_s))
     return found if dies_out(model, run, (stated, found), HEAD_S) else stated
 
 
@@ -156,28 +154,25 @@ class _Estimate:
             soc -= out[k] * unit
         return out
 
-    def likelier(self, history: StartHistory, known: Start) -> Start:
-        """A known start, or the stated one after a history of which nothing was fitted, where that is likelier."""
-        currents_A = self._possible(np.array(history.currents_A), self._stated.initial_soc)
-        after = replace(self._stated, history=StartHistory(self.edges_s, tuple(currents_A.tolist())))
-        nothing = np.zeros(len(self._scale))
-        costs = [self._point(nothing, each).cost for each in (after, known)]
-        return after if costs[0] < min(costs[1], self._settled().cost) - _LIKELIER else known
-
     def found(self, begin: list[FloatArray]) -> FloatArray:
         """The likeliest parameters from several first guesses."""
         free = np.ones(len(self._scale), dtype=bool)
         return min((self._descended(x, free) for x in begin), key=lambda point: point.cost).x
 
-    def best(self, caution: float, begin: list[FloatArray] | None = None) -> Start:
-        """The start that is clearly better than the stated one: another state of charge, a history, or both."""
+    def best(self, caution: float, begin: list[FloatArray] | None = None, usual: StartHistory | None = None) -> Start:
+        """The start that is clearly better than the stated one: another state of charge, a history, or both.
+
+        The stated one is taken from rest, or after a usual history where that is likelier: nothing of either is fitted.
+        """
         rest = self._at(np.zeros(len(self._scale)))
         worth = {"all": caution * self.worth} | ({"soc": caution * _WORTH} if self._soc_open else {})
         if not np.isfinite(rest.cost):
             return self._stated
-        at_rest = min(rest.cost, self._settled().cost)
-        if at_rest < min(worth.values()):
-            return self._confirmed(rest)
+        plain, least = rest, min(rest.cost, self._settled().cost)
+        if usual is not None and (after := self._unfitted(usual)).cost < least - _LIKELIER:
+            plain, least = after, after.cost
+        if least < min(worth.values()):
+            return self._confirmed(plain)
         better: list[tuple[float, _Point, np.ndarray]] = []
         for name, needed in worth.items():
             free = np.ones(len(self._scale), dtype=bool)
@@ -186,11 +181,18 @@ class _Estimate:
             points = [self._descended(x, free) for x in (guesses if name == "all" else [rest.x])]
             point = min(points, key=lambda each: each.cost)
             # A misfit that remains says that errors are larger than expected, and the gain is worth less.
-            better.append(((at_rest - point.cost) / self._excess(point, free) - needed, point, free))
+            better.append(((least - point.cost) / self._excess(point, free) - needed, point, free))
         gain, point, free = max(better, key=lambda each: each[0])
         # What slow errors are expected to do may outweigh what a person sees: a start that looks worse is not taken.
-        found = gain > 0.0 and point.squares_V2 <= rest.squares_V2
-        return self._with_std(point, free) if found else self._confirmed(rest)
+        found = gain > 0.0 and point.squares_V2 <= plain.squares_V2
+        return self._with_std(point, free) if found else self._confirmed(plain)
+
+    def _unfitted(self, history: StartHistory) -> _Point:
+        """A history that is known before the voltage is looked at: no prior weighs against it."""
+        x = np.zeros(len(self._scale))
+        x[: self._n_currents] = np.array(history.currents_A) / self._scale[: self._n_currents]
+        point = self._at(x)
+        return replace(point, cost=point.cost - float(x @ x))
 
     @property
     def worth(self) -> float:
@@ -205,12 +207,12 @@ class _Estimate:
         start = self.start(point.x)
         return replace(start, soc_std=self._scale[-1] * self._spread(point, free)[1]) if self._soc_open else start
 
-    def _confirmed(self, rest: _Point) -> Start:
+    def _confirmed(self, plain: _Point) -> Start:
         """The stated start, its state of charge as well known as the voltage confirms it."""
         if not self._soc_open:
-            return self._stated
-        off, std = self._spread(rest, np.ones(len(self._scale), dtype=bool))
-        return replace(self._stated, soc_std=float(self._scale[-1] * min(np.hypot(off, std), 1.0)))
+            return self.start(plain.x)
+        off, std = self._spread(plain, np.ones(len(self._scale), dtype=bool))
+        return replace(self.start(plain.x), soc_std=float(self._scale[-1] * min(np.hypot(off, std), 1.0)))
 
     def _spread(self, point: _Point, free: np.ndarray) -> tuple[float, float]:
         """How far the next step would move the state of charge, and its standard deviation, both over the prior one."""
