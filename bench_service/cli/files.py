@@ -36,6 +36,7 @@ def add_runs_to_learn_from(parser: ArgumentParser, out: str) -> None:
     parser.add_argument(
         "--initial-soc",
         type=fractions,
+        action="extend",
         metavar="S[,S...]",
         help="of the training, then the validation runs; one value, or one for each; default: their soc_ref",
     )

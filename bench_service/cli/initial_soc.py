@@ -24,7 +24,7 @@ _GUESS = (0.5, 0.29)
 
 def initial_soc(
     runs: Sequence[TimeSeries],
-    given: tuple[float, ...] | None,
+    given: Sequence[float] | None,
     network: Model | None = None,
     output: Output | None = None,
     option: str = "--initial-soc",
@@ -73,7 +73,7 @@ def starts_apart(
 
 
 def known_starts(
-    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: Model, output: Output | None
+    runs: Sequence[TimeSeries], given: Sequence[float] | None, network: Model, output: Output | None
 ) -> list[tuple[float, float | None]]:
     """Return the same with its standard deviation where it was read from a rest; else None: it is somebody's word."""
     if given is not None:
@@ -82,7 +82,7 @@ def known_starts(
 
 
 def guessed_soc(
-    runs: Sequence[TimeSeries], given: tuple[float, ...] | None, network: Model, output: Output
+    runs: Sequence[TimeSeries], given: Sequence[float] | None, network: Model, output: Output
 ) -> list[tuple[float, float | None]]:
     """Return where an observer starts in each run, with the standard deviation where it is a mere guess."""
     # Lazy: numpy takes 60 ms.

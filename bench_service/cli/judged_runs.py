@@ -54,12 +54,22 @@ def add_judged_runs(
     parser.add_argument("model", type=Path, metavar="MODEL.json", help=model_help)
     order = ", in time's order" if in_order else ""
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help=_RUNS_HELP + order)
-    parser.add_argument("--train", type=Path, nargs="+", default=[], metavar="RUN", help="runs the model was made from")
     parser.add_argument(
-        "--initial-soc", type=fractions, metavar="S[,S...]", help="one value, or one for each RUN" + soc_help
+        "--train", type=Path, nargs="+", action="extend", default=[], metavar="RUN", help="runs the model was made from"
     )
     parser.add_argument(
-        "--train-initial-soc", type=fractions, metavar="S[,S...]", help="the same for the runs of --train"
+        "--initial-soc",
+        type=fractions,
+        action="extend",
+        metavar="S[,S...]",
+        help="one value, or one for each RUN" + soc_help,
+    )
+    parser.add_argument(
+        "--train-initial-soc",
+        type=fractions,
+        action="extend",
+        metavar="S[,S...]",
+        help="the same for the runs of --train",
     )
     parser.add_argument(
         "--initial-soc-std",

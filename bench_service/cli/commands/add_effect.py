@@ -25,12 +25,17 @@ if TYPE_CHECKING:
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.json")
     parser.add_argument("effect", metavar="EFFECT", help="name of an effect, as `diagnose` gives it")
-    parser.add_argument("--train", type=Path, nargs="+", required=True, metavar="RUN", help="runs to refit to")
-    parser.add_argument("--validate", type=Path, nargs="+", required=True, metavar="RUN", help="runs that only judge")
+    parser.add_argument(
+        "--train", type=Path, nargs="+", action="extend", required=True, metavar="RUN", help="runs to refit to"
+    )
+    parser.add_argument(
+        "--validate", type=Path, nargs="+", action="extend", required=True, metavar="RUN", help="runs that only judge"
+    )
     add_runs_to_learn_from(parser, "MODEL2.json")
     parser.add_argument(
         "--train-initial-soc",
         type=fractions,
+        action="extend",
         metavar="S[,S...]",
         help="of the training runs alone; --initial-soc is then that of the validation runs",
     )

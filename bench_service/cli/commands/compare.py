@@ -24,18 +24,29 @@ _WORST = 8
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.json", help="of a cell, or of a module")
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="CSV, gzipped CSV or Parquet")
-    parser.add_argument("--initial-soc", type=fractions, metavar="S[,S...]", help="one value, or one for each run")
+    parser.add_argument(
+        "--initial-soc", type=fractions, action="extend", metavar="S[,S...]", help="one value, or one for each run"
+    )
     parser.add_argument(
         "--baseline",
         type=names,
-        default=(),
+        action="extend",
+        default=[],
         metavar="NAME[,NAME...]",
         help="also fit these to the runs of --train and judge them: 1rc, 2rc (equivalent circuits), esc (Plett)",
     )
     parser.add_argument(
-        "--train", type=Path, nargs="+", default=[], metavar="RUN", help="runs the model was made from, for --baseline"
+        "--train",
+        type=Path,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="RUN",
+        help="runs the model was made from, for --baseline",
     )
-    parser.add_argument("--train-initial-soc", type=fractions, metavar="S[,S...]", help="SoC at the start of those")
+    parser.add_argument(
+        "--train-initial-soc", type=fractions, action="extend", metavar="S[,S...]", help="SoC at the start of those"
+    )
     parser.add_argument("--out", type=Path, metavar="SERIES.csv", help="also write both voltages with the band")
     add_report(parser, "curves and tables")
     add_current_sign(parser)

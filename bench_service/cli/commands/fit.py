@@ -28,7 +28,9 @@ _NARROW_SOC = 0.1
 
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("train", type=Path, nargs="+", metavar="TRAIN", help="CSV, gzipped CSV or Parquet")
-    parser.add_argument("--validate", type=Path, nargs="+", default=[], metavar="RUN", help="runs the fit never sees")
+    parser.add_argument(
+        "--validate", type=Path, nargs="+", action="extend", default=[], metavar="RUN", help="runs the fit never sees"
+    )
     parser.add_argument("--capacity-Ah", type=positive, required=True, metavar="Q")
     parser.add_argument(
         "--structure",
@@ -39,7 +41,8 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--without",
         type=names,
-        default=(),
+        action="extend",
+        default=[],
         metavar="EFFECT[,EFFECT...]",
         help="leave effects out of the bounded network, such as hysteresis",
     )
@@ -85,7 +88,7 @@ def _run(options: Namespace, output: Output) -> int:
             train,
             capacity_Ah=options.capacity_Ah,
             structure=structure,
-            without=options.without,
+            without=tuple(options.without),
             validate=validate,
             initial_soc=soc[: len(train)],
             validate_soc=soc[len(train) :],

@@ -28,10 +28,13 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "runs", type=Path, nargs="+", metavar="RUN", help="CSV, gzipped CSV or Parquet, in time's order"
     )
-    parser.add_argument("--validate", type=Path, nargs="+", default=[], metavar="RUN", help="runs that only judge")
+    parser.add_argument(
+        "--validate", type=Path, nargs="+", action="extend", default=[], metavar="RUN", help="runs that only judge"
+    )
     parser.add_argument(
         "--initial-soc",
         type=fractions,
+        action="extend",
         metavar="S[,S...]",
         help="of RUN..., then of --validate, of what the cell holds then; one value, or one for each; default: soc_ref",
     )

@@ -44,6 +44,7 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--initial-soc",
         type=fractions,
+        action="extend",
         metavar="S[,S...]",
         help="where the observer starts; default: soc_ref, else 0.5",
     )

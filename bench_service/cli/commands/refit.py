@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.json")
     parser.add_argument("train", type=Path, nargs="+", metavar="RUN", help="new runs of the cell")
-    parser.add_argument("--validate", type=Path, nargs="+", default=[], metavar="RUN", help="runs that only judge")
+    parser.add_argument(
+        "--validate", type=Path, nargs="+", action="extend", default=[], metavar="RUN", help="runs that only judge"
+    )
     parser.add_argument(
         "--old-weight",
         type=fraction,
