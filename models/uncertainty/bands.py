@@ -36,8 +36,8 @@ class PredictionBand:
     voltage_V : (n,) free run
     parameter_std_V : (n,) from the covariance of the parameters alone
     std_V : (n,) of a measured voltage about the free run; 95 % of them are to lie within 1.96 of it
-    usual_V : (n,) error to be expected: by the parameters and the held-out error near the place, and narrowed as the
-        band is, but not widened so that it holds
+    usual_V : (n,) error to be expected: by the parameters and the held-out error near the place, without what widens
+        a band so that it holds
     """
 
     voltage_V: FloatArray
@@ -96,8 +96,7 @@ def prediction_band(
     level2 = near2 * (1.0 + farthest / _DOUBLING_SHARE) ** 2
     level2 = level2 + (_SLOPE_SHARE * span * beyond.get("soc", np.zeros(len(run)))) ** 2
     std_V = uncertainty.band_factor * np.sqrt(variance + level2)
-    usual_V = min(uncertainty.band_factor, 1.0) * np.sqrt(variance + near2)
-    return PredictionBand(simulated, np.sqrt(variance), std_V, usual_V)
+    return PredictionBand(simulated, np.sqrt(variance), std_V, np.sqrt(variance + near2))
 
 
 def _distances(network: LocalModelNetwork, run: GridRun, soc: FloatArray) -> dict[str, FloatArray]:
