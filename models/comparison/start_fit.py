@@ -31,7 +31,7 @@ _MOVED, _MOVED_REST = 0.05, 0.8
 # no larger than what moves a cell by this share of its charge in one window.
 _SHARE_OF_LARGEST, _LEAST_C_RATE = 0.3, 0.1
 _MOVED_SHARE = 0.5
-# By how much what flowed before may pass empty or full.
+# By how much what flowed before may pass empty or full: about as far off as a full cell is stated.
 _BEYOND_SOC = 0.02
 # By how much -2 log likelihood must fall: the 0.1 % level of chi-square for one parameter, and for each further one.
 _WORTH, _WORTH_EACH = 10.8, 2.4

@@ -117,17 +117,19 @@ def make_sums(
     rows = regressors(bank, layout.basis, layout.scale, chosen)
     soc = np.concatenate(soc_over(bank, layout.basis.axis))[chosen]
     voltage, own = voltage[chosen], own[chosen]
-    heavy = np.ones(len(chosen)) if weight is None else weight[chosen]
+    heavy = None if weight is None else weight[chosen]
     xx, xy = np.zeros((n_folds, size, size)), np.zeros((n_folds, size))
     yy, count = np.zeros(n_folds), np.zeros(n_folds)
     for fold_number in range(n_folds):
         for part, block, columns in blocks(layout, rows, soc, np.flatnonzero(own == fold_number)):
-            root = np.sqrt(heavy[part])
-            y, block = root * voltage[part], root[:, None] * block
+            y = voltage[part]
+            if heavy is not None:
+                root = np.sqrt(heavy[part])
+                y, block = root * y, root[:, None] * block
             xx[fold_number][np.ix_(columns, columns)] += block.T @ block
             xy[fold_number][columns] += block.T @ y
             yy[fold_number] += y @ y
-            count[fold_number] += float(heavy[part].sum())
+            count[fold_number] += len(y) if heavy is None else float(heavy[part].sum())
     rms = [
         max(_rms(rows[:, b], heavy), _LEAST_SHARE * _mirrored_rms(bank, layout, b))
         for b in range(len(layout.basis.terms))
