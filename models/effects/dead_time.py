@@ -12,6 +12,10 @@ from models.effects.view import View
 
 _LIMIT_SAMPLES = 6.0
 _STEP_SAMPLES = 0.05
+# Part of a sample by which the delay may differ from log to log without a change: voltage and current go through the
+# same converter in each. With a fifth, delays of less than a half were taken for nothing (3 to 4 mV, in class); with
+# this none is told in 40 logs of foreign cells, 29 measured ones and 17 of PyBaMM in which it has not changed.
+_GRANTED_SAMPLES = 0.05
 # The voltage bends at every whole sample, and a spike that is missed by one shows no slope at all: each is looked at.
 _STARTS = (-4.0, -3.0, -2.0, -1.0, -0.3, 0.3, 1.0, 2.0, 3.0, 4.0)
 
@@ -46,5 +50,5 @@ EFFECT = Effect(
     ),
     absorbed=True,
     correction=InputCorrection(delay_s=lambda values: values["delay_s"]),
-    expected=Expected(width=lambda view: view.run.dt_s, starts=_STARTS, granted=lambda _view: 0.2),
+    expected=Expected(width=lambda view: view.run.dt_s, starts=_STARTS, granted=lambda _view: _GRANTED_SAMPLES),
 )
