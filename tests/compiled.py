@@ -9,11 +9,14 @@ import io
 import os
 import sys
 import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import models  # noqa: F401 - names numba's folder
 from bench_service.cli.main import main
 
+Command = tuple[str, ...]
 _DONE = "compiled-for-tests"
 _REQUEST = """
 model = "{model}"
@@ -31,7 +34,7 @@ soc = [0.3, 0.8]
 
 
 def compiled(folder: Path) -> None:
-    """Walk the product's path once on a small simulated cell, through its commands."""
+    """Walk the product's path once on a small simulated cell, through its commands, on two processors."""
     from simulators.catalogue import CELLS
     from simulators.cell import Cell
     from tests.unit.models.simulated_cells import AMBIENT_DEGC, pulses_A, record
@@ -46,19 +49,26 @@ def compiled(folder: Path) -> None:
     train, other, small, bounded = (str(folder / name) for name in ("1.csv", "2.csv", "small.json", "bounded.json"))
     soc, capacity = ("--initial-soc", "0.6"), ("--capacity-Ah", str(cell.capacity_Ah))
     (folder / "request.toml").write_text(_REQUEST.format(model=small), encoding="utf-8")
-    commands: list[tuple[str, ...]] = [
-        ("fit", train, *capacity, *soc, "--structure", "minimal", "--out", small),
+    fitting: list[Command] = [
         ("fit", train, *capacity, *soc, "--structure", "bounded", "--out", bounded),
         ("diagnose", bounded, other, *soc, "--mode", "change"),
         ("observe", bounded, other, *soc),
+    ]
+    observing: list[Command] = [
+        ("fit", train, *capacity, *soc, "--structure", "minimal", "--out", small),
         ("observe", small, other, *soc),
         ("design", str(folder / "request.toml"), "--out", str(folder / "profile.csv")),
     ]
+    with ProcessPoolExecutor(2, get_context("spawn")) as processors:
+        list(processors.map(_walk, (fitting, observing)))
+
+
+def _walk(commands: list[Command]) -> None:
     for command in commands:
         with contextlib.redirect_stdout(io.StringIO()):
             status = main([*command, "--json"])
         if status:
-            raise SystemExit(f"{' '.join(command)}: status {status}")
+            raise RuntimeError(f"{' '.join(command)}: status {status}")
 
 
 def once() -> None:

@@ -25,6 +25,7 @@ from models.observer.filter.places import (
     CAPACITY_STD_OUT,
     COMPILED,
     COUNTED,
+    DOUBLING_K,
     EXPECTED_ROW,
     HELD_CURRENT,
     HELD_DIRECTION,
@@ -48,6 +49,8 @@ from models.observer.filter.places import (
     SLOW_CHARGE,
     SLOW_RATE,
     SOC_STD_OUT,
+    TRAINED_HIGH,
+    TRAINED_LOW,
     VOLTAGE_OUT,
 )
 from models.observer.filter.prediction import predict
@@ -129,14 +132,23 @@ def step(
     if missing_current:
         # Nothing is known of the charge that flows: as if it were 1C either way, in each sample anew.
         q_soc += (net.soc_per_A * net.rest_A * _UNKNOWN_CURRENT) ** 2
+    # Colder or warmer than any run that the model was made from, it is off by more.
+    times = 1.0
+    if temperature_degC < constants[TRAINED_LOW]:
+        times += (constants[TRAINED_LOW] - temperature_degC) / constants[DOUBLING_K]
+    elif temperature_degC > constants[TRAINED_HIGH]:
+        times += (temperature_degC - constants[TRAINED_HIGH]) / constants[DOUBLING_K]
     for j in range(alive):
         base = x[j, n] - counted
         quick, slow, overpotential = predict(
             net, prepared, errors, gains, constants, x[j], covariance[j], filters, history, scratch, base, moved,
             keep_slow, q_soc, first, voltage,
         )  # fmt: skip
-        more = constants[RESISTANCE_STD] * overpotential + constants[SERIES_STD] * current_A
-        correct(n, constants, x[j], covariance[j], scratch, quick, slow, more, voltage, first and net.order > 0, out)
+        quick, slow = times * quick, times * slow
+        more = times * constants[RESISTANCE_STD] * overpotential + constants[SERIES_STD] * current_A
+        correct(
+            n, constants, x[j], covariance[j], scratch, quick, slow, more, times, voltage, first and net.order > 0, out
+        )
         scratch[EXPECTED_ROW, j], scratch[INNOVATION_ROW, j] = out[VOLTAGE_OUT], out[INNOVATION_OUT]
         scratch[LIKELIHOOD_ROW, j] = out[INNOVATION_STD_OUT]
     alive = hypotheses.weigh(n, x, covariance, weight, scratch, alive, voltage, out)

@@ -40,6 +40,7 @@ def correct(
     quick: float,
     slow: float,
     more: float,
+    times: float,
     voltage: float,
     started: bool,
     out: np.ndarray,
@@ -47,8 +48,8 @@ def correct(
     """Correct one hypothesis by the measured voltage, if there is one.
 
     `n` past outputs stand first in the state. `quick`, `slow` and `more` are what one standard deviation of quick
-    error, slow error and resistance error does to the output. Expected voltage, innovation and the innovation's
-    variance (all normalised) go to `out`.
+    error, slow error and resistance error does to the output, `times` how far off the model is here beside where it was
+    trained. Expected voltage, innovation and the innovation's variance (all normalised) go to `out`.
     """
     size = x.shape[0]
     gain, seen = scratch[GAIN_ROW], scratch[OUTPUT_ROW]
@@ -57,7 +58,8 @@ def correct(
         seen[a] = covariance[0, a] + covariance[at_voltage, a] + quick * covariance[at_quick, a]
         seen[a] += slow * covariance[at_slow, a] + more * covariance[at_more, a]
     variance = seen[0] + seen[at_voltage] + quick * seen[at_quick] + slow * seen[at_slow] + more * seen[at_more]
-    variance += constants[R_VOLTAGE]
+    # What tuning takes for noise is mostly the model's error.
+    variance += times * times * constants[R_VOLTAGE]
     expected = x[0] + x[at_voltage] + quick * x[at_quick] + slow * x[at_slow] + more * x[at_more]
     innovation = voltage - expected
     out[VOLTAGE_OUT], out[INNOVATION_OUT], out[INNOVATION_STD_OUT] = expected, innovation, variance

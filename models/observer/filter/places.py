@@ -18,10 +18,10 @@ LOOP_VALUE, LOOP_LEFT = range(2)
 # steady-state gains are used; weight of a sample in the net movement; the little more current (0: no offset is
 # estimated); nominal capacity; by how much the SoC's band is widened; relative standard deviation of the resistances,
 # and that of a resistance in series (normalised output per ampere); what the variance that innovations are judged by
-# has more.
+# has more; the trained temperatures (degC), and how far from them the model's error is twice as large (K).
 Q_OUTPUT, Q_SOC, R_VOLTAGE, QUICK_KEEP, SLOW_RATE, SLOW_CHARGE, STEADY, NET_SHARE, MORE_A = range(9)
-CAPACITY_AH, BAND, RESISTANCE_STD, SERIES_STD, R_JUDGED_MORE = range(9, 14)
-N_CONSTANTS = 14
+CAPACITY_AH, BAND, RESISTANCE_STD, SERIES_STD, R_JUDGED_MORE, TRAINED_LOW, TRAINED_HIGH, DOUBLING_K = range(9, 17)
+N_CONSTANTS = 17
 # Rows of the sizes that the model's error has near each local model.
 QUICK_SIZE, SLOW_SIZE, N_ERRORS = range(3)
 # Memory besides the filters: last current, direction, last temperature, samples seen, charge counted since the start,

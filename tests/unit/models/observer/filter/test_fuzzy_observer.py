@@ -57,6 +57,26 @@ def test_it_finds_the_state_of_charge_from_far_off(observer: FuzzyObserver, offs
     assert figures["soc_rmse"] is not None and figures["soc_rmse"] < 0.01
 
 
+def test_beyond_the_trained_temperatures_it_claims_less_the_farther_it_goes(observer: FuzzyObserver) -> None:
+    """There a network is off by more than where it was trained; whatever is read, the voltage is believed less."""
+    run = synthetic.run(1500, seed=7, noise_V=1e-3)
+    low, high = observer.network.record.domain["temperature_degC"]
+    std = {}
+    for name, temperature in (
+        ("at the edge", high),
+        ("warmer", high + 8.0),
+        ("hot", high + 20.0),
+        ("cold", low - 20.0),
+    ):
+        everywhere = np.full(len(run), temperature)
+        state, rows = observer.replay(observer.initial(0.6, 0.02), run.current_A, run.voltage_V, everywhere)
+        assert np.isfinite(rows[-1, :5]).all()
+        assert np.isfinite(state.covariance).all()
+        std[name] = rows[-1, 1]
+    assert 1.2 * std["at the edge"] < std["warmer"] < std["hot"]
+    assert std["cold"] > 1.2 * std["at the edge"]
+
+
 def test_it_coasts_through_missing_samples(observer: FuzzyObserver) -> None:
     run = synthetic.run(2000, seed=11, noise_V=1e-3)
     voltage, temperature = run.voltage_V.copy(), run.temperature_degC.copy()
