@@ -45,6 +45,7 @@ PROOFS: dict[str, tuple[str, ...]] = {
     "observer_cases": ("observer_cases", "--cases", "200", "--filter-cases", "4", "--models", MODELS, "--json"),
     "observer_health": ("observer_health", "--cases", "40", "--models", MODELS, "--json"),
     "observer_modules": ("observer_modules", "--cases", "200", "--models", MODELS, "--json"),
+    "observer_elsewhere": ("observer_elsewhere", "--data", DATA, "--json"),
     "trend_cases": ("trend_cases", "--cells", "4", "--json"),
     "trend_measured": ("trend_measured", "--data", f"{DATA}/aged", "--json"),
     "real_cells": ("real_cells", "--data", DATA, "--peers", "--resume", ROWS),
