@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from models.network.local_model_network import LocalModelNetwork
     from models.observer.module.module_observer import ModuleObserver
 
+# Distance from the trained temperatures that is worth a word: a cell that warms itself by less is as it was.
+_TOLD_K = 2.0
+
 
 @dataclass(frozen=True, slots=True)
 class Observation:
@@ -113,11 +116,26 @@ def observe(
         grid.soc_ref,
         figures,
         seconds,
-        [*alarms_of(watch(rows, grid.voltage_V)), *remarks],
+        [*alarms_of(watch(rows, grid.voltage_V)), *remarks, *_elsewhere(cell.network, known)],
         told,
         smoothed,
         soc_figures(grid.time_s, smoothed.soc, smoothed.soc_std, grid.soc_ref),
     )
+
+
+def _elsewhere(network: LocalModelNetwork, temperature_degC: FloatArray) -> list[str]:
+    """What to say of a run that is colder or warmer than all that a model was made from."""
+    low, high = network.record.domain.get("temperature_degC", (-np.inf, np.inf))
+    said = []
+    for word, away_K, end in (("colder", low - temperature_degC, np.min), ("warmer", temperature_degC - high, np.max)):
+        if (away_K > _TOLD_K).any():
+            share, here = float((away_K > 0.0).mean()), float(end(temperature_degC))
+            said.append(
+                f"{100.0 * share:.0f} % of the samples are {word} than any run that the model was made from ({low:.0f} "
+                f"to {high:.0f} degC; here {here:.0f} degC): the model is off by more there, the estimate follows the "
+                "voltage less and its band is wider; fit the model to a run at that temperature too"
+            )
+    return said
 
 
 def _run_answer(observed: Observation) -> dict[str, Any]:
