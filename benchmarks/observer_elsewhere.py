@@ -43,6 +43,9 @@ def main() -> int:
                     for row in _rows(split, arguments.start_off):
                         rows.append(row)
                         print(json.dumps(row), file=sys.stderr, flush=True)
+    if not rows:
+        print(f"none of {', '.join(arguments.only)} is in {_TABLE.name}", file=sys.stderr)
+        return 2
     if arguments.json:
         print(json.dumps(rows))
     else:
