@@ -12,7 +12,6 @@ import numpy as np
 from numba import njit
 
 from models.network.compiled_network import FlatNetwork, bent
-from models.network.signals import KELVIN, REFERENCE_K
 from models.network.signals.filters import DIFFUSION_GAINS, FURTHEST_BEHIND, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
@@ -26,6 +25,7 @@ from models.network.signals.loop_form import (
     SQUARED_BIT,
     TEMPERATURE,
 )
+from models.network.signals.temperature_scale import KELVIN, REFERENCE_K, within_degC
 
 
 @njit(cache=True)
@@ -204,7 +204,7 @@ def _others(
             state[0] = keep * state[0] + (1.0 - keep) * np.sign(current)
             value = state[0]
         elif form == TEMPERATURE:
-            value = temperature_degC[k]
+            value = within_degC(temperature_degC[k], net.pole[s, 0], net.pole[s, 1])
         elif form == INVERSE_TEMPERATURE:
             value = 1.0 / (temperature_degC[k] + KELVIN)
         else:

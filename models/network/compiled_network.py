@@ -30,6 +30,7 @@ from models.network.signals.loop_form import (
     TEMPERATURE,
     LoopForm,
 )
+from models.network.signals.temperature_scale import within_degC
 from models.network.structure import KERNELS, Structure
 
 # Compiled without counting references to the network's arrays, which takes longer than the signals of a small network
@@ -131,7 +132,7 @@ def step_signals(
             state[0] = keep * state[0] + (1.0 - keep) * np.sign(current_A)
             value = state[0]
         elif form == TEMPERATURE:
-            value = temperature_degC
+            value = within_degC(temperature_degC, pole[0], pole[1])
         elif form == INVERSE_TEMPERATURE:
             value = 1.0 / (temperature_degC + KELVIN)
         now[s] = (value - net.low[s]) / net.span[s]

@@ -25,6 +25,7 @@ from models.identification.bounded.problem import Sums, make_sums
 from models.identification.bounded.terms import Basis, Term
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import VOLTAGE, SignalBank
+from models.network.signals import parse_signal
 from models.pipeline.refit_problem import Solution
 from models.uncertainty.model_uncertainty import Uncertainty, uncertainty_of
 
@@ -90,7 +91,7 @@ def _layout(network: LocalModelNetwork, known: Uncertainty) -> Layout:
     assert expansion is not None
     effects = {term["signal"]: tuple(term["effects"]) for term in choices.get("terms", [])}
     signals = [channel.signal for channel in network.structure.inputs]
-    terms = tuple(Term(signal, effects.get(signal, ()), signal != _UNBOUNDED) for signal in signals)
+    terms = tuple(Term(signal, effects.get(signal, ()), parse_signal(signal).kind != _UNBOUNDED) for signal in signals)
     places = [np.array(each, dtype=np.int64) - 1 for each in expansion.places[:-1]]
     whole = np.array([0, len(expansion.centres) - 3])
     gain, slope = whole, whole

@@ -10,7 +10,6 @@ import numpy as np
 from numba import njit
 
 from models.network.compiled_network import FlatNetwork, bent
-from models.network.signals import KELVIN, REFERENCE_K
 from models.network.signals.filters import DIFFUSION_GAINS, EMPTY_SOC, FURTHEST_BEHIND, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
@@ -28,6 +27,7 @@ from models.network.signals.loop_form import (
     SQUARED_BIT,
     TEMPERATURE,
 )
+from models.network.signals.temperature_scale import KELVIN, REFERENCE_K, within_degC
 
 
 @njit(cache=True)
@@ -79,8 +79,8 @@ def signal_values(
                 values[k, s] = direction
         else:
             for k in range(n_samples):
-                kelvin = temperature_degC[k] + KELVIN
-                values[k, s] = temperature_degC[k] if form == TEMPERATURE else 1.0 / kelvin
+                inside = within_degC(temperature_degC[k], net.pole[s, 0], net.pole[s, 1])
+                values[k, s] = inside if form == TEMPERATURE else 1.0 / (temperature_degC[k] + KELVIN)
         for k in range(n_samples):
             if form == SOC:
                 values[k, s] = soc[k] + net.factor[s] * values[k, s]

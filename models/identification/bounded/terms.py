@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 from models.data.errors import ModelError
+from models.network.signals.temperature import signal_within
 
 # Time constants of the low-passes: each a factor of about three from the next.
 _RELAXATION_S = (2.0, 6.0, 20.0, 60.0, 200.0, 600.0, 2000.0)
@@ -123,6 +124,7 @@ def make_basis(
     slowest_s: float = 2000.0,
     squared: bool = False,
     behind: bool = False,
+    range_degC: tuple[float, float] | None = None,
     finer: Collection[str] = (),
 ) -> Basis:
     """All terms that runs can tell something of.
@@ -136,6 +138,7 @@ def make_basis(
     slowest_s : longest time constant
     squared : whether overvoltages that grow faster than the current are offered
     behind : whether a part of the curve may stand at the mean state of charge, where the axis is that at a surface
+    range_degC : temperatures of the runs, beyond which the curve changes ever less; None: it goes on
     finer : parts that are wanted with more resolution: more time constants, rates or activations
     """
     factors = {"moves": _ACTIVATIONS_K, "one": (_TYPICAL_K,), "missing": (0.0,)}[temperature]
@@ -160,7 +163,8 @@ def make_basis(
     if behind and surface == _SURFACE:
         terms.append(Term(f"{BEHIND}:{numbers}", (SLOW,)))
     if temperature == "moves":
-        terms.append(Term("temperature", (SLOPE, SCALED), bounded=False))
+        signal = "temperature" if range_degC is None else signal_within(*range_degC)
+        terms.append(Term(signal, (SLOPE, SCALED), bounded=False))
     return Basis(axis, tuple(terms))
 
 

@@ -146,6 +146,7 @@ class Trials:
             axis=variant.axis,
             squared=variant.squared,
             behind=variant.behind,
+            range_degC=range_degC(self.bank),
             finer=self.finer,
         )
         return made.without(self.without) if self.without else made
@@ -211,5 +212,11 @@ def temperature_in(bank: SignalBank) -> str:
 
 def span_of(bank: SignalBank) -> float:
     """Range of the temperature in K over all runs; 0 where none is known."""
+    low_degC, high_degC = range_degC(bank)
+    return high_degC - low_degC
+
+
+def range_degC(bank: SignalBank) -> tuple[float, float]:
+    """Lowest and highest temperature of all runs; 0 where none is known."""
     every = np.concatenate([run.temperature_degC for run in bank.runs])
-    return float(np.nanmax(every) - np.nanmin(every)) if not np.isnan(every).all() else 0.0
+    return (float(np.nanmin(every)), float(np.nanmax(every))) if not np.isnan(every).all() else (0.0, 0.0)

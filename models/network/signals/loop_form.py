@@ -13,7 +13,7 @@ DRIVEN                 current, times exp(activation (1/T - 1/298.15 K)), asinh(
 CASCADE                the current's change through three low-passes one after the other (`poles`), over 1 - poles[0]
 LOOP                   h = e h + (1 - e) sign(current), e = exp(-factor |current|): between -1 and 1, starting at 0
 DIRECTION              +1 after charge, -1 after discharge, held through rests
-TEMPERATURE            degC
+TEMPERATURE            degC, beyond `poles[0]` to `poles[1]` ever less (`temperature_scale.within_degC`)
 INVERSE_TEMPERATURE    1/K
 SOC                    state of charge; where `factor` is not 0, plus factor times the current, scaled by temperature,
                        through the modes of diffusion in a sphere (`poles` holds their rates per sample at 25 degC),
@@ -43,7 +43,8 @@ class LoopForm(NamedTuple):
     form : one of those in the table
     entry : how DRIVEN bends what enters its low-pass
     result : how DRIVEN bends what leaves it, AS_IS or SIGNED_SQUARE
-    poles : of the filter's stages, 0 where there is none; of a diffusion: rates of its modes
+    poles : of the filter's stages, 0 where there is none; of a diffusion: rates of its modes; of a temperature: what it
+        is taken as it is between
     activation_K : scaling of the current by temperature; 0: none
     exchange_A : scale of asinh; 0: none; of a diffusion in its place how many times its time more it takes at empty
     factor : of a diffusion per ampere, or of LOOP per ampere and sample

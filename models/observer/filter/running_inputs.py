@@ -9,7 +9,6 @@ import numpy as np
 from numba import njit
 
 from models.network.compiled_network import FlatNetwork, bent
-from models.network.signals import KELVIN, REFERENCE_K
 from models.network.signals.filters import DIFFUSION_GAINS, FURTHEST_BEHIND, slower_at
 from models.network.signals.loop_form import (
     AS_IS,
@@ -23,6 +22,7 @@ from models.network.signals.loop_form import (
     SQUARED_BIT,
     TEMPERATURE,
 )
+from models.network.signals.temperature_scale import KELVIN, REFERENCE_K, within_degC
 from models.observer.filter.places import COMPILED, LOOP_LEFT, LOOP_VALUE
 
 
@@ -123,7 +123,7 @@ def move_on(
                 filters[0, s, LOOP_VALUE] = value
                 filters[0, s, LOOP_LEFT] = keep * (1.0 if first else filters[0, s, LOOP_LEFT])
             elif form == TEMPERATURE:
-                value = temperature_degC
+                value = within_degC(temperature_degC, poles[s, 0], poles[s, 1])
             elif form == INVERSE_TEMPERATURE:
                 value = inverse_K
             for run in range(runs):

@@ -24,6 +24,7 @@ SCALING = {
     "hysteresis": (-1.0, 1.0),
     "hysteresis_state:40": (-0.97, 0.99),
     "temperature": (4.0, 41.0),
+    "temperature:5/30": (0.0, 40.0),
     "inverse_temperature": (1.0 / 314.0, 1.0 / 277.0),
     "scaled_current:2500": (-12.0, 8.0),
     "charge_transfer:3/2500/20": (-1.9, 1.6),

@@ -33,6 +33,7 @@ SIGNALS = (
     "hysteresis_state:40",
     "squared_current:20",
     "temperature",
+    "temperature:5/30",
     "inverse_temperature",
 )
 

@@ -15,6 +15,7 @@ from models.identification.bounded.variants import Trials, Variant
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.regression import CellContext, SignalBank
+from models.network.signals import parse_signal
 from tests.unit.models.identification.bounded.bank import bank
 
 NOISE_V = 1e-3
@@ -84,8 +85,25 @@ def test_an_effect_left_out_is_missed() -> None:
 def test_temperature_that_says_nothing_gets_little() -> None:
     warm = fit_variant(Trials(hidden(swing_K=4.0)), Variant())
     assert warm.held_out_rmse_V < 1.06 * NOISE_V
-    assert warm.layout.basis.terms[-1].signal == "temperature"
+    assert parse_signal(warm.layout.basis.terms[-1].signal).kind == "temperature"
     assert np.abs(warm.coefficients[warm.layout.first[-2] :]).max() < 5e-3
+
+
+def test_a_curve_hardly_goes_on_beyond_the_temperatures_of_its_runs() -> None:
+    signals = hidden(swing_K=10.0)
+    drifting = [replace(run, voltage_V=run.voltage_V + 3e-3 * (run.temperature_degC - 25.0)) for run in signals.runs]
+    fit = fit_variant(Trials(SignalBank(drifting, signals.initial_soc, signals.cell)), Variant())
+    network = LocalModelNetwork(*network_parts(fit, "bounded"), signals.cell)
+    highest = max(float(run.temperature_degC.max()) for run in drifting)
+    rest = replace(drifting[0], current_A=np.zeros(len(drifting[0])))
+    at = {
+        degC: float(free_run_V(network, replace(rest, temperature_degC=np.full(len(rest), degC)), 0.5)[-1])
+        for degC in (highest - 6.0, highest, highest + 6.0, highest + 50.0)
+    }
+    inside, near, far = np.diff([at[degC] for degC in sorted(at)])
+    assert inside > 0.012
+    assert near == pytest.approx(inside * (1.0 - np.exp(-1.0)), rel=0.03)
+    assert near + far == pytest.approx(inside, rel=0.03)
 
 
 def test_runs_that_only_charge_say_of_the_discharge_what_the_charge_has_shown() -> None:

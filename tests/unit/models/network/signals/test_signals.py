@@ -6,6 +6,8 @@ import pytest
 from models.data.errors import StructureError
 from models.network.signals import RunSignals, is_soc, parse_signal, slower
 from models.network.signals.loop_form import is_overpotential
+from models.network.signals.temperature import signal_within
+from models.network.signals.temperature_scale import FURTHEST_K
 
 
 def test_parameters_follow_the_colon() -> None:
@@ -46,6 +48,23 @@ def test_a_temperature_must_have_been_measured(name: str) -> None:
     with pytest.raises(StructureError, match=f"'{name}' needs a temperature"):
         run.values(name)
     assert np.isfinite(run.values("low_pass:60")).all()
+
+
+def test_beyond_its_range_a_temperature_is_less_and_less() -> None:
+    degC = np.array([-40.0, 4.0, 5.0, 12.0, 25.0, 26.0, 31.0, 100.0])
+    at = np.full(len(degC), 0.5)
+    run = RunSignals(at, degC, at, 1.0, 2.5)
+    name = signal_within(5.04, 24.96)
+    assert name == "temperature:5.0/25.0"
+    found = run.values(name)
+    np.testing.assert_array_equal(found[2:5], degC[2:5])
+    assert (np.diff(found) > 0.0).all()
+    # At first as it is, and no more than some kelvin in the end.
+    np.testing.assert_allclose(found[[1, 5]], [4.0, 26.0], atol=0.1)
+    assert found[0] == pytest.approx(5.0 - FURTHEST_K, abs=0.01)
+    assert found[6] == pytest.approx(25.0 + FURTHEST_K * (1.0 - np.exp(-1.0)))
+    assert found[7] == pytest.approx(25.0 + FURTHEST_K, abs=0.01)
+    np.testing.assert_array_equal(run.values("temperature"), degC)
 
 
 def test_a_surface_that_is_slower_at_empty_leads_by_more_there() -> None:

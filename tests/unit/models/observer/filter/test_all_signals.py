@@ -25,6 +25,7 @@ INPUTS = (
     InputChannel("charge_transfer:1.5/0/20"),
     InputChannel("hysteresis_state:40"),
     InputChannel("temperature"),
+    InputChannel("temperature:23/27"),
     InputChannel("inverse_temperature"),
 )
 AXES = (

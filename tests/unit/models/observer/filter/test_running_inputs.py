@@ -28,6 +28,7 @@ SIGNALS = (
     "surface_soc:0.05/400/3500/30",
     "relaxation:300",
     "hysteresis_state:40",
+    "temperature:5/30",
     "inverse_temperature",
     "temperature",
 )
