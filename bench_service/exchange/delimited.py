@@ -13,6 +13,7 @@ from typing import BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_service.exchange.arrow_numbers import floats, table_of
 from bench_service.exchange.errors import ExchangeError
 from bench_service.exchange.format import Array
 
@@ -73,18 +74,15 @@ def read_columns(
             )
     except (pa.ArrowException, OSError, EOFError) as cause:
         raise error(f"{path}: {_explain(path, cause, names, chosen, delimiter)}") from cause
-    columns = {own: table.column(at).to_numpy(zero_copy_only=False) for own, at in wanted.items()}
-    return tuple(names), {own: np.asarray(values, dtype=np.float64) for own, values in columns.items()}
+    return tuple(names), {own: floats(table.column(at)) for own, at in wanted.items()}
 
 
 def encode_csv(columns: Mapping[str, Array]) -> bytes:
     """Write columns as CSV; numbers in the shortest form that reads back to the same bits, NaN as empty field."""
     # Lazy: pyarrow takes 20 ms.
-    import pyarrow as pa
     import pyarrow.csv as pa_csv
 
-    arrays = [pa.array(values, from_pandas=True) for values in columns.values()]
-    table = pa.Table.from_arrays(arrays, names=[str(k) for k in range(len(arrays))])
+    table = table_of({str(k): values for k, values in enumerate(columns.values())})
     sink = io.BytesIO()
     # The header is written here: pyarrow would put every label into quotation marks.
     csv.writer(sink_text := io.StringIO(), lineterminator="\n").writerow(columns)

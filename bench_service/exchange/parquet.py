@@ -6,8 +6,7 @@ import io
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
+from bench_service.exchange.arrow_numbers import floats, table_of
 from bench_service.exchange.columns import choose_columns
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.format import Array, Format, RawTable, RunTable
@@ -36,17 +35,16 @@ def _read(path: Path) -> RawTable:
         kind = column.type
         if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind)):
             raise RunFileError(f"{path}: column {name!r} holds {kind}, not numbers")
-        columns[own] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+        columns[own] = floats(column)
     return RawTable(names, columns)
 
 
 def encode_parquet(columns: Mapping[str, Array]) -> bytes:
     """Write equally long columns as Parquet; NaN becomes a missing value."""
     # Lazy: pyarrow takes 40 ms.
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
+    table = table_of(columns)
     sink = io.BytesIO()
     pq.write_table(table, sink, compression="zstd")
     return sink.getvalue()

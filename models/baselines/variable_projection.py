@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
-from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
 from models.baselines import smoothness
@@ -123,6 +122,9 @@ def _refined(problem: CircuitProblem, theta: FloatArray, strengths: tuple[float,
 
     bounds = np.repeat(problem.bounds(), theta.shape[1], axis=0)
     start = np.clip(theta.ravel(), bounds[:, 0], bounds[:, 1])
+    # Lazy: 0.5 s of processor time.
+    from scipy.optimize import minimize
+
     found = minimize(
         objective,
         start,

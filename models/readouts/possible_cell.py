@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import nnls
 
 from models.data.timeseries import FloatArray
 from models.network.local_model_network import LocalModelNetwork
@@ -100,6 +99,9 @@ def _nearest(rows: FloatArray, least: FloatArray) -> FloatArray | None:
     aim = np.zeros(len(stacked))
     aim[-1] = 1.0
     try:
+        # Lazy: 0.5 s of processor time.
+        from scipy.optimize import nnls
+
         weights, _ = nnls(stacked, aim, maxiter=30 * stacked.shape[1])
     except RuntimeError:
         return None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_service.exchange.arrow_numbers import floats
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.guess import QuestionError, state_of
 from bench_service.exchange.foreign.mapping import Mapping, quantity_of
@@ -119,7 +120,7 @@ def _date_hint(mapping: Mapping, role: str) -> str:
 
 
 def _numbers(array: pa.Array) -> NDArray[np.float64]:
-    values = np.array(array.to_numpy(zero_copy_only=False), dtype=np.float64)
+    values = floats(array)
     values[np.abs(values) >= _SENTINEL] = np.nan
     return values
 

@@ -8,6 +8,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from bench_service.exchange.arrow_numbers import table_of
 from bench_service.exchange.atomic import atomic_file
 from bench_service.exchange.columns import BDF_NAMES, COUNT_NAMES, UNIX_TIME_LABEL
 from bench_service.exchange.delimited import encode_csv
@@ -57,7 +58,7 @@ def _write_parquet(stream: BinaryIO, run: Imported, labelled: bool) -> None:
     sink = pa.PythonFile(_Unclosed(stream), mode="w")
     for block in run.blocks():
         columns = _named(block, run, labelled)
-        table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
+        table = table_of(columns)
         writer = writer or pq.ParquetWriter(sink, table.schema, compression="zstd")
         writer.write_table(table)
     if writer is not None:

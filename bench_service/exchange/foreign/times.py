@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_service.exchange.arrow_numbers import floats
+
 if TYPE_CHECKING:
     import pyarrow as pa
 
@@ -154,13 +156,12 @@ def _text(found: pa.StructArray, name: str) -> NDArray[np.str_]:
 
 def _number(found: pa.StructArray, name: str, empty: float = np.nan) -> NDArray[np.float64]:
     """Numbers of a part; NaN where the whole is missing, `empty` where the part is."""
-    import pyarrow as pa
     import pyarrow.compute as pc
 
     part = pc.struct_field(found, name)  # pyright: ignore[reportAttributeAccessIssue]
     part = pc.replace_substring_regex(part, pattern="[,:]", replacement=".")  # pyright: ignore[reportAttributeAccessIssue]
     part = pc.if_else(pc.equal(part, ""), str(empty), part)  # pyright: ignore[reportAttributeAccessIssue]
-    values = np.asarray(part.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
+    values = floats(part)
     return np.where(np.asarray(found.is_null()), np.nan, values)
 
 

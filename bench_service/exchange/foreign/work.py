@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bench_service.exchange.arrow_numbers import floats
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.arrow_table import ArrowTable
 from bench_service.exchange.foreign.guess import QuestionError
@@ -87,10 +88,7 @@ def stored_blocks(path: Path) -> Iterator[Columns]:
     first_s: float | None = None
     with pq.ParquetFile(path) as file:
         for batch in file.iter_batches(1 << 16):
-            block = {
-                name: np.asarray(batch.column(name).to_numpy(zero_copy_only=False), dtype=np.float64)
-                for name in batch.schema.names
-            }
+            block = {name: floats(batch.column(name)) for name in batch.schema.names}
             first_s = float(block["time_s"][0]) if first_s is None else first_s
             block["time_s"] = block["time_s"] - first_s
             yield block

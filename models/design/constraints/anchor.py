@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import csr_array, diags_array, hstack, vstack
 
 from models.data.timeseries import FloatArray
 from models.design.constraints.limiter import FlatLimits
@@ -39,6 +37,10 @@ def _solve(
     low: FloatArray, high: FloatArray, flat: FlatLimits, soc_per_A: float, initial_soc: float, ramp: bool
 ) -> FloatArray | None:
     """Unknowns: N currents, then N states of charge after each; any solution will do."""
+    # Lazy: 0.6 s of processor time.
+    from scipy.optimize import linprog
+    from scipy.sparse import csr_array, diags_array, hstack, vstack
+
     n = len(low)
     eye = diags_array(np.ones(n))
     before = diags_array(-np.ones(n - 1), offsets=-1, shape=(n, n)) if n > 1 else csr_array((1, 1))

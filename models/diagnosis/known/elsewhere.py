@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, get_lapack_funcs
-from scipy.optimize import minimize
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.cell import SURFACE
@@ -231,6 +230,9 @@ def learn(
     # No step of the search leaves what is possible: beyond it the matrix has no root in double precision.
     reach = KNOWN.most_spreads * KNOWN.share_spread
     bounds = np.column_stack([centre - reach, centre + reach])
+    # Lazy: 0.5 s of processor time.
+    from scipy.optimize import minimize
+
     found = minimize(cost, centre, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": KNOWN.steps})
     variances = np.exp(found.x)
     granted = dict(zip(effects, variances[len(own) :].tolist(), strict=True))

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import erfcx, log_ndtr
-from scipy.stats import norm, t
+from scipy.special import erfcx, log_ndtr, ndtri, stdtrit
 
 from models.data.timeseries import FloatArray
 from models.diagnosis.known.elsewhere import Elsewhere
@@ -64,7 +63,7 @@ def doubt(elsewhere: Elsewhere) -> float:
     if not elsewhere.granted:
         return 1.0
     runs = len(np.unique(elsewhere.known.run))
-    return float(t.ppf(_WITHIN, max(runs - 1, 1)) / norm.ppf(_WITHIN))
+    return float(stdtrit(max(runs - 1, 1), _WITHIN) / ndtri(_WITHIN))
 
 
 def widened(

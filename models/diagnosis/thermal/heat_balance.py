@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray
@@ -64,6 +63,9 @@ def _fitted(views: list[ThermalView]) -> HeatBalance:
         # Several times the time constant with a skin that all follows sooner is nearly the same for heat and chamber,
         # but not for what else goes by it.
         return mse + unusual_K2
+
+    # Lazy: 0.5 s of processor time.
+    from scipy.optimize import minimize_scalar
 
     grid = np.linspace(float(np.log(_TIME_CONSTANT_S[0])), float(np.log(_TIME_CONSTANT_S[1])), _GRID)
     costs = np.pad([judged(float(each)) for each in grid], 1, constant_values=np.inf)

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from models.data.errors import ModelError
 from models.data.resampling import GridRun, to_grid
@@ -152,6 +151,9 @@ def most_likely(data: TuningData, first: ObserverSettings) -> ObserverSettings:
         return -log_likelihood(data, np.exp(inside)) + prior + 1e3 * beyond
 
     simplex = np.vstack([start, start + 0.7 * np.eye(len(start))])
+    # Lazy: 0.5 s of processor time.
+    from scipy.optimize import minimize
+
     found = minimize(
         cost,
         start,

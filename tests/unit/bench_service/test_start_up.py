@@ -37,3 +37,7 @@ def test_a_control_process_starts_without_what_only_fits_need() -> None:
 
 def test_a_control_process_starts_without_the_observer_and_its_compiler() -> None:
     assert loaded("bench_service.bench.__main__", HEAVY) == []
+
+
+def test_models_load_without_what_few_of_them_need() -> None:
+    assert loaded("models.pipeline", ("scipy.stats", "scipy.optimize", "scipy.signal", "scipy.interpolate")) == []
