@@ -106,10 +106,12 @@ def _range_of(where: str, name: str) -> Range | None:
 
 
 def _quantities(value: Any, where: str, name: str) -> Iterator[tuple[str, str, float]]:
-    """Every number with its place and the name of the nearest key above it."""
+    """Every number with its place and the name of the nearest key above it; of a list of them the least and the most."""
     if isinstance(value, dict):
         for key, part in value.items():
             yield from _quantities(part, f"{where}.{key}" if where else str(key), str(key))
+    elif isinstance(value, list) and set(map(type, value)) == {float}:
+        yield from ((where, name, min(value)), (where, name, max(value)))
     elif isinstance(value, list):
         for part in value:
             yield from _quantities(part, where, name)
