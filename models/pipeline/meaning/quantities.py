@@ -106,7 +106,7 @@ def _range_of(where: str, name: str) -> Range | None:
 
 
 def _quantities(value: Any, where: str, name: str) -> Iterator[tuple[str, str, float]]:
-    """Every number with its place and the name of the nearest key above it; of a list of them the least and the most."""
+    """Every number with its place and the nearest key above it; of a list of them the least and the most."""
     if isinstance(value, dict):
         for key, part in value.items():
             yield from _quantities(part, f"{where}.{key}" if where else str(key), str(key))
