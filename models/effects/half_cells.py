@@ -8,6 +8,7 @@ Sources 219, 2012; Birkl et al., J. Power Sources 341, 2017).
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -157,6 +158,10 @@ class HalfCells:
         return self.ends[0] + soc * (self.ends[1] - self.ends[0])
 
 
+# Curves of the models that are about, by their place in memory.
+_CURVES: dict[int, tuple[weakref.ref[OwnModel], Curve | None]] = {}
+
+
 def half_cells(model: OwnModel) -> HalfCells | None:
     """Electrodes of a model's cell; None where it is no lithium cell against graphite.
 
@@ -170,7 +175,16 @@ def half_cells(model: OwnModel) -> HalfCells | None:
 
 
 def own_curve(model: OwnModel) -> Curve | None:
-    """What a model's cell is taken apart by; None: it is none that could be."""
+    """What a model's cell is taken apart by; None: it is none that could be. Simulated once for each model."""
+    place = id(model)
+    known = _CURVES.get(place)
+    if known is None or known[0]() is not model:
+        known = weakref.ref(model, lambda _: _CURVES.pop(place, None)), _simulated(model)
+        _CURVES[place] = known
+    return known[1]
+
+
+def _simulated(model: OwnModel) -> Curve | None:
     low, high = model.soc_range
     soc = np.linspace(max(low, 0.0), min(high, 1.0), _LEARNED)
     curve_V = model.open_circuit_V(soc)
