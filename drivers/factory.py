@@ -5,10 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from drivers.address import CanAddress, SerialAddress, TcpAddress, parse_address
-from drivers.can_codec import CanCodec
-from drivers.can_cycler import CanCycler
 from drivers.can_identifiers import identifiers_of
-from drivers.can_link import CanLink
 from drivers.chamber import Chamber
 from drivers.cycler import Cycler
 from drivers.errors import BadMapError, CyclerConnectionError
@@ -64,7 +61,12 @@ def open_chamber(url: str, map_name: str | Path, timeout_s: float) -> Chamber:
     return ModbusChamber(_modbus_link(address, device_map, timeout_s), device_map)
 
 
-def _can_cycler(address: CanAddress, can_map: CanMap, timeout_s: float) -> CanCycler:
+def _can_cycler(address: CanAddress, can_map: CanMap, timeout_s: float) -> Cycler:
+    # Lazy: python-can and cantools take 300 ms.
+    from drivers.can_codec import CanCodec
+    from drivers.can_cycler import CanCycler
+    from drivers.can_link import CanLink
+
     codec = CanCodec(can_map.dbc, can_map.views)
     sends = [command.send for command in can_map.commands.values()] + [ask.send for ask in can_map.asks.values()]
     receives = {signal.message for _, signal in can_map.signals()}

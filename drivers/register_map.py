@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from drivers.can_map import Ask, CanMap, Command, Flag, Send
-from drivers.can_map_checks import check_can_map
 from drivers.can_map_reader import read_can_map
 from drivers.device_map import (
     Block,
@@ -107,6 +106,9 @@ def load_map(name_or_path: str | Path, kind: str | None = "cycler") -> DeviceMap
 
 def load_can_map(name_or_path: str | Path) -> CanMap:
     """Read a CAN device map and check it against its DBC file; otherwise as `load_map`."""
+    # Lazy: python-can and cantools take 300 ms.
+    from drivers.can_map_checks import check_can_map
+
     path, content = _content(name_or_path)
     can_map = read_can_map(path, content)
     _check_name(name_or_path, path, can_map.name)
