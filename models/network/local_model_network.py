@@ -69,6 +69,10 @@ class LocalModelNetwork:
         low, high = self.scaling[VOLTAGE]
         return high - low
 
+    def scaled_over(self, kind: str) -> tuple[float, float] | None:
+        """Range in its unit by which the first signal of a kind is normalised; None where there is none of it."""
+        return next((bounds for name, bounds in self.scaling.items() if name.partition(":")[0] == kind), None)
+
     def dataset(self, runs: list[GridRun], initial_soc: list[float]) -> Dataset:
         """Regression arrays of runs in this network's scaling."""
         return build_dataset(self.structure, self.scaling, runs, initial_soc, self.cell)

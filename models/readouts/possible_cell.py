@@ -98,10 +98,10 @@ def _nearest(rows: FloatArray, least: FloatArray) -> FloatArray | None:
     stacked = np.column_stack([rows / scale[:, None], least / scale]).T
     aim = np.zeros(len(stacked))
     aim[-1] = 1.0
-    try:
-        # Lazy: 0.5 s of processor time.
-        from scipy.optimize import nnls
+    # Lazy: 0.5 s of processor time.
+    from scipy.optimize import nnls
 
+    try:
         weights, _ = nnls(stacked, aim, maxiter=30 * stacked.shape[1])
     except RuntimeError:
         return None

@@ -190,5 +190,5 @@ def _settles(a: FloatArray) -> np.ndarray:
 
 def _trained(network: LocalModelNetwork, name: str, signal: str, fallback: tuple[float, float]) -> tuple[float, float]:
     """Range of a quantity in the training runs: as recorded, else as the signal was normalised."""
-    low, high = network.record.domain.get(name) or network.scaling.get(signal) or fallback
+    low, high = network.record.domain.get(name) or network.scaled_over(signal) or fallback
     return float(low), float(high)

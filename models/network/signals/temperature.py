@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.data.errors import StructureError
 from models.data.timeseries import FloatArray
 from models.network.signals.kind import Parameter, Points, Signal, SignalKind
 from models.network.signals.loop_form import TEMPERATURE, LoopForm
-from models.network.signals.temperature_scale import within_degC
+from models.network.signals.temperature_scale import FURTHEST_K
 
 
 def signal_within(low_degC: float, high_degC: float) -> str:
@@ -16,16 +17,18 @@ def signal_within(low_degC: float, high_degC: float) -> str:
 
 
 def _range_degC(signal: Signal) -> tuple[float, float]:
-    """Lowest and highest temperature that is taken as it is."""
-    return signal.parameters.get("low_degC", -np.inf), signal.parameters.get("high_degC", np.inf)
+    """Lowest and highest temperature that is taken as it is; raises StructureError where they are exchanged."""
+    low_degC, high_degC = signal.parameters.get("low_degC", -np.inf), signal.parameters.get("high_degC", np.inf)
+    if low_degC > high_degC:
+        raise StructureError(f"signal {signal.name!r}: low_degC is above high_degC")
+    return low_degC, high_degC
 
 
 def _temperature_degC(signal: Signal, points: Points) -> FloatArray:
-    low_degC, high_degC = _range_degC(signal)
-    beyond = np.flatnonzero((points.temperature_degC < low_degC) | (points.temperature_degC > high_degC))
-    out = points.temperature_degC.copy()
-    out[beyond] = [within_degC(degC, low_degC, high_degC) for degC in out[beyond]]
-    return out
+    """`within_degC` of many at once."""
+    inside = np.clip(points.temperature_degC, *_range_degC(signal))
+    beyond = points.temperature_degC - inside
+    return inside - FURTHEST_K * np.sign(beyond) * np.expm1(-np.abs(beyond) / FURTHEST_K)
 
 
 def _loop(signal: Signal, _dt_s: float, _capacity_Ah: float) -> LoopForm:

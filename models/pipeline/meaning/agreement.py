@@ -97,7 +97,7 @@ def check_domain(network: LocalModelNetwork) -> None:
     """Refuse trained ranges that have nothing to do with those that the signals are scaled by; raises `ModelError`."""
     names = {"soc": "soc", "current_A": "current", "temperature_degC": "temperature"}
     for name, (low, high) in network.record.domain.items():
-        bounds = network.scaling.get(names.get(name, name))
+        bounds = network.scaled_over(names.get(name, name))
         if bounds is None:
             continue
         span = bounds[1] - bounds[0]

@@ -87,9 +87,9 @@ def trial_runs(network: LocalModelNetwork) -> list[tuple[TimeSeries, float]]:
         There is no trained range to run in.
     """
     domain, capacity_Ah = network.record.domain, network.cell.capacity_Ah
-    low, high = domain.get("soc", network.scaling.get("soc", (0.2, 0.8)))
-    least_A, most_A = domain.get("current_A", network.scaling.get("current", (-capacity_Ah, capacity_Ah)))
-    degC = domain.get("temperature_degC", network.scaling.get("temperature", (25.0, 25.0)))
+    low, high = domain.get("soc") or network.scaled_over("soc") or (0.2, 0.8)
+    least_A, most_A = domain.get("current_A") or network.scaled_over("current") or (-capacity_Ah, capacity_Ah)
+    degC = domain.get("temperature_degC") or network.scaled_over("temperature") or (25.0, 25.0)
     most_A = max(abs(least_A), abs(most_A))
     if not (low < high and most_A > 0.0):
         raise ModelError(f"model document is damaged: it was trained from SoC {low:g} to {high:g} with {most_A:g} A")

@@ -7,7 +7,7 @@ from models.data.errors import StructureError
 from models.network.signals import RunSignals, is_soc, parse_signal, slower
 from models.network.signals.loop_form import is_overpotential
 from models.network.signals.temperature import signal_within
-from models.network.signals.temperature_scale import FURTHEST_K
+from models.network.signals.temperature_scale import FURTHEST_K, within_degC
 
 
 def test_parameters_follow_the_colon() -> None:
@@ -64,7 +64,10 @@ def test_beyond_its_range_a_temperature_is_less_and_less() -> None:
     assert found[0] == pytest.approx(5.0 - FURTHEST_K, abs=0.01)
     assert found[6] == pytest.approx(25.0 + FURTHEST_K * (1.0 - np.exp(-1.0)))
     assert found[7] == pytest.approx(25.0 + FURTHEST_K, abs=0.01)
+    np.testing.assert_allclose(found, [within_degC(each, 5.0, 25.0) for each in degC.tolist()], rtol=1e-12)
     np.testing.assert_array_equal(run.values("temperature"), degC)
+    with pytest.raises(StructureError, match="low_degC is above high_degC"):
+        run.values("temperature:25/5")
 
 
 def test_a_surface_that_is_slower_at_empty_leads_by_more_there() -> None:
