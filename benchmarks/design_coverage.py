@@ -2,7 +2,7 @@
 
 ``python benchmarks/design_coverage.py [--chemistries nmc lfp] [--truths particle spread] [--seeds 10] [--out ROWS]``
 
-The cells are the two foreign truths of `simulators`, drawn until the chemistry is the one asked for; seeds take them in
+The cells are two of the foreign truths of `simulators`, drawn until the chemistry is the one asked for; seeds take them in
 turn. All signals last the same time within SoC 0.1..0.92, -2C..1C and the voltage limits, from SoC 0.5 at rest. The
 designed sequence has for reference a network fitted to a pre-test of the same cell with other noise; it trains nothing
 else. Each signal is played, a bounded network is fitted to what the sensors read, and its free run is held against the
@@ -305,7 +305,7 @@ def _print(found: list[dict[str, Any]]) -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--chemistries", nargs="+", choices=("nmc", "lfp"), default=["nmc", "lfp"])
-    parser.add_argument("--truths", nargs="+", choices=tuple(TRUTHS), default=list(TRUTHS))
+    parser.add_argument("--truths", nargs="+", choices=TRUTHS, default=["particle", "spread"])
     parser.add_argument("--families", nargs="*", help="default: all")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=0)

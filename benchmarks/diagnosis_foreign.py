@@ -1,14 +1,14 @@
 """Change mode on cells outside of the models' class: how often it is right, misled, and wrong and sure of it.
 
-``python benchmarks/diagnosis_foreign.py [--families particle,spread,measured,pybamm,left_out] [--cases 10] [--nulls 10]
-[--seed 0] [--effects NAME,...] [--data FOLDER] [--keep FOLDER] [--rows FILE] [--json]``
+``python benchmarks/diagnosis_foreign.py [--families particle,spread,strands,measured,pybamm,left_out] [--cases 10]
+[--nulls 10] [--seed 0] [--effects NAME,...] [--data FOLDER] [--keep FOLDER] [--rows FILE] [--json]``
 
-Families: `particle` and `spread` are simulated, see `foreign_cells`; `measured`, `pybamm` and `left_out` (only where it
-is asked for) need `--data`, see `foreign_measured`. A bounded network is fitted to the training runs of each base (kept
-in `--keep`), then logs without and with one effect are diagnosed beside the training runs. Sizes of simulated effects
-are fixed beforehand: the voltage of the judged log changes by 3, 6 or 12 mV (RMS at the same current), the temperature
-by 0.5, 1 or 2 K. Every case follows from (family, seed, number); its row goes to `--rows` as soon as it is judged, and
-a second call goes on there.
+Families: `particle`, `spread` and `strands` are simulated, see `foreign_cells`; `measured`, `pybamm` and `left_out`
+(only where it is asked for) need `--data`, see `foreign_measured`. A bounded network is fitted to the training runs of
+each base (kept in `--keep`), then logs without and with one effect are diagnosed beside the training runs. Sizes of
+simulated effects are fixed beforehand: the voltage of the judged log changes by 3, 6 or 12 mV (RMS at the same
+current), the temperature by 0.5, 1 or 2 K. Every case follows from (family, seed, number); its row goes to `--rows` as
+soon as it is judged, and a second call goes on there.
 """
 
 import argparse
@@ -48,11 +48,14 @@ from models.diagnosis.answer.findings import Diagnosis
 from models.network.local_model_network import LocalModelNetwork
 from models.pipeline.fit import fit_network
 
-SIMULATED, RECORDED = ("particle", "spread"), ("measured", "pybamm", "left_out")
+SIMULATED, RECORDED = ("particle", "spread", "strands"), ("measured", "pybamm", "left_out")
 BASES, TRAIN_RUNS = 5, 3
 TARGETS_MV, TARGETS_K = (3.0, 6.0, 12.0), (0.5, 1.0, 2.0)
 _EITHER_WAY = ("entropic_voltage", "voltage_offset", "current_gain", "voltage_gain")
-_NUMBER_OF = {name: number for number, name in enumerate((*SIMULATED, *RECORDED))}
+# Whose numbers cases follow from: a new family comes last.
+_NUMBER_OF = {
+    name: number for number, name in enumerate(("particle", "spread", "measured", "pybamm", "left_out", "strands"))
+}
 _STRIDE = 7
 _ROUNDS, _CLOSE, _LARGEST = 4, 0.05, 2.0
 

@@ -1,8 +1,9 @@
 """Cells that share nothing with the models, measured as in a laboratory: for `diagnosis_foreign.py`.
 
-Two truths, `particle` and `spread`, see `simulators`. All constants are random. Three training runs of three kinds out
-of five, a judged run of any kind; each log begins in the middle of an unlogged history, with a state of charge that is
-stated to half a point. Sensors have noise, steps, an offset and a gain that stay; the chamber stands still or moves.
+Three truths, `particle`, `spread` and `strands`, see `simulators`. All constants are random. Three training runs of
+three kinds out of five, a judged run of any kind; each log begins in the middle of an unlogged history, with a state of
+charge that is stated to half a point. Sensors have noise, steps, an offset and a gain that stay; the chamber stands
+still or moves.
 """
 
 from collections.abc import Callable
@@ -17,6 +18,8 @@ from simulators.particle_cell import ParticleCell
 from simulators.particle_cells import PARTICLE_AGEING, PARTICLE_EFFECTS, random_particle_cell
 from simulators.spread_cell import SpreadCell
 from simulators.spread_cells import SPREAD_EFFECTS, random_spread_cell
+from simulators.strand_cell import StrandCell
+from simulators.strand_cells import STRAND_EFFECTS, random_strand_cell
 
 KINDS = ("pulses", "drive", "cycles", "multisine", "stages")
 LOG_S, SOC = 6000, (0.12, 0.88)
@@ -37,6 +40,7 @@ class Truth:
 TRUTHS = {
     "particle": Truth(random_particle_cell, PARTICLE_EFFECTS, ParticleCell),
     "spread": Truth(random_spread_cell, SPREAD_EFFECTS, SpreadCell),
+    "strands": Truth(random_strand_cell, STRAND_EFFECTS, StrandCell),
 }
 
 
@@ -85,6 +89,7 @@ ASKED_EFFECTS: dict[str, Callable[[Rig, float], Rig]] = {
 ASKED_OF_CELLS: dict[str, dict[str, Callable[[Any, float], Any]]] = {
     "particle": PARTICLE_AGEING,
     "spread": {"core_temperature": lambda p, x: replace(p, core_W_per_K=p.core_W_per_K / (1.0 + 4.0 * x))},
+    "strands": {},
 }
 # A contact is bad while the sum of two swings of these periods, s, is above a level.
 _CONTACT_S, _CONTACT_LEVEL = (2300.0, 1010.0), 0.7
@@ -289,5 +294,5 @@ def true_size(name: str, before: Rig, after: Rig, true_soc: float) -> float | No
 
 
 def _slope_V_per_K(rig: Rig) -> float:
-    """What the effect moves: a constant of the particle cell, both ends of the other."""
+    """What the effect moves: a constant of the particle cell, both ends of the others."""
     return float(np.mean(rig.constants.entropy_V_per_K))
