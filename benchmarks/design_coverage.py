@@ -2,8 +2,8 @@
 
 ``python benchmarks/design_coverage.py [--chemistries nmc lfp] [--truths particle spread] [--seeds 10] [--out ROWS]``
 
-The cells are two of the foreign truths of `simulators`, drawn until the chemistry is the one asked for; seeds take them in
-turn. All signals last the same time within SoC 0.1..0.92, -2C..1C and the voltage limits, from SoC 0.5 at rest. The
+The cells are two of the foreign truths of `simulators`, drawn until the chemistry is the one asked for; seeds take them
+in turn. All signals last the same time within SoC 0.1..0.92, -2C..1C and the voltage limits, from SoC 0.5 at rest. The
 designed sequence has for reference a network fitted to a pre-test of the same cell with other noise; it trains nothing
 else. Each signal is played, a bounded network is fitted to what the sensors read, and its free run is held against the
 noise-free voltage of runs of five kinds that go through the whole window, by sensors that are right: what it differs by
@@ -44,6 +44,7 @@ from models.pipeline.fit import fit_network
 DT_S, INITIAL_SOC, AMBIENT_DEGC = 1.0, 0.5, 25.0
 C_RATES, SOC = (-2.0, 1.0), (0.1, 0.92)
 LEVELS = 8
+TRUTHS_HERE = ("particle", "spread")
 _WINDOW_V = {"nmc": (2.6, 4.25), "lfp": (2.3, 3.7)}
 # Left between the open-circuit voltage at the window's ends and the limits, at the least.
 _ROOM_V = 0.3
@@ -305,7 +306,7 @@ def _print(found: list[dict[str, Any]]) -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--chemistries", nargs="+", choices=("nmc", "lfp"), default=["nmc", "lfp"])
-    parser.add_argument("--truths", nargs="+", choices=TRUTHS, default=["particle", "spread"])
+    parser.add_argument("--truths", nargs="+", choices=TRUTHS_HERE, default=list(TRUTHS_HERE))
     parser.add_argument("--families", nargs="*", help="default: all")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=0)

@@ -21,6 +21,7 @@ from models.network.compiled_network import FlatNetwork, flat_network, has_loop_
 from models.network.hats import blend_block
 from models.network.local_model_network import LocalModelNetwork
 from models.network.signals import soc_by_counting
+from models.network.signals.temperature_scale import inside_trained
 
 _BLOCK = 4096
 # Hats blend tap by tap and need no validity functions beside; the signals then stay in the cache.
@@ -191,10 +192,10 @@ def _make_exponents(net: FlatNetwork, factors: Factors, values: np.ndarray, dept
     out = np.empty((factors.axis.shape[0], size))
     for f in range(factors.axis.shape[0]):
         j = factors.axis[f]
-        row = values[net.axis_signal[j]]
+        row, form = values[net.axis_signal[j]], int(net.form[net.axis_signal[j]])
         begin, centre, inverse = depth - net.axis_lag[j], factors.centre[f], factors.inverse_width[f]
         for k in range(size):
-            scaled = (row[begin + k] - centre) * inverse
+            scaled = (inside_trained(form, float(row[begin + k])) - centre) * inverse
             out[f, k] = -0.5 * scaled * scaled
     return out
 

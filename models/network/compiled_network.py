@@ -30,7 +30,7 @@ from models.network.signals.loop_form import (
     TEMPERATURE,
     LoopForm,
 )
-from models.network.signals.temperature_scale import within_degC
+from models.network.signals.temperature_scale import inside_trained, within_degC
 from models.network.structure import KERNELS, Structure
 
 # Compiled without counting references to the network's arrays, which takes longer than the signals of a small network
@@ -183,7 +183,9 @@ def step_validity(net: FlatNetwork, history: np.ndarray, weight: np.ndarray) -> 
     for i in range(n_models):
         squared, kernel = 0.0, 1.0
         for j in range(n_axes):
-            distance = abs(history[net.axis_lag[j], net.axis_signal[j]] - net.centres[i, j]) / net.widths[i, j]
+            s = net.axis_signal[j]
+            z = inside_trained(int(net.form[s]), float(history[net.axis_lag[j], s]))
+            distance = abs(z - net.centres[i, j]) / net.widths[i, j]
             squared += distance * distance
             if net.kernel == _UNIFORM:
                 kernel *= 1.0 if distance <= 1.0 else 0.0

@@ -135,7 +135,7 @@ class LocalModelNetwork:
             raise StructureError(f"model document is damaged: {error!r}") from None
         _check_document(structure, lower, upper, scaling, float(capacity_Ah), float(efficiency))
         k_sigma = np.array([axis.k_sigma for axis in structure.axes])
-        partition = Partition(lower, upper, k_sigma, structure.kernel)
+        partition = Partition(lower, upper, k_sigma, structure.kernel, tuple(axis.held for axis in structure.axes))
         cell = CellContext(float(capacity_Ah), float(efficiency))
         return cls(structure, partition, theta, {k: (v[0], v[1]) for k, v in scaling.items()}, cell, record)
 

@@ -22,12 +22,14 @@ class Partition:
     lower, upper : (M, n_axes) box edges; every partition variable is normalised to 0..1 over the trained range
     k_sigma : (n_axes,) kernel width over box width
     kernel : "gaussian", "uniform", "triangular" or "hat"
+    held : (n_axes,) which variables are held at the edges of the trained range; by default none
     """
 
     lower: FloatArray
     upper: FloatArray
     k_sigma: FloatArray
     kernel: str = "gaussian"
+    held: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the knots of hats."""
@@ -58,11 +60,13 @@ class Partition:
 
         Returns
         -------
-        (N, M), each row sums to 1. Far outside the boxes the nearest one takes all.
+        (N, M), each row sums to 1. Far outside the boxes the nearest one takes all, along axes that are not held.
         """
         z = np.ascontiguousarray(z)
         if self.kernel == "hat":
             return np.asarray(hat_validity(self.centres, z[:, 0]))
+        if any(self.held):
+            z = np.where(self.held, np.clip(z, 0.0, 1.0), z)
         if self.kernel == "gaussian":
             out = np.asarray(_relative_exponents(z, self.centres, 1.0 / self.widths))
             np.exp(out, out=out)
@@ -85,7 +89,7 @@ class Partition:
         upper = np.vstack([self.upper, self.upper[model]])
         upper[model, axis] = middle
         lower[-1, axis] = middle
-        return Partition(lower, upper, self.k_sigma, self.kernel)
+        return Partition(lower, upper, self.k_sigma, self.kernel, self.held)
 
     def neighbours(self) -> list[tuple[int, int]]:
         """Pairs of boxes that share a face; of hats, of knots that follow each other."""
@@ -110,7 +114,7 @@ def initial_partition(axes: tuple[PartitionAxis, ...], kernel: str = "gaussian")
     cells = np.indices([axis.initial for axis in axes]).reshape(len(axes), -1).T
     lower = np.array([[edges[a][c] for a, c in enumerate(cell)] for cell in cells])
     upper = np.array([[edges[a][c + 1] for a, c in enumerate(cell)] for cell in cells])
-    return Partition(lower, upper, np.array([axis.k_sigma for axis in axes]), kernel)
+    return Partition(lower, upper, np.array([axis.k_sigma for axis in axes]), kernel, tuple(axis.held for axis in axes))
 
 
 def hat_partition(knots: FloatArray) -> Partition:

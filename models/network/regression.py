@@ -78,6 +78,18 @@ class SignalBank:
     _known: dict[str, list[FloatArray]] = field(default_factory=dict)
     _bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
 
+    @property
+    def range_degC(self) -> tuple[float, float]:
+        """Lowest and highest temperature of all runs; 0 where none is known."""
+        every = np.concatenate([run.temperature_degC for run in self.runs])
+        return (0.0, 0.0) if np.isnan(every).all() else (float(np.nanmin(every)), float(np.nanmax(every)))
+
+    @property
+    def span_K(self) -> float:
+        """Range of the temperature over all runs; 0 where none is known."""
+        low_degC, high_degC = self.range_degC
+        return high_degC - low_degC
+
     def values(self, name: str) -> list[FloatArray]:
         """(n,) values of a named signal over each run, in its physical unit."""
         if name not in self._known:

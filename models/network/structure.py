@@ -52,6 +52,11 @@ class PartitionAxis:
     splittable: bool = True
     k_sigma: float = 0.4
 
+    @property
+    def held(self) -> bool:
+        """Whether the partition variable is held at the edges of the trained range (`inside_trained`)."""
+        return parse_signal(self.signal).definition.of_temperature
+
     def __post_init__(self) -> None:
         """Check ranges."""
         parse_signal(self.signal)
@@ -173,10 +178,12 @@ def full_structure(
     relaxation_s: float = 600.0,
     k_sigma: float = 0.5,
     temperature_k_sigma: float = 0.6,
+    temperature_parts: int = 3,
 ) -> Structure:
     """Return the method's structure (eq. 2.8): inputs SoC, current, relaxation; partition SoC, hysteresis, temperature.
 
-    Prepartitioned 2 x 3 over hysteresis and temperature, split in SoC only (ch. 2.2.3.3). The SoC enters with one
+    Prepartitioned 2 x 3 over hysteresis and temperature, split in SoC only (ch. 2.2.3.3); `temperature_parts` are fewer
+    where runs have one temperature. The SoC enters with one
     sample of delay, because the observer's state matrix (eq. 2.36) multiplies SoC(k-1).
     """
     return Structure(
@@ -189,7 +196,7 @@ def full_structure(
         axes=(
             PartitionAxis("soc", k_sigma=k_sigma),
             PartitionAxis("hysteresis", initial=2, splittable=False, k_sigma=0.25),
-            PartitionAxis("temperature", initial=3, splittable=False, k_sigma=temperature_k_sigma),
+            PartitionAxis("temperature", initial=temperature_parts, splittable=False, k_sigma=temperature_k_sigma),
         ),
         dt_s=dt_s,
         name="full",

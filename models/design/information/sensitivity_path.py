@@ -15,6 +15,7 @@ from numba import njit
 
 from models.network.compiled_network import HAT, FlatNetwork
 from models.network.hats import hat_interval, hat_slope
+from models.network.signals.temperature_scale import inside_trained
 from models.network.structure import KERNELS
 
 _GAUSSIAN, _TRIANGULAR = KERNELS.index("gaussian"), KERNELS.index("triangular")
@@ -94,7 +95,8 @@ def sensitivities(
 @njit(cache=True)
 def _axis_value(net: FlatNetwork, axis: int, signals: np.ndarray, k: int) -> float:
     """Partition variable of one sample."""
-    return float(signals[max(k - net.axis_lag[axis], 0), net.axis_signal[axis]])
+    s = net.axis_signal[axis]
+    return inside_trained(int(net.form[s]), float(signals[max(k - net.axis_lag[axis], 0), s]))
 
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz", "arcp"})
@@ -103,7 +105,7 @@ def _gaussian_validity(net: FlatNetwork, sharpness: np.ndarray, signals: np.ndar
     n_models, n_axes = net.centres.shape
     out[:] = 0.0
     for j in range(n_axes):
-        z = signals[max(k - net.axis_lag[j], 0), net.axis_signal[j]]
+        z = _axis_value(net, j, signals, k)
         for i in range(n_models):
             away = (z - net.centres[i, j]) * sharpness[i, j]
             out[i] += 0.5 * away * away
@@ -127,7 +129,7 @@ def _bounded_validity(net: FlatNetwork, signals: np.ndarray, k: int, out: np.nda
     for i in range(n_models):
         squared, kernel = 0.0, 1.0
         for j in range(n_axes):
-            z = signals[max(k - net.axis_lag[j], 0), net.axis_signal[j]]
+            z = _axis_value(net, j, signals, k)
             distance = abs(z - net.centres[i, j]) / net.widths[i, j]
             squared += distance * distance
             if net.kernel == _TRIANGULAR:
@@ -244,7 +246,7 @@ def _by_axes(
     by_validity: np.ndarray,
     by_signal: np.ndarray,
 ) -> None:
-    """Add the derivatives to one sample's partition variables; a uniform kernel has none."""
+    """Add the derivatives to one sample's partition variables; a uniform kernel and one that is held have none."""
     n_models, n_axes = net.centres.shape
     mean = 0.0
     for i in range(n_models):
@@ -252,6 +254,8 @@ def _by_axes(
     for j in range(n_axes):
         row = max(k - net.axis_lag[j], 0)
         z = signals[row, net.axis_signal[j]]
+        if z != _axis_value(net, j, signals, k):
+            continue
         total = 0.0
         for i in range(n_models):
             away = (z - net.centres[i, j]) * sharpness[i, j]

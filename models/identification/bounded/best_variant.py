@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from models.identification.bounded.surfaces import Surface, moved_sphere, moved_surface, sphere
 from models.identification.bounded.terms import SLOW
-from models.identification.bounded.variants import Trials, Variant, clearly_better, span_of, temperature_in
+from models.identification.bounded.variants import Trials, Variant, clearly_better, temperature_in
 
 # Depth in h, time constant in s and activation in K of the surfaces that are offered. A sphere's depth is its slowest
 # time constant over 2675 in units of its own filling; a curve that two electrodes share moves by less.
@@ -64,7 +64,7 @@ def _beside(trials: Trials, present: Variant) -> Variant:
     if trials.mean(trials.error(first, trials.known[present][1])) > _WITHIN_REACH * trials.mean(trials.error(present)):
         return best
     assert first.surface is not None
-    moves_K = span_of(bank) >= _WIDE_K
+    moves_K = bank.span_K >= _WIDE_K
     surface = moved_sphere(_of_surface(trials, first), first.surface, bank.runs[0].dt_s, moves_K=moves_K)
     moved = replace(first, surface=surface)
     found = min((first, moved), key=lambda each: trials.mean(trials.error(each, trials.known[first][1])))
@@ -83,7 +83,7 @@ def _moved(trials: Trials, present: Variant) -> Variant:
     over = [variant for variant in trials.known if variant.surface and len(variant.surface) == _PLAIN_SURFACE]
     best = min(over, key=lambda variant: trials.mean(trials.error(variant)), default=present)
     start = replace(best, fine_gains=present.fine_gains) if present.surface is None else present
-    if start.surface is None or len(start.surface) != _PLAIN_SURFACE or span_of(trials.bank) >= _WIDE_K:
+    if start.surface is None or len(start.surface) != _PLAIN_SURFACE or trials.bank.span_K >= _WIDE_K:
         return present
     logs = trials.known[present if start == present else best][1]
     if trials.mean(trials.error(start, logs)) > _WITHIN_REACH * trials.mean(trials.error(present)):
@@ -123,7 +123,7 @@ def _surfaces(
     """Surfaces to be tried, of those for runs at many temperatures and those for runs at one."""
     if SLOW in trials.without:
         return []
-    if span_of(trials.bank) >= _WIDE_K:
+    if trials.bank.span_K >= _WIDE_K:
         return list(wide)
     unscaled = temperature_in(trials.bank) == "missing"
     return [(depth, tau_s, 0.0 if unscaled else kelvin, *more) for depth, tau_s, kelvin, *more in one]

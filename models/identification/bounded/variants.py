@@ -17,13 +17,12 @@ from models.identification.bounded.strengths import START, HeldOut
 from models.identification.bounded.terms import GAINS_OVER_SOC, SLOPE, Basis, make_basis
 from models.network.folds import N_FOLDS, WHOLE_RUNS, outer_folds
 from models.network.regression import SignalBank
+from models.network.signals.temperature_scale import MOVING_K
 
 # Knots of the curve, of gains and of the slope with temperature, over SoC 0..1.
 CURVE, GAINS, FINE_GAINS, SLOPES, FINE_SLOPES = 48, 9, 17, 6, 24
 # Samples in the sums while forms are compared.
 _SEARCH_SAMPLES = 45_000
-# The range of temperature from which on its influence can be told.
-_MOVING_K = 2.0
 # Passes over the strengths of a form that begins with those of one like it.
 _NEAR_PASSES = 2
 
@@ -146,7 +145,7 @@ class Trials:
             axis=variant.axis,
             squared=variant.squared,
             behind=variant.behind,
-            range_degC=range_degC(self.bank),
+            range_degC=self.bank.range_degC,
             finer=self.finer,
         )
         return made.without(self.without) if self.without else made
@@ -207,16 +206,4 @@ def temperature_in(bank: SignalBank) -> str:
     """What the runs say of the temperature, as `make_basis` asks for it."""
     if any(np.isnan(run.temperature_degC).any() for run in bank.runs):
         return "missing"
-    return "moves" if span_of(bank) >= _MOVING_K else "one"
-
-
-def span_of(bank: SignalBank) -> float:
-    """Range of the temperature in K over all runs; 0 where none is known."""
-    low_degC, high_degC = range_degC(bank)
-    return high_degC - low_degC
-
-
-def range_degC(bank: SignalBank) -> tuple[float, float]:
-    """Lowest and highest temperature of all runs; 0 where none is known."""
-    every = np.concatenate([run.temperature_degC for run in bank.runs])
-    return (float(np.nanmin(every)), float(np.nanmax(every))) if not np.isnan(every).all() else (0.0, 0.0)
+    return "moves" if bank.span_K >= MOVING_K else "one"

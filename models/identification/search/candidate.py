@@ -21,6 +21,7 @@ class Candidate:
     current_order : taps of the current beyond the present one
     relaxation_s : time constant of the relaxation input
     soc_k_sigma, temperature_k_sigma : sharpness of the validity functions
+    temperature_parts : parts of the temperature axis; runs of one temperature tell nothing of more than one
     n_models : number of local models asked for
     """
 
@@ -30,6 +31,7 @@ class Candidate:
     relaxation_s: float = 600.0
     soc_k_sigma: float = 0.7
     temperature_k_sigma: float = 1.2
+    temperature_parts: int = 3
     n_models: int = 12
 
     def structure(self, dt_s: float) -> Structure:
@@ -38,7 +40,13 @@ class Candidate:
         if self.family == "minimal":
             return minimal_structure(dt_s, order, self.current_order, self.soc_k_sigma)
         return full_structure(
-            dt_s, order, self.current_order, self.relaxation_s, self.soc_k_sigma, self.temperature_k_sigma
+            dt_s,
+            order,
+            self.current_order,
+            self.relaxation_s,
+            self.soc_k_sigma,
+            self.temperature_k_sigma,
+            self.temperature_parts,
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -24,15 +24,17 @@ class FixedInputsSearch:
     ----------
     chooser : of the candidates
     fastest_s : the fastest pole that the sampling time can show
+    temperature_parts : of the temperature axis of "full"
     """
 
     chooser: Chooser
     fastest_s: float
+    temperature_parts: int
 
     def best(self, family: str) -> Candidate:
         """Choose one thing after the other, twice, and return the best candidate of "full" or "minimal"."""
         choose = self.chooser.choose
-        best = Candidate(family, poles_s=(self._slow_enough(25.0),))
+        best = Candidate(family, (self._slow_enough(25.0),), temperature_parts=self.temperature_parts)
         relaxations = _RELAXATION_S if family == "full" else (best.relaxation_s,)
         # A curve that few local models do not resolve would be mistaken for slow relaxation.
         best = choose(best, [replace(best, n_models=size) for size in _SIZES], 0.0)
@@ -55,8 +57,9 @@ class FixedInputsSearch:
             two = [replace(best, poles_s=(fast, best.poles_s[-1]), current_order=m) for m in _CURRENT_ORDERS[1:]]
             best = choose(best, two, done + 0.28)
         best = choose(best, [replace(best, soc_k_sigma=k) for k in _SOC_K_SIGMA], done + 0.3)
-        if full:
+        if full and self.temperature_parts > 1:
             best = choose(best, [replace(best, temperature_k_sigma=k) for k in _TEMPERATURE_K_SIGMA], done + 0.33)
+        if full:
             best = choose(best, [replace(best, relaxation_s=f * best.relaxation_s) for f in _FINER], done + 0.36)
         slower = [replace(best, poles_s=(*best.poles_s[:-1], self._slow_enough(f * best.poles_s[-1]))) for f in _FINER]
         return choose(best, slower, done + 0.38)

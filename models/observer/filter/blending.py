@@ -15,6 +15,7 @@ from numba import njit
 from models.network.compiled_network import FlatNetwork
 from models.network.hats import hat_interval
 from models.network.signals.loop_form import SOC
+from models.network.signals.temperature_scale import inside_trained
 from models.observer.filter.places import AXIS_ROWS, BLENDED_ROW, COMPILED, TILT_ROW, TILTED_ROW, VALIDITY_ROW
 
 # A local model whose weight is below this share of the largest adds nothing that a double could hold.
@@ -73,7 +74,7 @@ def blend(
         phi[i], turned[i] = 1.0, 0.0
     for j in range(count.shape[0]):
         s, kernel, slope = axis_signal[j], scratch[AXIS_ROWS + 2 * j], scratch[AXIS_ROWS + 2 * j + 1]
-        z, per_soc = history[0, axis_lag[j], s], 0.0
+        z, per_soc = inside_trained(int(form[s]), float(history[0, axis_lag[j], s])), 0.0
         if form[s] == SOC:
             per_soc = prepared.per_span[s]
             z += base * per_soc
@@ -175,7 +176,8 @@ def _far_outside(
         phi[i] = 0.0
     for j in range(prepared.counts.shape[0]):
         s = axis_signal[j]
-        z = history[0, axis_lag[j], s] + (base * prepared.per_span[s] if form[s] == SOC else 0.0)
+        z = inside_trained(int(form[s]), float(history[0, axis_lag[j], s]))
+        z += base * prepared.per_span[s] if form[s] == SOC else 0.0
         for i in range(n_models):
             u = prepared.member[j, i]
             scaled = (z - prepared.centre[j, u]) * prepared.per_width[j, u]

@@ -56,6 +56,13 @@ def test_blocks_give_the_same_as_the_arrays_of_a_regression(order: int) -> None:
     assert np.ptp(expected) > 0.05
 
 
+def test_blocks_hold_temperatures_that_were_not_trained() -> None:
+    network, run = everything(1), measured_run()
+    cold = replace(run, temperature_degC=run.temperature_degC - 60.0)
+    assert network.partition.held.count(True) >= 1
+    np.testing.assert_allclose(blocked_free_run_V(network, cold, 0.5), on_arrays_V(network, cold, 0.5), atol=1e-10)
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_parts_begin_from_what_was_measured_there_or_settled(order: int) -> None:
     network, run = everything(order), measured_run(starts=(0, 700, 4095, 4096, 8999))

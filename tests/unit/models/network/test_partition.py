@@ -46,6 +46,15 @@ def test_far_outside_the_outermost_boxes_take_all() -> None:
     assert np.isfinite(phi).all()
 
 
+@pytest.mark.parametrize("kernel", ["gaussian", "uniform", "triangular"])
+def test_a_temperature_that_was_not_trained_is_blended_as_at_the_edge(kernel: str) -> None:
+    partition = grown(kernel)
+    for z, edge in (([0.4, 0.3, -25.0], [0.4, 0.3, 0.0]), ([1.2, 0.9, 3.0], [1.2, 0.9, 1.0])):
+        np.testing.assert_array_equal(partition.validity(np.array([z])), partition.validity(np.array([edge])))
+    # A state of charge goes on.
+    assert not np.array_equal(partition.validity(np.array([[-1.0, 0.3, 0.5]])), partition.validity(np.zeros((1, 3))))
+
+
 def test_gaussian_validity_matches_the_definition() -> None:
     partition = grown()
     z = np.random.default_rng(1).uniform(size=(50, 3))

@@ -1,5 +1,7 @@
 """The search as a whole: what is chosen, what is tried, and what is kept of it."""
 
+from dataclasses import replace
+
 import pytest
 
 from models.data.resampling import to_grid
@@ -54,3 +56,13 @@ def test_a_given_structure_gets_poles_and_a_size_and_is_fitted(search: Search) -
     fitted = search.fitted(chosen)
     assert fitted.theta.shape == (fitted.partition.n_models, given.n_regressors)
     assert fitted.held_out_rmse_V < 0.02
+
+
+@pytest.mark.parametrize(("swing_K", "parts"), [(0.2, 1), (3.0, 3)])
+def test_runs_of_one_temperature_have_no_parts_of_it(swing_K: float, parts: int) -> None:
+    run = synthetic.run(1500, seed=1, noise_V=1e-3)
+    moved = replace(run, temperature_degC=25.0 + swing_K / 3.0 * (run.temperature_degC - 25.0))
+    search = Search([to_grid(moved, 1.0)], [0.6], CellContext(synthetic.CAPACITY_AH), silent)
+    chosen = search.best("full")
+    assert isinstance(chosen, Candidate) and chosen.temperature_parts == parts
+    assert [axis.initial for axis in chosen.structure(1.0).axes] == [1, 2, parts]
