@@ -86,6 +86,8 @@ def judge(
     for sensor, offset_C, offset_V in SENSORS:
         for name, observer in _observers(network, circuit, offset_V).items():
             seen = cases[:filter_cases] if isinstance(observer, CircuitObserver) else cases
+            if not seen:
+                continue
             offset_A = offset_C * network.cell.capacity_Ah
             each = [one_case(observer, curve, *case, offset_A, offset_V) for case in enumerate(seen)]
             rows.append({"cell": cell, "sensor": sensor, "observer": name, **summary(each)})

@@ -166,7 +166,8 @@ def between(name: str, ends: Sequence[float], unit: str) -> str:
     if unit == "sign":
         return "after a charge" if low > 0.0 else "after a discharge"
     if name == "soc":
-        return f"{100.0 * low:.0f} to {100.0 * high:.0f} %"
+        decimals = next((n for n in range(3) if f"{100.0 * low:.{n}f}" != f"{100.0 * high:.{n}f}"), 0)
+        return f"{100.0 * low:.{decimals}f} to {100.0 * high:.{decimals}f} %"
     if unit == "s":
         return f"{duration(low)} to {duration(high)}"
     scale, prefix = _scale(max(abs(low), abs(high)), unit)

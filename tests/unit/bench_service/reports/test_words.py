@@ -31,7 +31,8 @@ def test_a_quantity_has_its_unit_and_no_more_digits_than_are_known(
 
 @pytest.mark.parametrize(
     ("name", "ends", "unit", "text"),
-    [("soc", (0.2, 0.4), "1", "20 to 40 %"), ("direction", (-1.0, -1.0), "sign", "after a discharge"),
+    [("soc", (0.2, 0.4), "1", "20 to 40 %"), ("soc", (0.2171, 0.2234), "1", "21.7 to 22.3 %"),
+     ("soc", (0.22, 0.22), "1", "22 to 22 %"), ("direction", (-1.0, -1.0), "sign", "after a discharge"),
      ("throughput_Ah", (8.333e-08, 0.9508), "Ah", "0.000 to 0.951 Ah"),
      ("current_A", (-0.0039, 0.004), "A", "−3.90 to 4.00 mA"),
      ("since_step_s", (0.0, 9.0), "s", "0 s to 9 s"), ("temperature_degC", (-5.0, 25.0), "degC", "−5.0 to 25.0 °C")],
