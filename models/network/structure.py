@@ -10,6 +10,8 @@ from models.network.signals import is_soc, parse_signal
 
 # Compiled functions (njit) know kernels by their places here.
 KERNELS = ("gaussian", "uniform", "triangular", "hat")
+# Of the temperature axis, where temperature moves (ch. 2.2.3.3).
+TEMPERATURE_PARTS = 3
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,7 @@ def full_structure(
     relaxation_s: float = 600.0,
     k_sigma: float = 0.5,
     temperature_k_sigma: float = 0.6,
-    temperature_parts: int = 3,
+    temperature_parts: int = TEMPERATURE_PARTS,
 ) -> Structure:
     """Return the method's structure (eq. 2.8): inputs SoC, current, relaxation; partition SoC, hysteresis, temperature.
 

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from models.identification.search.auto import AutoCandidate
 from models.identification.search.given import GivenCandidate
-from models.network.structure import Structure, full_structure, minimal_structure
+from models.network.structure import TEMPERATURE_PARTS, Structure, full_structure, minimal_structure
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Candidate:
     relaxation_s: float = 600.0
     soc_k_sigma: float = 0.7
     temperature_k_sigma: float = 1.2
-    temperature_parts: int = 3
+    temperature_parts: int = TEMPERATURE_PARTS
     n_models: int = 12
 
     def structure(self, dt_s: float) -> Structure:

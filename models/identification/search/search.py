@@ -23,12 +23,10 @@ from models.identification.search.judge import Judge
 from models.network.model_record import Json
 from models.network.regression import CellContext, SignalBank
 from models.network.signals.temperature_scale import MOVING_K
-from models.network.structure import Structure
+from models.network.structure import TEMPERATURE_PARTS, Structure
 
 # The fastest pole that a sampling time can show, in samples.
 _FASTEST_SAMPLES = 2.0
-# Of the temperature axis (ch. 2.2.3.3), where temperature moves.
-_TEMPERATURE_PARTS = 3
 
 
 @dataclass
@@ -60,7 +58,7 @@ class Search:
         with threadpool_limits(1, user_api="blas"):
             if family == "searched":
                 return ChosenInputsSearch(self._chooser).best()
-            parts = _TEMPERATURE_PARTS if self.judge.bank.span_K >= MOVING_K else 1
+            parts = TEMPERATURE_PARTS if self.judge.bank.span_K >= MOVING_K else 1
             return FixedInputsSearch(self._chooser, self.fastest_s, parts).best(family)
 
     def best_within(self, given: Structure) -> GivenCandidate:
