@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from models.identification.search.temperature_parts import temperature_parts
 from models.network.regression import SignalBank
 from models.network.structure import InputChannel, PartitionAxis, Structure
 
@@ -150,11 +151,13 @@ class Offer:
     temperature_range_K : of all runs together; 0 where temperature is not known throughout
     longest_s : slowest low-pass of the current that is not nearly a function of the state of charge
     hysteresis_rates : sets of one-state hysteresis signals that the runs show, see `shows_hysteresis`
+    temperature_parts : into how many parts temperature can be divided, each of them measured in
     """
 
     temperature_range_K: float
     longest_s: float
     hysteresis_rates: tuple[tuple[float, ...], ...]
+    temperature_parts: int
 
     @property
     def warm(self) -> bool:
@@ -177,6 +180,7 @@ def find_offer(bank: SignalBank) -> Offer:
         temperature_range_K=0.0 if np.isnan(known).any() else float(np.ptp(known)),
         longest_s=max(apart, default=_SLOW_S[-1]),
         hysteresis_rates=tuple(dict.fromkeys(tuple(r for r in found if r in rates) for found in _HYSTERESIS_RATES)),
+        temperature_parts=temperature_parts(bank),
     )
 
 
@@ -240,7 +244,7 @@ def alternatives(best: AutoCandidate, offer: Offer, stage: int) -> list[AutoCand
     """
     warm = offer.warm
     surface_K = _SURFACE_ACTIVATION_K if warm else (0.0,)
-    parts = (0, 2, 3) if warm else (0,)
+    parts = (0, *range(2, offer.temperature_parts + 1)) if warm else (0,)
     stages = (
         lambda: [replace(best, n_models=size) for size in _SIZES],
         lambda: [replace(best, temperature_parts=n, n_models=max(best.n_models, 8 * n)) for n in parts],

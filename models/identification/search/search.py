@@ -20,10 +20,10 @@ from models.identification.search.fitted import Fitted, fitted_choice
 from models.identification.search.fixed_inputs import FixedInputsSearch
 from models.identification.search.given import GivenCandidate, pole_alternatives, poles_for, size_alternatives
 from models.identification.search.judge import Judge
+from models.identification.search.temperature_parts import temperature_parts
 from models.network.model_record import Json
 from models.network.regression import CellContext, SignalBank
-from models.network.signals.temperature_scale import MOVING_K
-from models.network.structure import TEMPERATURE_PARTS, Structure
+from models.network.structure import Structure
 
 # The fastest pole that a sampling time can show, in samples.
 _FASTEST_SAMPLES = 2.0
@@ -58,7 +58,7 @@ class Search:
         with threadpool_limits(1, user_api="blas"):
             if family == "searched":
                 return ChosenInputsSearch(self._chooser).best()
-            parts = TEMPERATURE_PARTS if self.judge.bank.span_K >= MOVING_K else 1
+            parts = temperature_parts(self.judge.bank)
             return FixedInputsSearch(self._chooser, self.fastest_s, parts).best(family)
 
     def best_within(self, given: Structure) -> GivenCandidate:

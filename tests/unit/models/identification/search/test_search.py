@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from models.data.resampling import to_grid
@@ -9,6 +10,7 @@ from models.identification.progress import silent
 from models.identification.search.candidate import Candidate
 from models.identification.search.chooser import Chooser
 from models.identification.search.search import Search
+from models.identification.search.temperature_parts import temperature_parts
 from models.network.regression import CellContext
 from models.network.structure import minimal_structure
 from tests.unit.models import synthetic
@@ -58,11 +60,15 @@ def test_a_given_structure_gets_poles_and_a_size_and_is_fitted(search: Search) -
     assert fitted.held_out_rmse_V < 0.02
 
 
-@pytest.mark.parametrize(("swing_K", "parts"), [(0.2, 1), (3.0, 3)])
-def test_runs_of_one_temperature_have_no_parts_of_it(swing_K: float, parts: int) -> None:
+@pytest.mark.parametrize(
+    ("degC", "parts"),
+    [((25.0, 25.2), 1), ((10.0, 40.0), 2), ((10.0, 25.0, 40.0), 3), ((25.0,) * 300 + (40.0,), 1)],
+)  # fmt: skip
+def test_only_temperatures_that_were_measured_in_have_a_part(degC: tuple[float, ...], parts: int) -> None:
     run = synthetic.run(1500, seed=1, noise_V=1e-3)
-    moved = replace(run, temperature_degC=25.0 + swing_K / 3.0 * (run.temperature_degC - 25.0))
+    moved = replace(run, temperature_degC=np.resize(np.repeat(degC, max(1, 1500 // len(degC))), 1500))
     search = Search([to_grid(moved, 1.0)], [0.6], CellContext(synthetic.CAPACITY_AH), silent)
+    assert temperature_parts(search.judge.bank) == parts
     chosen = search.best("full")
     assert isinstance(chosen, Candidate) and chosen.temperature_parts == parts
     assert [axis.initial for axis in chosen.structure(1.0).axes] == [1, 2, parts]
