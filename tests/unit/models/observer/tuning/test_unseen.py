@@ -55,19 +55,40 @@ def test_models_that_are_drawn_are_cells_that_can_be() -> None:
     known = hand_network.network(structure, np.array([[0.3, 0.02, 3.4]] * 3))
     away = 0.1 * np.random.default_rng(1).standard_normal((8, *known.theta.shape))
     assert not all(is_possible(replace(known, theta=known.theta + one)) for one in away)
-    uncertainty = Uncertainty(
-        parameters=ParameterCovariance(0.1 * np.eye(9), 0, 3, 0, np.ones(3)),
-        level_V=np.full(3, 1e-3),
-        samples=np.full(3, 100.0),
-        effective_samples=np.full(3, 100.0),
-        thin=np.zeros(3, bool),
-        band_factor=1.0,
-        correlation=ResidualCorrelation(1.0, np.zeros(0), np.zeros(0)),
-    )
-    network = replace(known, record=replace(known.record, uncertainty=uncertainty.to_json()))
+    network = uncertain(known, 0.1 * np.eye(9))
     judged = as_unseen(network, [to_grid(synthetic.run(100, seed=7), 1.0)], [0.6])
     assert all(is_possible(each.network) for each in judged)
     assert not any(np.array_equal(each.network.theta, network.theta) for each in judged)
+
+
+def test_models_that_are_drawn_keep_the_poles_that_they_share() -> None:
+    axes = (PartitionAxis("soc", initial=3, k_sigma=0.4),)
+    structure = Structure(2, (InputChannel("soc", delay=1), InputChannel("current")), axes, 1.0)
+    known = hand_network.network(structure, np.array([[1.54, -0.56, 0.01, 0.002, 0.06]] * 3))
+    # What is open of the static gain is open of the poles as well, as a fit would say it.
+    factor = 0.02 * np.eye(15) + 0.01
+    network = uncertain(known, factor)
+    run = to_grid(synthetic.run(500, seed=7), 1.0)
+    judged = as_unseen(network, [run], [0.6])
+    for each in judged:
+        np.testing.assert_allclose(each.network.theta[:, :2], known.theta[:, :2], rtol=0.0, atol=1e-12)
+        assert not np.allclose(each.network.theta[:, 2:], known.theta[:, 2:])
+    assert np.nanmax(np.abs(tuning_data(judged).error_V)) < 1e3
+
+
+def uncertain(network: LocalModelNetwork, factor: np.ndarray) -> LocalModelNetwork:
+    """The network with a factor of its parameters' covariance in its record."""
+    n_models, n_params = network.theta.shape
+    uncertainty = Uncertainty(
+        parameters=ParameterCovariance(factor, 0, n_params, 0, np.ones(n_models)),
+        level_V=np.full(n_models, 1e-3),
+        samples=np.full(n_models, 100.0),
+        effective_samples=np.full(n_models, 100.0),
+        thin=np.zeros(n_models, bool),
+        band_factor=1.0,
+        correlation=ResidualCorrelation(1.0, np.zeros(0), np.zeros(0)),
+    )
+    return replace(network, record=replace(network.record, uncertainty=uncertainty.to_json()))
 
 
 def is_possible(network: LocalModelNetwork) -> bool:
