@@ -185,8 +185,8 @@ def full_structure(
     """Return the method's structure (eq. 2.8): inputs SoC, current, relaxation; partition SoC, hysteresis, temperature.
 
     Prepartitioned 2 x 3 over hysteresis and temperature, split in SoC only (ch. 2.2.3.3); `temperature_parts` are fewer
-    where runs have one temperature. The SoC enters with one
-    sample of delay, because the observer's state matrix (eq. 2.36) multiplies SoC(k-1).
+    where no run was in one of them. The SoC enters with one sample of delay, because the observer's state matrix
+    (eq. 2.36) multiplies SoC(k-1).
     """
     return Structure(
         output_order=output_order,

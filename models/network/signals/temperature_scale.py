@@ -42,7 +42,8 @@ def inside_trained(form: int, z: float) -> float:
     """Return a normalised partition variable; a temperature is held at the edges of the trained range.
 
     What a local model says it says in the blends that were trained. Far outside of the temperatures of its runs the
-    nearest kernels would take all, however little each of them had to say by itself: networks of measured runs at 25
-    and 45 degC were 76 and 320 mV off at other temperatures and are 23 and 17. A state of charge goes on.
+    nearest kernels would take all, however little each of them had to say by itself: a measured cell's network of runs
+    at 25 and 45 degC was 76 mV off at 5 degC and is 23, one of 5 and 25 degC 320 mV at 45 and is 17, each with a run at
+    25. A state of charge goes on.
     """
     return min(max(z, 0.0), 1.0) if form == TEMPERATURE or form == INVERSE_TEMPERATURE else z
