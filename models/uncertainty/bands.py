@@ -21,6 +21,9 @@ from models.uncertainty.spread import LocalFactor, blended_variance
 
 # Beyond the trained range the residual level grows by itself for each tenth of the range: nothing was seen there.
 _DOUBLING_SHARE = 0.1
+# A range of temperature counts as this at the least. Runs at one temperature have a range of nothing, in units of which
+# any other temperature is without end away; so do bands of runs that warm by a few kelvin grow faster than errors do.
+_LEAST_RANGE_K = 20.0
 # Nobody knows how the open-circuit curve goes on: its slope there may be off by this share of the trained mean one.
 _SLOPE_SHARE = 0.15
 NORMAL_95 = 1.959963984540054
@@ -110,7 +113,8 @@ def _distances(network: LocalModelNetwork, run: GridRun, soc: FloatArray) -> dic
     beyond = {}
     for name, (low, high) in network.record.domain.items():
         away = np.nan_to_num(np.maximum(low - values[name], values[name] - high))
-        beyond[name] = np.maximum(away, 0.0) / max(high - low, 1e-9)
+        least = _LEAST_RANGE_K if name == "temperature_degC" else 1e-9
+        beyond[name] = np.maximum(away, 0.0) / max(high - low, least)
     return beyond
 
 

@@ -86,6 +86,17 @@ def test_bands_grow_outside_the_trained_domain(fitted: FitResult, known: Uncerta
     assert (more.std_V[loaded] > 2.0 * inside.std_V[loaded]).all()
 
 
+def test_a_model_of_one_temperature_has_a_band_of_a_cell_elsewhere(fitted: FitResult, known: Uncertainty) -> None:
+    record = fitted.network.record
+    alone = replace(fitted.network, record=replace(record, domain={**record.domain, "temperature_degC": (25.0, 25.0)}))
+    run = grid(11)
+    near, far = (
+        prediction_band(alone, replace(run, temperature_degC=np.full(len(run), degC)), 0.6, known).std_V
+        for degC in (25.0, 45.0)
+    )
+    assert 5.0 < np.median((far / near)[near < 1.5 * NOISE_V]) < 20.0
+
+
 def test_local_models_say_how_much_data_they_have(fitted: FitResult, known: Uncertainty) -> None:
     assert known.samples.sum() == pytest.approx(fitted.n_samples, rel=0.01)
     assert (known.effective_samples <= known.samples * (1 + 1e-9)).all()
