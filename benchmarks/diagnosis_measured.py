@@ -29,6 +29,7 @@ _PANASONIC = ("panasonic_18650pf", 2.968, ("drive_*_Cycle_*", "drive_*_NN*"), ("
 _A123_MIDDLE = ("a123_esc", 2.03, ("dyn_P05", "dyn_P45", "dyn_P25_recharge25"), ("dyn_P25",))
 _A123_COLD = ("a123_esc", 2.03, ("dyn_P25", "dyn_P45", "dyn_P25_recharge25"), ("dyn_P05",))
 _A123_DRIVES = ("a123_esc", 2.03, ("dyn_P05", "dyn_P45"), ("dyn_P25", "dyn_P25_recharge25"))
+_A123_SLOW = ("a123_esc", 2.03, ("dyn_P05", "dyn_P45", "ocv_P25"), ("dyn_P25", "dyn_P25_recharge25"))
 _NMC = ("pybatteryid_nmc", 0.95557, ("nmc_identification_data",), ("nmc_drive_cycle_data",))
 
 
@@ -60,6 +61,8 @@ CASES = (
     Case("a123_5_no_hysteresis", _A123_COLD, _bounded(_LOOP), _one(_LOOP)),
     Case("a123_drives_no_hysteresis", _A123_DRIVES, _bounded(_LOOP), _one(_LOOP)),
     Case("a123_25_minimal", _A123_MIDDLE, ("--structure", "minimal"), _one(_LOOP)),
+    Case("a123_slow_no_hysteresis", _A123_SLOW, _bounded(_LOOP), _one(_LOOP)),
+    Case("a123_slow_minimal", _A123_SLOW, ("--structure", "minimal"), _one(_LOOP)),
     Case("nmc_drive_cycle", _NMC, (), _one("soc_dependence", "series_resistance", "charge_transfer"), "change"),
 )
 

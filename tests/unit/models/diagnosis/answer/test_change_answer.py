@@ -205,6 +205,16 @@ def test_what_may_stand_beside_one_of_two_in_the_place_of_the_other_is_a_rival(
     assert sure[drift.effect.name] == pytest.approx(0.4)
 
 
+def test_of_two_at_once_nobody_is_sure(as_before: tuple[Analysis, Record]) -> None:
+    analysis, record = as_before
+    contact, offset, *_ = analysis.tried
+    single = tuple((0.0, each) for each in analysis.tried)
+    both = replace(analysis.verdict, nothing=0.0, unknown=0.0, single=single, pairs=((0.99, contact, offset),))
+    answer = answered(replace(analysis, verdict=both), record)
+    assert {each.effect for each in answer.findings} == {contact.effect.name, offset.effect.name}
+    assert [each.confidence for each in answer.findings] == [SURE_ELSEWHERE] * 2
+
+
 def test_a_gain_of_the_current_stands_beside_a_capacity_that_explains_as_much(
     as_before: tuple[Analysis, Record],
 ) -> None:
