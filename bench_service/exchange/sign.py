@@ -86,7 +86,10 @@ def _from_steps(current: NDArray[np.float64], voltage: NDArray[np.float64]) -> S
 def _at_lag(
     step_A: NDArray[np.float64], step_V: NDArray[np.float64], chosen: NDArray[np.intp], lag: int, answer_V: float
 ) -> tuple[float, SignEvidence]:
-    """How clear the answer is, 0..1, with the voltage's steps so many samples after the current's; and the answer."""
+    """How much is answered with the voltage's steps so many samples after the current's, in W; and the answer.
+
+    That much is the power of the steps times how far they agree: of the few steps at a wrong distance all may agree.
+    """
     at = chosen[(chosen + lag >= 0) & (chosen + lag < len(step_V))]
     at = at[np.abs(step_V[at + lag]) >= answer_V]
     if len(at) < _FEWEST_STEPS:
@@ -94,18 +97,18 @@ def _at_lag(
     amperes, volts = step_A[at], step_V[at + lag]
     product = amperes * volts
     score = float(np.sum(product)) / float(np.sum(np.abs(product)))
-    against = int(np.sum(product < 0))
+    answered_W, against = abs(score * float(np.sum(product))), int(np.sum(product < 0))
     if abs(score) < _CLEAR:
         text = f"{against} of {len(at)} current steps move the voltage the other way"
-        return abs(score), SignEvidence("unclear", text)
+        return answered_W, SignEvidence("unclear", text)
     resistance_Ohm = float(np.median(volts / amperes))
     if score < 0:
         text = (
             f"at {against} of the {len(at)} largest current steps the voltage moves against the current "
             f"(median {resistance_Ohm * 1000:+.3g} mV/A)"
         )
-        return -score, SignEvidence("discharge-positive", text)
-    return score, SignEvidence("charge-positive", f"median {resistance_Ohm * 1000:+.3g} mV/A at {len(at)} steps")
+        return answered_W, SignEvidence("discharge-positive", text)
+    return answered_W, SignEvidence("charge-positive", f"median {resistance_Ohm * 1000:+.3g} mV/A at {len(at)} steps")
 
 
 def _noise_V(step_V: NDArray[np.float64], still: NDArray[np.bool_]) -> float:

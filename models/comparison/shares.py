@@ -72,7 +72,8 @@ def telling(error_share: Any, time_share: Any) -> Any:
     It weighs how much error lies in a place against how little time; Kulldorff, Communications in Statistics 26, 1997,
     1481.
     """
-    s, t = (np.clip(share, 1e-12, 1.0 - 1e-9) for share in (error_share, time_share))
+    # In single precision the largest share below 1 would be 1.
+    s, t = (np.clip(np.asarray(share, np.float64), 1e-12, 1.0 - 1e-9) for share in (error_share, time_share))
     return s * np.log(s / t) + (1.0 - s) * np.log((1.0 - s) / (1.0 - t))
 
 

@@ -90,6 +90,17 @@ def test_a_right_sign_is_never_refused(case: str, seed: int) -> None:
     assert judge_sign(*columns).verdict != "discharge-positive"
 
 
+def test_few_steps_at_a_wrong_distance_do_not_outweigh_those_of_the_same_moment() -> None:
+    """A charger ends a voltage that it held: at three of ten steps the voltage had fallen two samples before."""
+    step_A, step_V = np.zeros(700), np.zeros(700)
+    step_A[[100, 200, 300, 400, 500, 600]] = [-0.29, 0.145, 0.21, 0.245, 0.057, 0.29]
+    step_V[[100, 200, 400, 600]] = [-0.011, -0.024, 0.067, 0.178]
+    step_V[[198, 298, 498]] = [-0.043, -0.043, -0.024]
+    current_A, voltage_V = np.cumsum(step_A), 2.8 + np.cumsum(step_V)
+    assert judge_sign(current_A, voltage_V, np.arange(700.0)).verdict == "charge-positive"
+    assert judge_sign(-current_A, voltage_V, np.arange(700.0)).verdict == "discharge-positive"
+
+
 def test_steps_and_charge_that_contradict_each_other_are_unclear() -> None:
     rng = np.random.default_rng(2)
     current_A, voltage_V, time_s = measured(np.repeat(rng.normal(-1.0, 2.0, 120), 40), rng)

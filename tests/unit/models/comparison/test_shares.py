@@ -83,3 +83,7 @@ def test_telling_weighs_error_against_time() -> None:
     # Much error in much time tells less than the same in little; shares of 0 and 1 stay finite.
     assert telling(0.5, 0.05) > telling(0.5, 0.1)
     assert np.isfinite([telling(0.0, 0.5), telling(1.0, 0.5), telling(1.0, 0.0)]).all()
+    # In single precision, as regions have their shares, all of the time is no more than that either.
+    single = np.array([0.0, 0.5, 1.0], dtype=np.float32)
+    with np.errstate(all="raise"):
+        assert np.isfinite(telling(single[:, None], single)).all()
