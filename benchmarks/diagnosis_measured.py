@@ -29,7 +29,7 @@ _PANASONIC = ("panasonic_18650pf", 2.968, ("drive_*_Cycle_*", "drive_*_NN*"), ("
 _A123_MIDDLE = ("a123_esc", 2.03, ("dyn_P05", "dyn_P45", "dyn_P25_recharge25"), ("dyn_P25",))
 _A123_COLD = ("a123_esc", 2.03, ("dyn_P25", "dyn_P45", "dyn_P25_recharge25"), ("dyn_P05",))
 _A123_DRIVES = ("a123_esc", 2.03, ("dyn_P05", "dyn_P45"), ("dyn_P25", "dyn_P25_recharge25"))
-_A123_SLOW = ("a123_esc", 2.03, ("dyn_P05", "dyn_P45", "ocv_P25"), ("dyn_P25", "dyn_P25_recharge25"))
+_A123_SLOW = ("a123_esc", 2.03, ("dyn_P05", "dyn_P45", "ocv_P25"), ("dyn_P25",))
 _NMC = ("pybatteryid_nmc", 0.95557, ("nmc_identification_data",), ("nmc_drive_cycle_data",))
 
 
