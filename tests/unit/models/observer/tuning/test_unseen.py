@@ -78,9 +78,9 @@ def test_models_that_are_drawn_keep_the_poles_that_they_share() -> None:
 
 def uncertain(network: LocalModelNetwork, factor: np.ndarray) -> LocalModelNetwork:
     """The network with a factor of its parameters' covariance in its record."""
-    n_models, n_params = network.theta.shape
+    n_models = network.n_models
     uncertainty = Uncertainty(
-        parameters=ParameterCovariance(factor, 0, n_params, 0, np.ones(n_models)),
+        parameters=ParameterCovariance(factor, 0, n_models, network.structure.output_order, np.ones(n_models)),
         level_V=np.full(n_models, 1e-3),
         samples=np.full(n_models, 100.0),
         effective_samples=np.full(n_models, 100.0),
