@@ -21,8 +21,8 @@ from models.uncertainty.spread import LocalFactor, blended_variance
 
 # Beyond the trained range the residual level grows by itself for each tenth of the range: nothing was seen there.
 _DOUBLING_SHARE = 0.1
-# A range of temperature counts as this at the least. Runs at one temperature have a range of nothing, in units of which
-# any other temperature is without end away; so do bands of runs that warm by a few kelvin grow faster than errors do.
+# A range of temperature counts as this at the least. That of runs at one temperature is zero, and any other temperature
+# would be infinitely many of it away; bands of runs that warm by a few kelvin would grow faster than errors do.
 _LEAST_RANGE_K = 20.0
 # Nobody knows how the open-circuit curve goes on: its slope there may be off by this share of the trained mean one.
 _SLOPE_SHARE = 0.15

@@ -112,8 +112,8 @@ def _most(analysis: Analysis, record: Record) -> float:
     class, whose factor is mostly below 1.3, all of 25. The noise is told twice: by neighbouring samples of the judged
     runs, where quick changes and coarse steps pass for it, and by what hangs together with nothing in unseen ones.
 
-    Two at once can stand for a third. Of such two named with more than 0.9 the first was right in 18 of 21, all three
-    wrong ones where a single effect was there.
+    Two at once can stand for a third. Of such two named with more than 0.9 the first was right in 18 of 21 (the same
+    benchmark and `diagnosis_change.py`), all three wrong ones where a single effect was there.
     """
     elsewhere = analysis.sight.known.elsewhere
     off_V2 = float(np.mean(elsewhere.unseen_V**2)) + elsewhere.own_V2
