@@ -13,6 +13,9 @@ from bench_service.jobs.progress import Reporter
 from bench_service.jobs.runner import Job, JobRunner
 from tests.patience import PATIENCE_S, holds
 
+# Lower than what the tests run at, and yet not starved where others keep the machine busy (19 gets 1.5 % there).
+_NICE = 3
+
 
 def add(report: Reporter, a: float, b: float) -> dict:
     report(0.5, "adding")
@@ -40,7 +43,7 @@ async def changes() -> list[Job]:
 
 @pytest.fixture
 async def runner(changes: list[Job]) -> AsyncIterator[JobRunner]:
-    runner = JobRunner(1, changes.append)
+    runner = JobRunner(1, changes.append, nice=_NICE)
     await runner.start()
     yield runner
     await runner.stop()
@@ -52,7 +55,9 @@ async def test_result_is_stored_before_the_job_is_done(runner: JobRunner, change
         runner.submit("fit", add, 1.0, 2.0, store=lambda result: stored.append(result) or {"id": "m"}).id
     )
     assert job.state == "done" and job.progress == 1.0 and job.result == {"id": "m"}
-    assert stored[0]["sum"] == 3.0 and stored[0]["nice"] == 19 and stored[0]["pid"] != os.getpid()
+    assert (
+        stored[0]["sum"] == 3.0 and stored[0]["nice"] == min(os.nice(0) + _NICE, 19) and stored[0]["pid"] != os.getpid()
+    )
     assert [change.state for change in changes][0] == "queued" and "adding" in {c.message for c in changes}
 
 
