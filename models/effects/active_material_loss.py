@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from models.effects.effect import CURVE, Effect, Parameter
-from models.effects.electrode_shift import LEFT, loss_shift, regressor
+from models.effects.electrode_shift import LEFT, loss_shift, promised_from, regressor
 from models.effects.expected import Expected
 from models.effects.half_cells import HalfCells
+from models.effects.own_electrodes import own_electrodes
 
 # Before it shows as much in the capacity as lost lithium does, more of it has to be lost.
 _USUAL = 0.08
@@ -14,6 +15,10 @@ _STARTS = (0.0, 0.5, 1.0, 1.6, 2.3, 3.1, 4.0, 5.0)
 
 _NEGATIVE = loss_shift(HalfCells.less_negative, " of the negative electrode")
 _POSITIVE = loss_shift(HalfCells.less_positive, " of the positive electrode")
+_BY_STEPS = (
+    loss_shift(HalfCells.less_negative, " of the negative electrode", own_electrodes),
+    loss_shift(HalfCells.less_positive, " of the positive electrode", own_electrodes),
+)
 
 EFFECT = Effect(
     name="active_material_loss",
@@ -28,10 +33,17 @@ EFFECT = Effect(
     slow=True,
     regressors=regressor(_NEGATIVE),
     shift=_NEGATIVE,
-    or_shifts=(_POSITIVE,),
+    or_shifts=(_POSITIVE, *_BY_STEPS),
     absorbed=True,
     renews=(CURVE,),
     part_of=("ocv_shape",),
-    expected=Expected(width=lambda _view: _USUAL, starts=_STARTS, from_best=True, share=0.3, learned=False),
+    expected=Expected(
+        width=lambda _view: _USUAL,
+        starts=_STARTS,
+        from_best=True,
+        share=0.3,
+        learned=False,
+        found_from=promised_from,
+    ),
     causes=("negative", "positive"),
 )

@@ -146,6 +146,7 @@ class Effect:
     seen_in : views of runs -> whether these tell it from what a cell does anyway; None: it is seen in any runs
     twin : an effect that one log can hardly tell from it; one of the two has to say so
     like : effects that most runs can hardly tell from it: rivals where they explain nearly as much
+    seems : pairs of other effects that stand for it in a cell whose electrodes nobody knows: it is their rival
     contains : effects that are special cases of this one
     part_of : effects that this one is a special case of: `contains`, said by the other
     reference_terms : terms of the diagnosis' reference model that stand for it; they are left out where it is sized
@@ -188,6 +189,7 @@ class Effect:
     seen_in: Callable[[Sequence[View]], bool] | None = None
     twin: str | None = None
     like: tuple[str, ...] = ()
+    seems: tuple[frozenset[str], ...] = ()
     contains: tuple[str, ...] = ()
     part_of: tuple[str, ...] = ()
     reference_terms: tuple[ReferenceTerm, ...] = ()

@@ -72,7 +72,8 @@ class Expected:
         effect looks much like it, which stands for both wherever effects are not weighed against each other
     heat_shares : shares of its loss that may warm the cell, equally likely; none: all of it where it is a loss inside
     unseen : view -> shapes as they might have been in a run in which `forms` finds none, to say what would have shown
-    found_from : view -> smallest size of its first figure that `forms` finds in such a run, nine times in ten
+    found_from : view -> smallest size of its first figure that can be promised to be found in such a run, whatever its
+        shape alone says; infinite: none can
     """
 
     forms: Callable[[View], tuple[Form, ...]] | None = None

@@ -37,7 +37,7 @@ _LARGEST_N, _LARGEST_P = 1.7, 2.6
 # a curve (Jeffreys' prior for the scale), above a cost that noise alone makes; and the least probability looked at.
 _INDEPENDENT, _NOISE, _LEAST_CHANCE = 12, 10.0, 0.02
 # Fillings of the counterpart of graphite in a usual cell, empty and full (Birkl et al. 2017).
-_USUAL_P = (0.93, 0.35)
+USUAL_POSITIVE = (0.93, 0.35)
 # No positive electrode is flatter than this beyond where its curve is known, V per filling.
 _STEEP_V = 1.0
 # Lithium cells against graphite rest above this when half full; no other cell's curve is taken apart.
@@ -226,7 +226,7 @@ def _published(found: Match, covered: float, chance: float) -> HalfCells:
 def _learned(curve: Curve, left_V: float) -> HalfCells:
     """Graphite in a usual cell, and the positive electrode that the curve asks for: one that falls as it is filled."""
     at, own_V = np.array(curve.soc), np.array(curve.voltage_V)
-    negative, window = next(iter(NEGATIVES)), (*USUAL_NEGATIVE, *_USUAL_P)
+    negative, window = next(iter(NEGATIVES)), (*USUAL_NEGATIVE, *USUAL_POSITIVE)
     x0, x1, y0, y1 = window
     filling, potential_V = y0 + at * (y1 - y0), own_V + NEGATIVES[negative](x0 + at * (x1 - x0))
     order = np.argsort(filling)

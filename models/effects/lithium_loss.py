@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from models.effects.effect import CURVE, Effect, Parameter
-from models.effects.electrode_shift import LEFT, loss_shift, regressor
+from models.effects.electrode_shift import LEFT, loss_shift, promised_from, regressor
 from models.effects.expected import Expected
 from models.effects.half_cells import HalfCells
+from models.effects.own_electrodes import own_electrodes
 
 # As large as a usual change of the capacity, which it makes.
 _USUAL = 0.05
@@ -13,6 +14,7 @@ _USUAL = 0.05
 _STARTS = (0.0, 0.5, 1.0, 1.6, 2.3, 3.1, 4.0, 5.0, 6.5)
 
 _SHIFT = loss_shift(HalfCells.less_lithium)
+_BY_STEPS = loss_shift(HalfCells.less_lithium, apart=own_electrodes)
 
 EFFECT = Effect(
     name="lithium_loss",
@@ -27,10 +29,21 @@ EFFECT = Effect(
     slow=True,
     regressors=regressor(_SHIFT),
     shift=_SHIFT,
+    or_shifts=(_BY_STEPS,),
     absorbed=True,
     renews=(CURVE,),
+    # Steps that all lie as much charge further on are those of a run that begins elsewhere; the positive electrode,
+    # which stays behind, makes little more than a constant where its curve is flat.
+    seems=(frozenset({"initial_soc", "voltage_offset"}), frozenset({"initial_soc", "voltage_gain"})),
     part_of=("ocv_shape",),
     # The plain capacity is asked first: in a record that is short of rests both look alike.
-    expected=Expected(width=lambda _view: _USUAL, starts=_STARTS, from_best=True, share=0.3, learned=False),
+    expected=Expected(
+        width=lambda _view: _USUAL,
+        starts=_STARTS,
+        from_best=True,
+        share=0.3,
+        learned=False,
+        found_from=promised_from,
+    ),
     causes=("lithium",),
 )

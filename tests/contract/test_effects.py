@@ -38,6 +38,7 @@ FRAMEWORK = {
     "half_cell_curves",
     "half_cells",
     "input_correction",
+    "own_electrodes",
     "reading",
     "spline",
     "thermal_view",
@@ -109,8 +110,8 @@ def test_it_shows_somewhere(name: str) -> None:
 @pytest.mark.parametrize("name", EVERY)
 def test_its_relations_name_effects_and_hold_both_ways(name: str) -> None:
     found = effect(name)
-    assert set(found.contains) | set(found.part_of) <= set(effects())
-    assert name not in found.contains
+    assert set(found.contains) | set(found.part_of) | set().union(*found.seems) <= set(effects())
+    assert name not in found.contains and name not in set().union(*found.seems)
     assert all(name in effect(each).contains for each in found.part_of)
     assert found.twin is None or effect(found.twin).twin == name
     if found.heats_as is not None:

@@ -98,7 +98,7 @@ class Analysis:
         """Effects that explain the runs nearly as well as the first that is named alone, or as two that are."""
         hidden = tuple(each for each in self.untold if each.effect.name in self.untold_chances)
         if len(self.named) != 1:
-            return once(*hidden, *self._alone, *self._instead, *self._like_one, *self.one_curve)
+            return once(*hidden, *self._alone, *self._seems, *self._instead, *self._like_one, *self.one_curve)
         best, (named,) = self._likeliest
         singles = [(p, each) for p, each in self.verdict.single if each is not named]
         others = [each for p, each in singles if p * THRESHOLDS.rival >= best or alike(named, each)]
@@ -151,6 +151,12 @@ class Analysis:
         return [each for each in likely if self.named and all(each is not one for one in self.named)]
 
     @property
+    def _seems(self) -> tuple[Tried, ...]:
+        """Effects that a named pair stands for where the cell's electrodes are not known."""
+        names = frozenset(each.effect.name for each in self.named)
+        return () if self._electrodes_known else tuple(each for each in self.tried if names in each.effect.seems)
+
+    @property
     def _like_one(self) -> tuple[Tried, ...]:
         """Effects that most runs can hardly tell from one of a named pair, and that by themselves explain as much."""
         sure = [one for one in self.named if one.weighed.log_likelihood >= THRESHOLDS.asked]
@@ -188,10 +194,10 @@ class Analysis:
     def _may_be_electrodes(self) -> bool:
         """Whether a named free curve may be an electrode's whose own curve nobody knows, so that no shape is ruled out.
 
-        Of nine curves named alone in class, three were lost material (seeds 901, 903, 911, 921).
+        Of nine curves named alone in class, three were lost material (seeds 901, 903, 911, 921); of two named beside
+        another effect, both (5801).
         """
-        (first, *others) = self.named
-        if others or first.effect.local is None or not first.effect.absorbed:
+        if all(each.effect.local is None or not each.effect.absorbed for each in self.named):
             return False
         asked = any(each.effect.causes and each.weighed.log_likelihood >= THRESHOLDS.asked for each in self.tried)
         return asked and not self._electrodes_known

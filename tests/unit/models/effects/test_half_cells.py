@@ -141,4 +141,16 @@ def test_either_electrode_is_told_by_its_name() -> None:
     found = effect("active_material_loss")
     assert found.shift is not None
     told = [each.of for each in (found.shift, *found.or_shifts)]
-    assert told == [" of the negative electrode", " of the positive electrode"]
+    # Once by published curves, once by the steps of the cell's own.
+    assert told == 2 * [" of the negative electrode", " of the positive electrode"]
+
+
+@pytest.mark.parametrize("name", ["lithium_loss", "active_material_loss"])
+def test_nothing_is_promised_of_electrodes_that_nobody_knows(name: str) -> None:
+    promised = effect(name).expected.found_from
+    assert promised is not None
+    sure = replace(cell(("graphite", "nmc532")), soc_range=(0.02, 0.98))
+    electrodes = half_cells(sure)
+    assert electrodes is not None and electrodes.sure
+    assert promised(linear_view(sure)) == 0.0
+    assert promised(linear_view(LinearCell())) == np.inf

@@ -78,3 +78,43 @@ def test_an_entropy_is_a_rival_of_its_heat_in_a_pair_too(entropy: float, rivals:
     analysis = Analysis(sight, back, (heat, sensor, cause), verdict)
     assert [each.effect.name for each in analysis.named] == ["reversible_heat", "temperature_sensor"]
     assert [each.effect.name for each in analysis.rivals] == rivals
+
+
+@pytest.mark.parametrize(
+    ("sure", "second", "rival"),
+    [
+        (False, "voltage_offset", True),
+        (False, "voltage_gain", True),
+        (True, "voltage_offset", False),
+        (False, "relaxation", False),
+    ],
+)
+def test_lost_lithium_of_unknown_electrodes_may_be_a_start_elsewhere_beside_an_offset(
+    monkeypatch: pytest.MonkeyPatch, sure: bool, second: str, rival: bool
+) -> None:
+    start, other, lithium = tried("initial_soc", 90.0), tried(second, 40.0), tried("lithium_loss", 3.0)
+    every, alone = (start, other, lithium), ((0.0, start), (0.0, other), (0.0, lithium))
+    verdict = Verdict(0.0, 0.0, alone, ((0.9, start, other),))
+    sight: Any = SimpleNamespace(n_voltage=4, known=SimpleNamespace(cell=NOTHING))
+    monkeypatch.setattr("models.diagnosis.likelihood.analysis.half_cells", lambda _cell: SimpleNamespace(sure=sure))
+    analysis = Analysis(sight, Background(np.zeros(4), np.eye(4), np.eye(4)), every, verdict)
+    assert [each.effect.name for each in analysis.named] == ["initial_soc", second]
+    assert [each.effect.name for each in analysis.rivals] == (["lithium_loss"] if rival else [])
+
+
+@pytest.mark.parametrize(
+    ("sure", "second", "confidence"),
+    [(False, "capacity", 0.6), (True, "capacity", 0.9), (False, None, 0.6), (True, None, 0.9)],
+)
+def test_a_curve_that_an_unknown_electrode_may_have_bent_is_not_sure_beside_another_effect_either(
+    monkeypatch: pytest.MonkeyPatch, sure: bool, second: str | None, confidence: float
+) -> None:
+    curve, lost, material = tried("ocv_shape", 100.0), tried("capacity", 20.0), tried("active_material_loss", 40.0)
+    every = (curve, lost, material)
+    alone, pairs = ((0.0, curve), (0.0, lost), (0.0, material)), ((0.9, curve, lost),)
+    verdict = Verdict(0.0, 0.0, alone, pairs) if second else Verdict(0.0, 0.0, ((0.9, curve), *alone[1:]), ())
+    sight: Any = SimpleNamespace(n_voltage=4, known=SimpleNamespace(cell=NOTHING))
+    monkeypatch.setattr("models.diagnosis.likelihood.analysis.half_cells", lambda _cell: SimpleNamespace(sure=sure))
+    analysis = Analysis(sight, Background(np.zeros(4), np.eye(4), np.eye(4)), every, verdict)
+    assert len(analysis.named) == (2 if second else 1) and analysis.named[0] is curve
+    assert analysis.confidence == pytest.approx(confidence)
