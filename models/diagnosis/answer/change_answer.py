@@ -113,14 +113,16 @@ def _most(analysis: Analysis, record: Record) -> float:
     runs, where quick changes and coarse steps pass for it, and by what hangs together with nothing in unseen ones.
 
     Two at once can stand for a third. Of such two named with more than 0.9 the first was right in 18 of 21 (the same
-    benchmark and `diagnosis_change.py`), all three wrong ones where a single effect was there.
+    benchmark and `diagnosis_change.py`), all three wrong ones where a single effect was there. What an electrode has
+    lost whose curve nobody knows is told by what is usual of such curves.
     """
     elsewhere = analysis.sight.known.elsewhere
     off_V2 = float(np.mean(elsewhere.unseen_V**2)) + elsewhere.own_V2
     noise_V = 1e-3 * (record.noise_floor_mV or 0.0)
     by_samples = np.sqrt(off_V2) / max(noise_V, _LEAST_NOISE_V)
     most = most_sure(max(float(by_samples), 1.0 / np.sqrt(max(elsewhere.white_share, _LEAST_SHARE))))
-    return min(most, SURE_ELSEWHERE) if len(analysis.named) > 1 else most
+    guessed = any(each.effect.causes for each in analysis.named) and not analysis.electrodes_known
+    return min(most, SURE_ELSEWHERE) if guessed or len(analysis.named) > 1 else most
 
 
 def _finding(

@@ -63,10 +63,11 @@ class Analysis:
         """The likeliest of one effect and two, with its probability; two only where they are clearly more likely."""
         alone, two = self.verdict.single[:1], self.verdict.pairs[:1]
         best, *which = max([*alone, *two], key=lambda each: each[0] / (THRESHOLDS.two if len(each) > 2 else 1.0))
-        return best, as_whole_loss(self.verdict, self.tried, which, electrodes=self._electrodes_known) or tuple(which)
+        return best, as_whole_loss(self.verdict, self.tried, which, electrodes=self.electrodes_known) or tuple(which)
 
     @cached_property
-    def _electrodes_known(self) -> bool:
+    def electrodes_known(self) -> bool:
+        """Whether published curves are surely the cell's electrodes."""
         known = half_cells(self.sight.known.cell) if any(each.effect.causes for each in self.tried) else None
         return known is not None and known.sure
 
@@ -154,7 +155,7 @@ class Analysis:
     def _seems(self) -> tuple[Tried, ...]:
         """Effects that a named pair stands for where the cell's electrodes are not known."""
         names = frozenset(each.effect.name for each in self.named)
-        return () if self._electrodes_known else tuple(each for each in self.tried if names in each.effect.seems)
+        return () if self.electrodes_known else tuple(each for each in self.tried if names in each.effect.seems)
 
     @property
     def _like_one(self) -> tuple[Tried, ...]:
@@ -184,7 +185,7 @@ class Analysis:
         if not self.named:
             return self.verdict.unknown
         sure = max(self.chance(self.named[0]) - sum(self.untold_chances.values()), 0.0)
-        if self.named[0].effect.life == "capacity" and not self._electrodes_known:
+        if self.named[0].effect.life == "capacity" and not self.electrodes_known:
             # Whichever of its causes it is, that much is lost.
             causes = sum(self.chance(each) for each in self.tried if each.effect.causes)
             sure = max(sure, min(sure + causes, THRESHOLDS.sure_of_curve))
@@ -200,7 +201,7 @@ class Analysis:
         if all(each.effect.local is None or not each.effect.absorbed for each in self.named):
             return False
         asked = any(each.effect.causes and each.weighed.log_likelihood >= THRESHOLDS.asked for each in self.tried)
-        return asked and not self._electrodes_known
+        return asked and not self.electrodes_known
 
     @cached_property
     def explained(self) -> FloatArray:

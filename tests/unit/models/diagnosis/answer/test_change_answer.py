@@ -215,6 +215,20 @@ def test_of_two_at_once_nobody_is_sure(as_before: tuple[Analysis, Record]) -> No
     assert [each.confidence for each in answer.findings] == [SURE_ELSEWHERE] * 2
 
 
+def test_of_an_electrode_that_nobody_knows_nobody_is_sure(as_before: tuple[Analysis, Record]) -> None:
+    analysis, record = as_before
+    contact, *others = analysis.tried
+    sure = []
+    for causes in ((), ("lithium",)):
+        first = replace(contact, effect=replace(contact.effect, causes=causes))
+        every = (first, *others)
+        single = ((0.99, first), *((0.0, each) for each in others))
+        verdict = replace(analysis.verdict, nothing=0.0, unknown=0.0, single=single, pairs=())
+        (finding,) = answered(replace(analysis, tried=every, verdict=verdict), record).findings
+        sure.append(finding.confidence)
+    assert sure[0] > 0.9 and sure[1] == SURE_ELSEWHERE
+
+
 def test_a_gain_of_the_current_stands_beside_a_capacity_that_explains_as_much(
     as_before: tuple[Analysis, Record],
 ) -> None:
