@@ -8,7 +8,6 @@ Sources 219, 2012; Birkl et al., J. Power Sources 341, 2017).
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -17,6 +16,7 @@ import numpy as np
 from models.data.timeseries import FloatArray
 from models.effects.electrode_match import USUAL_NEGATIVE, Ahead, Loaded, Match, loaded, matches
 from models.effects.half_cell_curves import NEGATIVES, POSITIVES
+from models.effects.once_a_model import once_a_model
 from models.effects.view import OwnModel
 
 # Points of the charge on which the full cell's curve is drawn, and of a table of an electrode's.
@@ -158,10 +158,6 @@ class HalfCells:
         return self.ends[0] + soc * (self.ends[1] - self.ends[0])
 
 
-# Curves of the models that are about, by their place in memory.
-_CURVES: dict[int, tuple[weakref.ref[OwnModel], Curve | None]] = {}
-
-
 def half_cells(model: OwnModel) -> HalfCells | None:
     """Electrodes of a model's cell; None where it is no lithium cell against graphite.
 
@@ -174,17 +170,9 @@ def half_cells(model: OwnModel) -> HalfCells | None:
     return None if curve is None else apart(curve)
 
 
+@once_a_model
 def own_curve(model: OwnModel) -> Curve | None:
-    """What a model's cell is taken apart by; None: it is none that could be. Simulated once for each model."""
-    place = id(model)
-    known = _CURVES.get(place)
-    if known is None or known[0]() is not model:
-        known = weakref.ref(model, lambda _: _CURVES.pop(place, None)), _simulated(model)
-        _CURVES[place] = known
-    return known[1]
-
-
-def _simulated(model: OwnModel) -> Curve | None:
+    """What a model's cell is taken apart by; None: it is none that could be."""
     low, high = model.soc_range
     soc = np.linspace(max(low, 0.0), min(high, 1.0), _LEARNED)
     curve_V = model.open_circuit_V(soc)

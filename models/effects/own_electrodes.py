@@ -9,7 +9,6 @@ negative's.
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from models.data.timeseries import FloatArray
 from models.effects.electrode_match import USUAL_NEGATIVE
 from models.effects.half_cells import USUAL_POSITIVE, HalfCells, half_cells
+from models.effects.once_a_model import once_a_model
 from models.effects.view import OwnModel
 
 # Points of the cell's own curve, and its least slope there, V per SoC.
@@ -43,10 +43,7 @@ class OwnElectrodes(HalfCells):
         return np.interp(filling, self.negative_filling, self.negative_V) - _EMPTY_V * beyond
 
 
-# Of the models that are about, by their place in memory.
-_MADE: dict[int, tuple[weakref.ref[OwnModel], HalfCells | None]] = {}
-
-
+@once_a_model
 def own_electrodes(model: OwnModel) -> HalfCells | None:
     """Electrodes by the steps of a model's own curve; None where published ones are surely the cell's, or it has none.
 
@@ -54,14 +51,8 @@ def own_electrodes(model: OwnModel) -> HalfCells | None:
     ----------
     model : with its open-circuit curve
     """
-    place = id(model)
-    known = _MADE.get(place)
-    if known is None or known[0]() is not model:
-        published = half_cells(model)
-        made = None if published is None or published.sure else _apart(model, published)
-        known = weakref.ref(model, lambda _: _MADE.pop(place, None)), made
-        _MADE[place] = known
-    return known[1]
+    published = half_cells(model)
+    return None if published is None or published.sure else _apart(model, published)
 
 
 def _apart(model: OwnModel, published: HalfCells) -> HalfCells:

@@ -38,6 +38,7 @@ FRAMEWORK = {
     "half_cell_curves",
     "half_cells",
     "input_correction",
+    "once_a_model",
     "own_electrodes",
     "reading",
     "spline",
