@@ -1,11 +1,12 @@
 """A cell that is linear, and runs of it, for effects to be looked at alone."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from models.data.resampling import GridRun, to_grid
-from models.data.timeseries import TimeSeries
+from models.data.timeseries import FloatArray, TimeSeries
 from models.effects.thermal_view import ThermalView
 from models.effects.view import ModelInputs, View
 
@@ -51,6 +52,20 @@ class LinearCell:
 
     def overvoltage_V(self, run, soc, index, drive_A):
         return RESISTANCE_OHM * drive_A[index]
+
+
+@dataclass(frozen=True)
+class CurvedCell(LinearCell):
+    """The same with an open-circuit curve of its own."""
+
+    curve: Callable[[FloatArray], FloatArray] = lambda soc: 3.0 + soc
+    soc_range: tuple[float, float] = (0.05, 0.97)
+
+    def open_circuit_V(self, soc: FloatArray) -> FloatArray:
+        return self.curve(soc)
+
+    def voltage_V(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
+        return self.curve(soc) + RESISTANCE_OHM * inputs.signals[0]
 
 
 def run(n: int = 2000) -> GridRun:

@@ -1,18 +1,16 @@
 """Electrodes found in a full cell's curve, and what it is like when they have aged."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from models.data.timeseries import FloatArray
 from models.effects import effect
 from models.effects.electrode_shift import loss_shift
 from models.effects.half_cell_curves import NEGATIVES, POSITIVES
 from models.effects.half_cells import HalfCells, half_cells
-from models.effects.view import ModelInputs
-from tests.unit.models.effects.linear_cell import RESISTANCE_OHM, LinearCell, linear_view
+from tests.unit.models.effects.linear_cell import CurvedCell, LinearCell, linear_view
 
 SOC = np.linspace(0.05, 0.95, 19)
 # Fillings of the negative and of the positive electrode, empty and full.
@@ -24,24 +22,10 @@ MADE = {
 }
 
 
-@dataclass(frozen=True)
-class Made(LinearCell):
-    """A cell with a curve of its own."""
-
-    curve: Callable[[FloatArray], FloatArray] = lambda soc: 3.0 + soc
-    soc_range: tuple[float, float] = (0.05, 0.97)
-
-    def open_circuit_V(self, soc: FloatArray) -> FloatArray:
-        return self.curve(soc)
-
-    def voltage_V(self, inputs: ModelInputs, soc: FloatArray) -> FloatArray:
-        return self.curve(soc) + RESISTANCE_OHM * inputs.signals[0]
-
-
-def cell(pair: tuple[str, str]) -> Made:
+def cell(pair: tuple[str, str]) -> CurvedCell:
     x0, x1, y0, y1 = MADE[pair]
     negative, positive = NEGATIVES[pair[0]], POSITIVES[pair[1]].potential_V
-    return Made(curve=lambda soc: positive(y0 + soc * (y1 - y0)) - negative(x0 + soc * (x1 - x0)))
+    return CurvedCell(curve=lambda soc: positive(y0 + soc * (y1 - y0)) - negative(x0 + soc * (x1 - x0)))
 
 
 @pytest.mark.parametrize("name", sorted(NEGATIVES))
@@ -99,14 +83,14 @@ def test_a_curve_that_no_published_ones_make_is_learned_with_graphite() -> None:
 def test_a_flat_positive_electrode_is_taken_as_filled_as_usual() -> None:
     # The plateau's slope is not quite the published one: alone it asks for one that is filled the other way round.
     made = cell(("graphite", "olivine"))
-    found = half_cells(Made(curve=lambda soc: made.curve(soc) - 0.06 * soc, soc_range=(0.1, 0.8)))
+    found = half_cells(CurvedCell(curve=lambda soc: made.curve(soc) - 0.06 * soc, soc_range=(0.1, 0.8)))
     assert found is not None
     assert 1.0 < found.positive_Ah < 1.5
     assert found.less_lithium(0.1).capacity == pytest.approx(0.9, abs=0.02)
 
 
 def test_cells_without_lithium_have_no_such_electrodes() -> None:
-    nimh = Made(curve=lambda soc: 1.25 + 0.1 * soc)
+    nimh = CurvedCell(curve=lambda soc: 1.25 + 0.1 * soc)
     assert half_cells(nimh) is None
     shift = effect("lithium_loss").shift
     assert shift is not None
