@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from models.effects.effect import CURVE, Effect, Parameter
-from models.effects.electrode_shift import LEFT, loss_shift, promised_from, regressor
-from models.effects.expected import Expected
+from models.effects.electrode_shift import LEFT, expected_loss, loss_shift, regressor
 from models.effects.half_cells import HalfCells
 from models.effects.own_electrodes import own_electrodes
 
@@ -37,13 +36,6 @@ EFFECT = Effect(
     absorbed=True,
     renews=(CURVE,),
     part_of=("ocv_shape",),
-    expected=Expected(
-        width=lambda _view: _USUAL,
-        starts=_STARTS,
-        from_best=True,
-        share=0.3,
-        learned=False,
-        found_from=promised_from,
-    ),
+    expected=expected_loss(_USUAL, _STARTS),
     causes=("negative", "positive"),
 )

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from models.data.timeseries import FloatArray
 from models.effects.effect import Parameter, Shift
+from models.effects.expected import Expected
 from models.effects.half_cells import HalfCells, half_cells
 from models.effects.view import OwnModel, View
 
@@ -62,7 +63,7 @@ def _shrinks(fresh: HalfCells, aged: HalfCells) -> float:
     return fresh.capacity / max(aged.capacity, _LEAST_CAPACITY * fresh.capacity)
 
 
-def promised_from(view: View) -> float:
+def _promised_from(view: View) -> float:
     """Smallest share that can be promised to be told: none of electrodes whose curves nobody knows.
 
     How such a cell's curve bends is a guess then: of 21 simulated losses beyond what their shape alone promised one was
@@ -70,6 +71,25 @@ def promised_from(view: View) -> float:
     """
     fresh = half_cells(view.model)
     return 0.0 if fresh is not None and fresh.sure else float("inf")
+
+
+def expected_loss(usual: float, starts: tuple[float, ...]) -> Expected:
+    """How large a loss is to be expected.
+
+    Parameters
+    ----------
+    usual : share
+    starts : of the search, in usual shares
+    """
+    # The plain capacity is asked first: in a record that is short of rests both look alike.
+    return Expected(
+        width=lambda _view: usual,
+        starts=starts,
+        from_best=True,
+        share=0.3,
+        learned=False,
+        found_from=_promised_from,
+    )
 
 
 def regressor(shift: Shift) -> Callable[[View], FloatArray]:

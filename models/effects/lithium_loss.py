@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from models.effects.effect import CURVE, Effect, Parameter
-from models.effects.electrode_shift import LEFT, loss_shift, promised_from, regressor
-from models.effects.expected import Expected
+from models.effects.electrode_shift import LEFT, expected_loss, loss_shift, regressor
 from models.effects.half_cells import HalfCells
 from models.effects.own_electrodes import own_electrodes
 
@@ -36,14 +35,6 @@ EFFECT = Effect(
     # which stays behind, makes little more than a constant where its curve is flat.
     seems=(frozenset({"initial_soc", "voltage_offset"}), frozenset({"initial_soc", "voltage_gain"})),
     part_of=("ocv_shape",),
-    # The plain capacity is asked first: in a record that is short of rests both look alike.
-    expected=Expected(
-        width=lambda _view: _USUAL,
-        starts=_STARTS,
-        from_best=True,
-        share=0.3,
-        learned=False,
-        found_from=promised_from,
-    ),
+    expected=expected_loss(_USUAL, _STARTS),
     causes=("lithium",),
 )
