@@ -51,9 +51,17 @@ class CanCycler:
 
     # --- opening -------------------------------------------------------------------------------------------
     async def connect(self) -> Capabilities:
-        """See `Cycler.connect`. A device that is not what the map describes is left alone."""
+        """See `Cycler.connect`. A device that is not what the map describes is left alone.
+
+        Another sender is told of by what follows: it must not keep the bench from commanding rest.
+        """
         self._watch = None
-        await self._open()
+        with self._link.beside_others():
+            await self._open()
+            return await self._learn()
+
+    async def _learn(self) -> Capabilities:
+        """Ask the device what the map leaves to it."""
         try:
             constants = {name: await self._constant(name, signal) for name, signal in self._map.constants.items()}
             self._dialogue.plan = plan = CanPlan(self._map, self._codec, constants)
@@ -203,10 +211,14 @@ class CanCycler:
 
     # --- safety --------------------------------------------------------------------------------------------
     async def safe(self) -> None:
-        """See `Cycler.safe`. Commanding rest twice does no harm, so each step is tried again on a fresh bus."""
+        """See `Cycler.safe`. Commanding rest twice does no harm, so each step is tried again on a fresh bus.
+
+        Nor does another sender on the bus keep it from being commanded.
+        """
         self._forget_setpoints()
         steps: list[Step] = [partial(self._rest, index) for index in range(len(self._map.sequences["safe"]))]
-        await come_to_rest(self._link, [*steps, partial(self._verify_output, on=False)], self._reopen)
+        with self._link.beside_others():
+            await come_to_rest(self._link, [*steps, partial(self._verify_output, on=False)], self._reopen)
 
     async def _rest(self, index: int) -> None:
         await self._dialogue.command(self._dialogue.connected_plan().outgoing("safe", self._arguments())[index])

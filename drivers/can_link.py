@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from drivers.address import CanAddress
 from drivers.can_bus import CanReceiver, bus_arguments
@@ -59,6 +59,7 @@ class CanLink:
         self._receiver: CanReceiver | None = None
         self._log = TrafficLog(address.log, f"node{address.node}") if address.log else None
         self._inbox = self._empty_inbox()
+        self._beside_others = False  # for as long as another sender must not stop this one
 
     def _empty_inbox(self) -> CanInbox:
         returns_own = self._where.interface == "udp_multicast"  # this bus hands back what was sent
@@ -149,7 +150,7 @@ class CanLink:
         Raises
         ------
         CyclerTimeoutError, CyclerConnectionError, CyclerProtocolError
-            No answer in time; bus lost or off; another sender uses this bench's identifiers.
+            No answer in time; bus lost or off; another sender uses this bench's identifiers (but `beside_others`).
         """
         bus = self._usable(what)
         if self._min_gap_s and (wait_s := self._sent_s + self._min_gap_s - time.monotonic()) > 0:
@@ -179,6 +180,18 @@ class CanLink:
             self._abandon()
             raise
 
+    @contextlib.contextmanager
+    def beside_others(self) -> Iterator[None]:
+        """Let nothing be held back because another sender was heard; what comes afterwards tells of it.
+
+        Rest is commanded whoever else commands something, and by one who has to find the device first.
+        """
+        before, self._beside_others = self._beside_others, True
+        try:
+            yield
+        finally:
+            self._beside_others = before
+
     def check(self, what: str) -> None:
         """Raise what the bus has to tell, as `exchange` would."""
         self._usable(what)
@@ -191,7 +204,7 @@ class CanLink:
         if self._inbox.failure is not None:
             self.close()
             raise CyclerConnectionError(f"{self.address}: {what}: {self._inbox.failure}")
-        if self._inbox.foreign is not None:
+        if self._inbox.foreign is not None and not self._beside_others:
             raise CyclerProtocolError(f"{self.address}: {what}: {self._inbox.foreign}")
         if self._bus is None:
             raise CyclerConnectionError(f"{self.address}: {what}: not connected")

@@ -53,6 +53,7 @@ class CyclerKeeper:
             capabilities = await asyncio.wait_for(cycler.connect(), _CONNECT_TIMEOUT_S)
             if reason := await bring_to_rest(cycler):
                 raise CyclerError(f"connected, but rest was not confirmed: {reason}")
+            await cycler.sample()  # tells what must not keep a cycler from coming to rest: another master on its bus
         except (CyclerError, TimeoutError) as error:
             if cycler is not None:
                 await cycler.close()

@@ -1,6 +1,8 @@
 """What a CAN bus does: error frames, bus-off, foreign senders and nodes, garbage, a lost adapter."""
 
 import asyncio
+import contextlib
+import itertools
 import socket
 import time
 import uuid
@@ -25,7 +27,7 @@ from drivers.register_map import load_can_map
 from simulators.can_bus import CanAction
 from tests.patience import holds
 from tests.protocol.can_hooks import on
-from tests.protocol.rigs import LIMITS, PATIENT_S, TIMEOUT_S, rig
+from tests.protocol.rigs import LIMITS, PATIENT_S, PERIOD_S, TIMEOUT_S, rig
 
 MAP = load_can_map("generic_can")
 
@@ -82,10 +84,55 @@ async def test_a_second_master_is_noticed(transport):
             await holds(lambda: made.driver._link._inbox.foreign, "the other sender is heard")
         with pytest.raises(CyclerProtocolError, match="another sender uses identifier 0x100"):
             await made.driver.sample()
-        # Coming back forgets what was seen, as identifying the device begins anew.
-        await made.driver.close()
         await made.driver.safe()
         assert made.at_rest
+        # It is at rest, and yet not alone.
+        with pytest.raises(CyclerProtocolError, match="another sender uses identifier 0x100"):
+            await made.driver.sample()
+        # Coming back forgets what was seen, as identifying the device begins anew.
+        await made.driver.close()
+        await made.driver.connect()
+        assert not (await made.driver.sample()).output_on
+
+
+@contextlib.asynccontextmanager
+async def a_second_master(made):
+    """Another sender that steers the device too, and goes on."""
+    codec, heartbeats = CanCodec(MAP.dbc), itertools.cycle(range(256))
+    with joined(made) as bus:
+
+        async def steer():
+            while True:
+                values = {"SetCurrent": 9.0, "Heartbeat": next(heartbeats), "Tick": 1}
+                data = codec.encode(SETPOINT, values)
+                bus.send(can.Message(arbitration_id=0x100, data=data, is_extended_id=False))
+                await asyncio.sleep(0.002)
+
+        task = asyncio.create_task(steer())
+        yield
+        task.cancel()
+
+
+@pytest.mark.parametrize("transport", ["can-virtual", "can-udp"])
+async def test_beside_a_second_master_rest_is_commanded_by_who_has_just_come(transport):
+    async with rig(transport) as made:
+        await made.running()
+        await made.driver.close()
+        async with a_second_master(made):
+            newcomer = made.another()
+            await newcomer.connect()
+            await holds(lambda: newcomer._link._inbox.foreign, "the other sender is heard")
+            assert made.device.cycler.output_on
+            await newcomer.safe()
+            assert not made.device.cycler.output_on
+            for call in (newcomer.sample, lambda: newcomer.acquire(LIMITS, 1.0, PERIOD_S)):
+                with pytest.raises(CyclerProtocolError, match="another sender uses identifier 0x100"):
+                    await call()
+            await newcomer.close()
+            # Who is told to rest before it has connected finds its own way there.
+            made.device.cycler.set_output(True)
+            await made.driver.safe()
+            assert not made.device.cycler.output_on
 
 
 async def test_foreign_traffic_is_passed_over(made):

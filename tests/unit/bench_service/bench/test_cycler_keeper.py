@@ -51,7 +51,7 @@ async def test_a_cycler_is_there_once_it_is_at_rest(devices: list[Device]) -> No
     keeper, events = keeper_of()
     assert (keeper.cycler, keeper.offline_reason) == (None, "not connected yet")
     await keeper.connect()
-    assert device.calls == ["connect", "safe"]
+    assert device.calls == ["connect", "safe", "sample"]
     assert (keeper.cycler, keeper.capabilities, keeper.offline_reason) == (device, CAPABILITIES, None)
     assert events == [("info", "connected", "device 17 connected, at rest")]
 
@@ -64,6 +64,16 @@ async def test_one_that_does_not_come_to_rest_is_let_go(devices: list[Device]) -
     assert device.calls == ["connect", "safe", "safe", "close"]
     assert keeper.cycler is None and keeper.offline_reason is not None
     assert "rest was not confirmed: safe failed" in keeper.offline_reason
+    assert [event[:2] for event in events] == [("warning", "offline")]
+
+
+async def test_one_that_cannot_be_steered_is_let_go_at_rest(devices: list[Device]) -> None:
+    device = Device("sample")
+    devices.append(device)
+    keeper, events = keeper_of()
+    await keeper.connect()
+    assert device.calls == ["connect", "safe", "sample", "close"]
+    assert (keeper.cycler, keeper.offline_reason, keeper.retry_s) == (None, "sample failed", 0.2)
     assert [event[:2] for event in events] == [("warning", "offline")]
 
 
