@@ -82,7 +82,7 @@ async def design_experiment(diagnosis_id: PathId, body: ExperimentBody, services
     bench = services.benches.get(body.bench)
     last = await asyncio.to_thread(last_standing, bench, services.store, services.samples)
     standing = known_standing(bench, body.initial_soc, last)
-    return asdict(await services.diagnosing.start_experiment(diagnosis_id, bench.limits, standing.soc))
+    return asdict(await services.diagnosing.start_experiment(diagnosis_id, bench.sampled_limits, standing.soc))
 
 
 @router.get(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 Window = tuple[float, float]
@@ -66,6 +66,10 @@ class Limits:
     def to_json(self) -> dict[str, Any]:
         """Return the JSON object that `from_json` reads."""
         return {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(self).items()}
+
+    def between_samples(self, dt_s: float, tick_s: float) -> Self:
+        """Return limits for set-points that change at samples only: each change is played within one tick."""
+        return self if self.ramp_A_per_s is None else replace(self, ramp_A_per_s=self.ramp_A_per_s * tick_s / dt_s)
 
     def wider_than(self, outer: "Limits") -> str | None:
         """Return the first limit in which these limits leave `outer`, as text; None if they nowhere do."""

@@ -105,9 +105,9 @@ async def prepare(settings: BenchSettings, capabilities: Capabilities, request: 
 
 def _set_points(settings: BenchSettings, capabilities: Capabilities, request: RunRequest, every: int) -> SetPoints:
     if request.protocol is None:
-        player = make_player(request.time_s, request.current_A, request.dt_s)
+        player = make_player(request.time_s, request.current_A, request.dt_s / every)
         check_start(settings, capabilities, request, player)
-        return player if every == 1 else make_player(request.time_s, request.current_A, request.dt_s / every)
+        return player
     check_start(settings, capabilities, request)
     order = request.protocol
     known = {"soc_known": request.initial_soc is not None, "chamber": settings.chamber and settings.chamber.window}

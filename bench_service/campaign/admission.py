@@ -70,6 +70,7 @@ def admit(
     limits: Limits,
     *,
     dt_s: float,
+    tick_s: float,
     initial_soc: float,
     capacity_Ah: float,
 ) -> None:
@@ -82,7 +83,9 @@ def admit(
     limits : Limits
         Limits of the run, see `narrowed`.
     dt_s : float
-        Period of the run; set-points change on its ticks only.
+        Period of the samples.
+    tick_s : float
+        Period of the set-points, which change on ticks only; see `Bench.tick_s`.
     initial_soc : float
         State of charge at the start, 0..1.
     capacity_Ah : float
@@ -94,7 +97,6 @@ def admit(
         The profile leaves a limit; the message names the first row that does.
     """
     check_profile(time_s, current_A)
-    duration_s = float(time_s[-1])
     low_A, high_A = limits.current_A
     slack_A = _RELATIVE_SLACK * max(abs(low_A), abs(high_A))
     if (row := _first(~((current_A >= low_A - slack_A) & (current_A <= high_A + slack_A)))) is not None:
@@ -106,39 +108,43 @@ def admit(
             limit=limits.current_A,
             remedy="scale the profile down",
         )
-    if duration_s > limits.duration_s * (1 + _RELATIVE_SLACK):
+    _admit_duration(float(time_s[-1]), limits.duration_s, dt_s, tick_s)
+    _admit_ramp(time_s, current_A, limits.ramp_A_per_s, tick_s)
+    _admit_soc(time_s, current_A, limits.soc, initial_soc, capacity_Ah)
+
+
+def _admit_duration(duration_s: float, limit_s: float, dt_s: float, tick_s: float) -> None:
+    if duration_s > limit_s * (1 + _RELATIVE_SLACK):
         raise BadRequestError(
             "the profile is too long",
             ("profile", "time_s"),
             value=duration_s,
             unit="s",
-            limit=limits.duration_s,
+            limit=limit_s,
             remedy="shorten it",
         )
-    if not 1 - _GRID_TOLERANCE <= duration_s / dt_s <= MOST_TICKS:
+    if not (1 - _GRID_TOLERANCE <= duration_s / dt_s and duration_s / tick_s <= MOST_TICKS):
         raise BadRequestError(
-            f"a profile of {duration_s:g} s is 1 to {MOST_TICKS} samples long with another period",
+            f"a profile of {duration_s:g} s is a sample to {MOST_TICKS} ticks long with another period",
             ("dt_s",),
             value=dt_s,
             unit="s",
         )
-    _admit_ramp(time_s, current_A, limits.ramp_A_per_s, dt_s)
-    _admit_soc(time_s, current_A, limits.soc, initial_soc, capacity_Ah)
 
 
-def _admit_ramp(time_s: NDArray, current_A: NDArray, ramp_A_per_s: float | None, dt_s: float) -> None:
+def _admit_ramp(time_s: NDArray, current_A: NDArray, ramp_A_per_s: float | None, tick_s: float) -> None:
     if ramp_A_per_s is None:
         return
     # A row takes effect on the first tick at or after its time; of several before one tick the last counts.
-    tick = np.ceil(time_s[:-1] / dt_s - _GRID_TOLERANCE)
+    tick = np.ceil(time_s[:-1] / tick_s - _GRID_TOLERANCE)
     last_of_tick = np.append(np.diff(tick) > 0, True)
     rows = np.flatnonzero(last_of_tick)
     steps_A = np.abs(np.diff(current_A[rows], prepend=0.0))
-    if (bad := _first(~(steps_A <= ramp_A_per_s * dt_s * (1 + _RELATIVE_SLACK)))) is not None:
+    if (bad := _first(~(steps_A <= ramp_A_per_s * tick_s * (1 + _RELATIVE_SLACK)))) is not None:
         raise BadRequestError(
             "the set-point changes too fast",
             ("profile", "current_A", int(rows[bad])),
-            value=float(steps_A[bad] / dt_s),
+            value=float(steps_A[bad] / tick_s),
             unit="A/s",
             limit=ramp_A_per_s,
             remedy="spread the step over more rows",

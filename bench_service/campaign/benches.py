@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
 
+from bench_service.bench.admission import ticks_per_sample
 from bench_service.bench.limits import Limits
 from bench_service.bench.listener import BenchStatus
 from bench_service.bench.messages import EndedMessage, EventMessage, LiveMessage
@@ -84,6 +85,20 @@ class Bench:
     def name(self) -> str:
         """The bench's name."""
         return self.supervisor.name
+
+    @property
+    def lock_step(self) -> bool:
+        """Whether its time moves with its runs: as the device says, or as it is configured until one is there."""
+        capabilities, simulate = self.supervisor.status.capabilities, self.config.simulate
+        return bool(capabilities["lock_step"]) if capabilities else simulate is not None and simulate.lock_step
+
+    def tick_s(self, dt_s: float) -> float:
+        """Return the period of the set-points in a run with this period of samples."""
+        return dt_s / ticks_per_sample(dt_s, self.config.watchdog_s, self.lock_step)
+
+    def sampled_limits(self, dt_s: float) -> Limits:
+        """Return its limits for profiles whose set-points change at samples only, as designs have them."""
+        return self.limits.between_samples(dt_s, self.tick_s(dt_s))
 
     def summary(self) -> Json:
         """Give the JSON object of the live feed: everything but the limits."""

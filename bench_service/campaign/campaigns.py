@@ -222,7 +222,7 @@ class CampaignRunner:
         stated = given.get("initial_soc") is not None
         last = None if stated else last_standing(bench, workshop.store, workshop.samples)
         request = complete(bench, given, last, self._changed_standing(bench, given.get("changed_bench")))
-        check_plan(request, bench.limits, bench.config.capacity_Ah)
+        check_plan(request, bench.limits, bench.config.capacity_Ah, bench.tick_s(request.dt_s))
         return request
 
     def _changed_standing(self, bench: Bench, name: str | None) -> Standing | None:

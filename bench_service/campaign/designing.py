@@ -127,7 +127,7 @@ def round_request(request: CampaignRequest, limits: Limits, model_id: str, soc: 
     ----------
     request : CampaignRequest
     limits : Limits
-        Of the bench.
+        Of the bench, for set-points that change at samples.
     model_id : str
         Model of the rounds before.
     soc : float

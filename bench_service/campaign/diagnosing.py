@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -149,7 +149,7 @@ class Diagnosing:
         )
         return {"model": record.id, "parent": parent.id, **metrics}
 
-    async def start_experiment(self, diagnosis_id: str, limits: Limits, standing_soc: float) -> Job:
+    async def start_experiment(self, diagnosis_id: str, limits: Callable[[float], Limits], standing_soc: float) -> Job:
         """Queue the design of the profile that tells a diagnosis' rivals apart on a bench.
 
         The job's result is ``{"profile_id", "name", "initial_soc", "dt_s", "figures"}``.
@@ -157,8 +157,8 @@ class Diagnosing:
         Parameters
         ----------
         diagnosis_id : str
-        limits : Limits
-            Of the bench; those of the request are narrowed to them.
+        limits : Callable
+            Those of the bench, for a period of samples; those of the request are narrowed to them.
         standing_soc : float
             Where the cell on the bench stands.
 
@@ -235,7 +235,7 @@ class Diagnosing:
         )
 
     def _experiment_inputs(
-        self, diagnosis_id: str, limits: Limits, standing_soc: float
+        self, diagnosis_id: str, limits: Callable[[float], Limits], standing_soc: float
     ) -> tuple[Json, Json, list[RunInput], list[RunInput]]:
         record = self._store.diagnoses.get(diagnosis_id)
         asked = record.result.get("next_experiment")
@@ -246,7 +246,8 @@ class Diagnosing:
         train = runs
         if record.mode == "structure" and record.train:
             train = self._modelling.inputs(record.train_run_ids, "train_run_ids", None)
-        return self._store.models.document(record.model_id), on_bench(asked, limits, standing_soc), train, runs
+        request = on_bench(asked, limits(asked["dt_s"]), standing_soc)
+        return self._store.models.document(record.model_id), request, train, runs
 
     def _where_inputs(self, comparison_id: str) -> tuple[Json, list[RunInput]]:
         record = self._store.comparisons.get(comparison_id)

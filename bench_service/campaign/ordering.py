@@ -93,7 +93,8 @@ def request_of(order: RunOrder, bench: Bench, store: MetadataStore, storage: Sto
         assert order.profile_id is not None
         time_s, current_A = store.profiles.points(order.profile_id)
         capacity_Ah = bench.config.capacity_Ah
-        admit(time_s, current_A, limits, dt_s=order.dt_s, initial_soc=order.initial_soc, capacity_Ah=capacity_Ah)
+        grid = {"dt_s": order.dt_s, "tick_s": bench.tick_s(order.dt_s)}
+        admit(time_s, current_A, limits, initial_soc=order.initial_soc, capacity_Ah=capacity_Ah, **grid)
         samples = math.ceil(float(time_s[-1]) / order.dt_s)
     storage.refuse(samples)
     return RunRequest(

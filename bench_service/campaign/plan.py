@@ -52,7 +52,7 @@ def plan_profiles(
     return profiles
 
 
-def check_plan(request: CampaignRequest, limits: Limits, capacity_Ah: float) -> None:
+def check_plan(request: CampaignRequest, limits: Limits, capacity_Ah: float, tick_s: float | None = None) -> None:
     """Check a request and both of its profiles against a bench, as their runs will be checked when they start.
 
     Parameters
@@ -62,6 +62,8 @@ def check_plan(request: CampaignRequest, limits: Limits, capacity_Ah: float) -> 
         Of the bench.
     capacity_Ah : float
         With which the bench counts charge.
+    tick_s : float or None
+        Period of the set-points; None: that of the samples.
 
     Raises
     ------
@@ -100,11 +102,11 @@ def check_plan(request: CampaignRequest, limits: Limits, capacity_Ah: float) -> 
             unit="s",
             remedy="change dt_s or duration_s",
         )
-    soc = request.initial_soc
+    soc, grid = request.initial_soc, {"dt_s": request.dt_s, "tick_s": tick_s or request.dt_s}
     for role, profile in plan_profiles(request).items():
         if role == CHANGED and request.changed_bench not in (None, request.bench):
             soc = request.changed_initial_soc
-        admit(profile.time_s, profile.current_A, limits, dt_s=request.dt_s, initial_soc=soc, capacity_Ah=capacity_Ah)
+        admit(profile.time_s, profile.current_A, limits, initial_soc=soc, capacity_Ah=capacity_Ah, **grid)
         soc = float(profile.soc(soc, capacity_Ah)[-1])
     if request.rounds > 1:
         # Now, and not when hours of rounds have been played: what follows them must find the time.

@@ -182,7 +182,7 @@ class Story:
         if role in self._done.designs:
             return
         bench = self._workshop.benches.get(self._request.bench)
-        asked = round_request(self._request, bench.limits, self._done.model_id, soc, number)
+        asked = round_request(self._request, bench.sampled_limits(self._request.dt_s), self._done.model_id, soc, number)
         name = f"{self._request.name}: {role}"
         made = await self._watched("rounds", lambda: self._workshop.designing.start(name, asked))
         self._done.profiles[role], self._done.designs[role] = made["profile_id"], made["figures"]

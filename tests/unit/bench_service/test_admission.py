@@ -17,7 +17,7 @@ def check(time_s: list[float], current_A: list[float], limits: Limits = LIMITS, 
         np.array(time_s),
         np.array(current_A),
         limits,
-        **{"dt_s": 1.0, "initial_soc": 0.5, "capacity_Ah": 3.0} | other,
+        **{"dt_s": 1.0, "tick_s": other.get("dt_s", 1.0), "initial_soc": 0.5, "capacity_Ah": 3.0} | other,
     )
 
 
@@ -84,6 +84,15 @@ def test_ramp_counts_set_points_of_neighbouring_ticks_from_rest() -> None:
         check([0, 10, 20], [-1.0, 1.0, 0.0], limits)
     # Of two rows before one tick only the later is ever applied.
     check([0, 1.2, 1.6, 3], [0.0, 3.0, 1.0, 0.0], limits)
+
+
+def test_ramp_counts_the_ticks_that_are_played_between_two_samples() -> None:
+    limits = replace(LIMITS, ramp_A_per_s=1.0)
+    check([0, 3, 6, 9], [3.0, 0.0, 3.0, 0.0], limits, dt_s=3.0)
+    with pytest.raises(BadRequestError, match=r"current_A.0: 3 A/s, limit 1 A/s"):
+        check([0, 3, 6, 9], [3.0, 0.0, 3.0, 0.0], limits, dt_s=3.0, tick_s=1.0)
+    with pytest.raises(BadRequestError, match=r"current_A.1: 6 A/s, limit 1 A/s"):
+        check([0, 3.5, 5.5, 9], [0.0, 3.0, 0.0, 0.0], limits, dt_s=3.0, tick_s=0.5)
 
 
 def test_a_run_may_narrow_limits_only() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bench_service.bench.limits import Limits
+from bench_service.bench.listener import BenchStatus
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.benches import Bench
 from bench_service.campaign.plan import check_plan, plan_profiles
@@ -37,6 +38,7 @@ class NamedOnly:
     """As much of a supervisor as a request looks at."""
 
     name = "b"
+    status = BenchStatus("idle")
 
 
 def bench(config: BenchConfig) -> Bench:
@@ -188,3 +190,22 @@ def test_what_cannot_be_left_out_is_refused_before_anything_is_played(
     with pytest.raises(BadRequestError, match=told) as refused:
         complete(bench(SIMULATED), {"bench": "b", "structure": structure, "without": without}, None)
     assert refused.value.where == ("without",)
+
+
+def test_a_bench_with_a_watchdog_has_ticks_between_its_samples() -> None:
+    real, simulated = bench(REAL), bench(SIMULATED)
+    assert real.tick_s(3.0) == pytest.approx(1 / 3) and simulated.tick_s(3.0) == 3.0
+    steep = Limits((2.5, 4.2), (-6.0, 3.0), (-20.0, 60.0), (0.05, 0.95), 0.9, 20_000.0)
+    real.limits = simulated.limits = steep
+    # What a design may change by in a sample is what one tick may.
+    assert real.sampled_limits(3.0).ramp_A_per_s == pytest.approx(0.1)
+    assert simulated.sampled_limits(3.0).ramp_A_per_s == 0.9
+    real.limits = LIMITS
+    assert real.sampled_limits(3.0).ramp_A_per_s is None
+
+
+def test_the_ramp_of_a_plan_counts_between_its_ticks() -> None:
+    steep = replace(LIMITS, ramp_A_per_s=8.0)
+    check_plan(REQUEST, steep, 2.5)
+    with pytest.raises(BadRequestError, match=r"changes too fast .*limit 8 A/s"):
+        check_plan(REQUEST, steep, 2.5, tick_s=1 / 3)

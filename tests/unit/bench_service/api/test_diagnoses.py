@@ -78,7 +78,12 @@ def experiment(body: dict[str, Any], *, simulated: bool = False, played: bool = 
     """Ask for the next experiment on a bench whose last run, if any, has taken a tenth of the charge out."""
     config = SimpleNamespace(simulate=SimpleNamespace(initial_soc=0.9) if simulated else None)
     bench = SimpleNamespace(
-        name="sim", limits="the bench's limits", config=config, runs_before_cell=0, cell=None, cell_since_utc=None
+        name="sim",
+        sampled_limits="the bench's limits",
+        config=config,
+        runs_before_cell=0,
+        cell=None,
+        cell_since_utc=None,
     )
     time_s = np.array([0.0, 360.0])
     data = SimpleNamespace(n=2, gaps=(), columns={"time_s": time_s, "current_A": np.array([0.0, -2.0])})

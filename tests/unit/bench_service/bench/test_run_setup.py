@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench_service.bench.admission import RefusedError
 from bench_service.bench.limits import Limits
 from bench_service.bench.request import RunRequest
 from bench_service.bench.run_setup import prepare
@@ -24,3 +25,24 @@ async def test_the_current_may_be_off_by_a_share_of_the_runs_own_limits(
     settings = BenchSettings("b", "modbus-tcp://127.0.0.1:1", "generic", wide, current_tolerance_A=stated_A)
     prepared = await prepare(settings, DEVICE, request)
     assert prepared.plan.rules.current_tolerance_A == pytest.approx(expected_A)
+
+
+@pytest.mark.parametrize(
+    ("ramp_A_per_s", "time_s", "current_A", "message"),
+    [
+        (None, [0.0, 0.4, 0.7, 10.0], [1.0, 100.0, 1.0, 0.0], "100 A at 0.666667 s, the run's limits are -5 to 5 A"),
+        (2.0, [0.0, 1.0, 2.0, 10.0], [0.0, 2.0, 0.0, 0.0], "changes by 2 A within 0.333333 s"),
+        (6.0, [0.0, 1.0, 1.4, 3.0, 10.0], [0.0, -2.0, 2.0, 0.0, 0.0], "changes by 4 A within 0.333333 s at 1.66667 s"),
+    ],
+)
+async def test_what_is_played_between_two_samples_is_checked(
+    ramp_A_per_s: float | None, time_s: list[float], current_A: list[float], message: str
+) -> None:
+    limits = Limits((2.5, 4.2), (-5.0, 5.0), (0.0, 45.0), (0.0, 1.0), ramp_A_per_s, 100.0)
+    request = RunRequest("r", 1.0, limits, 2.5, np.array(time_s), np.array(current_A))
+    settings = BenchSettings("b", "modbus-tcp://127.0.0.1:1", "generic", limits)
+    with pytest.raises(RefusedError, match=message):
+        await prepare(settings, DEVICE, request)
+    # A simulation in lock-step has no ticks between its samples.
+    prepared = await prepare(settings, replace(DEVICE, lock_step=True), request)
+    assert prepared.plan.every == 1
