@@ -91,6 +91,9 @@ class Law:
         last_A : float
             The set-point in force.
         """
+        return self._inside(self._wanted_A(seen, time_s, last_A))
+
+    def _wanted_A(self, seen: Seen, time_s: float, last_A: float) -> float:
         law, play = self._play.law, self._play
         if self.by_device is not None:
             return self.by_device.follow(seen.voltage_V, seen.current_A)
@@ -103,20 +106,21 @@ class Law:
         if law == "voltage":
             return self._held(seen, last_A)
         if law == "power":
-            return self._inside(self._powered(seen, play.level, last_A))
+            return self._powered(seen, play.level, last_A)
         if law == "resistance":
-            return self._inside(-max(seen.voltage_V, 0.0) / play.level)
+            return -max(seen.voltage_V, 0.0) / play.level
         return self._clipped(seen, self.profile(time_s, seen, last_A), last_A)
 
     def profile(self, time_s: float, seen: Seen, last_A: float) -> float:
-        """Return the value of the step's profile."""
+        """Return the value of the step's profile; the last one ends it and is never played, however short the step."""
         at = bisect_right(self._play.times_s, time_s + _GRID_TOLERANCE * self._dt_s) - 1
-        value = self._play.values[max(at, 0)]
-        return self._inside(self._powered(seen, value, last_A)) if self._play.in_watts else value
+        value = self._play.values[min(max(at, 0), len(self._play.values) - 2)]
+        return self._powered(seen, value, last_A) if self._play.in_watts else value
 
     def _inside(self, current_A: float) -> float:
+        """Return what the run's limits leave of a current; rest is always allowed."""
         low, high = self._window.current_A
-        return min(max(current_A, low), high)
+        return min(max(current_A, min(low, 0.0)), max(high, 0.0))
 
     def _powered(self, seen: Seen, power_W: float, last_A: float) -> float:
         """Return the current of a power, at the voltage that this current leads to."""

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from bench_service.protocol.counters import Ending
+from bench_service.protocol.laws import Law, Seen
+from bench_service.protocol.program import Play, Window
+from bench_service.protocol.response import Response
 from bench_service.protocol.tables import cycle_table
 from tests.unit.bench_service.protocol.protocol_rig import NOISELESS, play, program_of
 
@@ -137,6 +140,37 @@ def test_a_profile_is_played_as_it_is_written_and_clipped_where_that_is_asked_fo
     clipped = play(program_of([steep]), dt_s=1.0, soc=0.8)
     assert clipped.true_V.max() < 4.1 + 0.01 and endings(clipped) == [Ending.PROFILE]
     assert clipped.current_A[-1] < 0.8 * 5
+
+
+@pytest.mark.parametrize("dt_s", [0.1, 0.5, 1.0, 60.0])
+def test_the_value_that_ends_a_profile_is_never_played(dt_s: float) -> None:
+    short = {"step": "profile", "time_s": [0, 0.03], "current_A": [1.0, 1000.0]}
+    played = play(program_of([short, REST]), sensors=NOISELESS, dt_s=dt_s)
+    assert played.current_A[1] == pytest.approx(1.0) and played.current_A[2:].max() == 0.0
+    assert endings(played)[0] == Ending.PROFILE
+
+
+@pytest.mark.parametrize("current_A", [(-5.0, 2.0), (-5.0, -1.0), (1.0, 2.0)])
+@pytest.mark.parametrize(
+    "play_of",
+    [
+        Play("current", (), 1, "s", level=9.0),
+        Play("current", (), 1, "s", level=-9.0),
+        Play("rest", (), 1, "s"),
+        Play("power", (), 1, "s", level=1000.0),
+        Play("resistance", (), 1, "s", level=1e-3),
+        Play("cc_cv", (), 1, "s", level=9.0, voltage_V=4.1),
+        Play("voltage", (), 1, "s", level=9.0, voltage_V=4.1),
+        Play("profile", (), 1, "s", times_s=(0.0, 1.0), values=(9.0, 0.0)),
+        Play("profile", (), 1, "s", times_s=(0.0, 1.0), values=(-900.0, 0.0), in_watts=True),
+    ],
+)
+def test_no_law_hands_out_a_current_beyond_the_limits(play_of: Play, current_A: tuple[float, float]) -> None:
+    cell = Response(2.5)
+    cell.see(3.7, 0.0, 1.0)
+    law = Law(play_of, Window((2.5, 4.2), current_A), cell, 1.0)
+    wanted_A = law.current_A(Seen(3.7, 0.0, 25.0, 0.5, 1.0), 0.0, 0.0)
+    assert wanted_A == 0.0 or current_A[0] <= wanted_A <= current_A[1]
 
 
 def test_a_step_without_an_end_in_that_direction_stops_before_the_limit() -> None:
