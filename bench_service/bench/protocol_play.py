@@ -25,7 +25,7 @@ class ProtocolPlay:
     standing : Standing or None
         Where to go on.
     expected_s : float or None
-        How long it may take, for the progress.
+        How long it may take from there, for the progress.
     device_holds : bool
         Whether the device can hold a voltage.
 
@@ -96,8 +96,9 @@ class ProtocolPlay:
 
     def progress(self, tick: int) -> float:
         """Return the share that is done, as far as that can be foreseen; below 1 until it is over."""
-        played_s = self._began_s + tick * self.dt_s
-        return 0.0 if not self._expected_s else min(0.99, played_s / self._expected_s)
+        if not self._expected_s:
+            return 0.0
+        return min(0.99, (self._began_s + tick * self.dt_s) / (self._began_s + self._expected_s))
 
     def skip(self) -> None:
         """End the step that plays."""

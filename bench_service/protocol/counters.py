@@ -7,7 +7,7 @@ charge is the sum of ``I * dt``, energy that of ``V * I * dt``.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 
 class Ending(enum.IntEnum):
@@ -62,6 +62,10 @@ class Counters:
         else:
             self.discharged_Ah -= current_A * hours
             self.discharged_Wh -= voltage_V * current_A * hours
+
+    def plus(self, other: Counters) -> Counters:
+        """Return the sums of both."""
+        return Counters(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(Counters)))
 
     @property
     def net_Ah(self) -> float:

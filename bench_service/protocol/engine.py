@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bench_service.protocol.counters import ENDINGS, Counters, Ending
-from bench_service.protocol.guard import broken_limit, careful, leaves
+from bench_service.protocol.guard import broken_limit, careful, leaves, near_end, ramped
 from bench_service.protocol.laws import Law, Seen
 from bench_service.protocol.program import Again, End, Jump, Play, Program, Round, SetChamber
 from bench_service.protocol.quantities import value_of
@@ -164,11 +164,12 @@ class Engine:
         for _ in range(len(self.program.instructions) + 1):
             play, law = self._play, self._law
             assert play is not None and law is not None
-            wanted_A = self._ramped(law.current_A(seen, self.standing.step.time_s, self._set_A))
+            wanted_A = law.current_A(seen, self.standing.step.time_s, self._set_A)
+            wanted_A = ramped(self.program.window, self._set_A, wanted_A, self._dt_s)
             if not self._cell.known and play.law not in ("voltage", "cc_cv"):
                 wanted_A = careful(self.program, self._cell, seen, wanted_A)
             flows_A = seen.current_A if law.device_rules else wanted_A
-            out = leaves(self.program, play, self._cell, seen, (self._set_A, flows_A), self._dt_s)
+            out = leaves(self.program, play, self._cell, seen, (self._set_A, flows_A), self._dt_s, self.standing)
             if out is None and self._run_s + (1 - _NEAREST) * self._dt_s > self.program.window.duration_s:
                 out = "duration_s", f"the run would last longer than {self.program.window.duration_s:g} s"
             if out is None:
@@ -177,8 +178,7 @@ class Engine:
                 self._set_A = wanted_A
                 return wanted_A
             quantity, text = out
-            # Its own end in that direction is less than a sample away.
-            end = next((e for e in play.ends if e.quantity == quantity and e.above == (wanted_A > 0)), None)
+            end = near_end(play, quantity, flows_A, self.standing, self._dt_s)
             if end is None:
                 self._stop(text, seen)
                 return None
@@ -186,13 +186,6 @@ class Engine:
                 return None
         self._stop("no step can be played within the limits", seen)
         return None
-
-    def _ramped(self, wanted_A: float) -> float:
-        ramp = self.program.window.ramp_A_per_s
-        if ramp is None:
-            return wanted_A
-        most_A = ramp * self._dt_s
-        return min(max(wanted_A, self._set_A - most_A), self._set_A + most_A)
 
     def _met(self, end: End, seen: Seen) -> bool:
         quantity, step = end.quantity, self.standing.step
@@ -242,6 +235,7 @@ class Engine:
     def _leave(self, ending: Ending, target: int | None, seen: Seen) -> bool:
         at = self.standing.at
         self._end(ending, seen)
+        self.standing.total = self.standing.total.plus(self.standing.step)
         return self._move(at + 1 if target is None else target, seen)
 
     def _end(self, ending: Ending, seen: Seen) -> None:

@@ -6,10 +6,12 @@ The safety rules of the bench stay what they are and come first; a run that is e
 from __future__ import annotations
 
 from bench_service.protocol.laws import Seen
-from bench_service.protocol.program import Play, Program
+from bench_service.protocol.program import End, Play, Program, Window
 from bench_service.protocol.response import Response
+from bench_service.protocol.state import Standing
 
 _CLOSE_V = 0.002
+_SLACK = 1e-9  # of a charge: sums that are the same on paper
 _UNITS = {"voltage_V": "V", "current_A": "A", "temperature_degC": "degC", "soc": ""}
 
 
@@ -23,7 +25,13 @@ def broken_limit(play: Play, seen: Seen) -> str | None:
 
 
 def leaves(
-    program: Program, play: Play, cell: Response, seen: Seen, set_A: tuple[float, float], dt_s: float
+    program: Program,
+    play: Play,
+    cell: Response,
+    seen: Seen,
+    set_A: tuple[float, float],
+    dt_s: float,
+    standing: Standing,
 ) -> tuple[str, str] | None:
     """Return which quantity would leave its limits before the next sample, and in words; None if none.
 
@@ -33,11 +41,18 @@ def leaves(
         Set-point in force and the one that is wanted.
     dt_s : float
         Until the next sample.
+    standing : Standing
+        With what has been moved.
     """
     window, current_A = program.window, set_A[1]
     if current_A == 0.0:
         return None
     charge_Ah = current_A * dt_s / 3600.0
+    if window.charge_Ah is not None:
+        now_Ah = standing.total.net_Ah + standing.step.net_Ah
+        if (now_Ah + charge_Ah) * current_A > 0 and abs(now_Ah + charge_Ah) > window.charge_Ah * (1 + _SLACK):
+            text = f"the charge since the protocol began would leave {window.charge_Ah:g} Ah: {now_Ah:.4g} Ah now"
+            return "charge_Ah", text
     if window.soc is not None and seen.soc is not None:
         soc = seen.soc + charge_Ah / program.capacity_Ah
         low, high = window.soc
@@ -50,6 +65,25 @@ def leaves(
     if (ahead_V > high - _CLOSE_V and current_A > 0) or (ahead_V < low + _CLOSE_V and current_A < 0):
         return "voltage_V", f"the voltage would leave {low:g} to {high:g} V: {seen.voltage_V:.4g} V now"
     return None
+
+
+def near_end(play: Play, quantity: str, current_A: float, standing: Standing, dt_s: float) -> End | None:
+    """Return the step's own end that is less than a sample away where a limit of its quantity is; None if none is."""
+    moved_Ah = abs(standing.step.net_Ah + current_A * dt_s / 3600.0)
+    for end in play.ends:
+        # A step counts its own charge, the limit that of all steps.
+        near = moved_Ah >= end.value if quantity == "charge_Ah" else end.above == (current_A > 0)
+        if end.quantity == quantity and near:
+            return end
+    return None
+
+
+def ramped(window: Window, now_A: float, wanted_A: float, dt_s: float) -> float:
+    """Return as much of a change of the set-point as the ramp allows until the next sample."""
+    if window.ramp_A_per_s is None:
+        return wanted_A
+    most_A = window.ramp_A_per_s * dt_s
+    return min(max(wanted_A, now_A - most_A), now_A + most_A)
 
 
 def careful(program: Program, cell: Response, seen: Seen, wanted_A: float) -> float:

@@ -42,7 +42,7 @@ class Window:
     ramp_A_per_s : float or None
     duration_s : float
     charge_Ah : float or None
-        Most charge that may have flowed, net, since the start.
+        Most charge that may have flowed, net, since the protocol began, in either direction.
     chamber : ChamberWindow or None
         None: there is no chamber.
     """

@@ -24,7 +24,7 @@ class Standing:
     fresh : bool
         Whether the cycle has no step yet.
     step, total : Counters
-        Of the step that plays, and of the whole run before it.
+        Of the step that plays, and of all steps before it; a protocol that is taken up again counts on.
     chamber_degC : float or None
         Set point of the chamber; None: the protocol has not set it.
     """

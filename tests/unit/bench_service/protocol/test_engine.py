@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench_service.protocol.compiling import compile_protocol
 from bench_service.protocol.counters import Ending
+from bench_service.protocol.document import read_protocol
 from bench_service.protocol.laws import Law, Seen
 from bench_service.protocol.program import Play, Window
 from bench_service.protocol.response import Response
 from bench_service.protocol.tables import cycle_table
-from tests.unit.bench_service.protocol.protocol_rig import NOISELESS, play, program_of
+from simulators.catalogue import CELLS
+from tests.unit.bench_service.protocol.protocol_rig import NOISELESS, document, play, program_of, window_of
 
 REST = {"step": "rest", "until": {"time_s": 60}}
 
@@ -186,6 +189,46 @@ def test_limits_of_a_step_stop_the_run() -> None:
     step = {"step": "constant_current", "rate_C": -1, "until": {"time_s": 3600}, "limits": {"voltage_V": [3.5, 4.2]}}
     played = play(program_of([step]))
     assert "outside the step's 3.5 to 4.2 V" in (played.engine.stopped or "") and endings(played) == [Ending.LIMIT]
+
+
+CHARGE = {"step": "constant_current", "rate_C": 0.5, "until": {"time_s": 1000}}
+BACK = {"step": "constant_current", "rate_C": -0.5, "until": {"time_s": 1500}}
+
+
+def limited(*steps, charge_Ah: float):
+    read = read_protocol(document(*steps, limits={"charge_Ah": charge_Ah}))
+    return compile_protocol(read, CELLS["nmc"].parameters.capacity_Ah, window_of())
+
+
+@pytest.mark.parametrize(
+    ("steps", "charge_Ah", "extremes_Ah"),
+    [
+        ([CHARGE], 0.05, (0.0, 0.05)),
+        ([BACK], 0.05, (-0.05, 0.0)),
+        ([{"step": "loop", "count": 9, "steps": [CHARGE, REST]}], 1.0, (0.0, 1.0)),  # more than any of its steps
+        ([CHARGE, BACK, BACK], 0.4, (-0.4, 0.347)),  # net: back and beyond
+        ([{"step": "cc_cv", "rate_C": 1, "voltage_V": 4.1, "until": {"rate_C": 0.01}}], 0.5, (0.0, 0.5)),
+        ([{"step": "pulse", "rate_C": -1, "on_s": 60, "off_s": 30, "count": 99}], 0.3, (-0.3, 0.0)),
+    ],
+)
+def test_the_charge_of_the_whole_protocol_is_limited(
+    steps: list, charge_Ah: float, extremes_Ah: tuple[float, float]
+) -> None:
+    played = play(limited(*steps, charge_Ah=charge_Ah), sensors=NOISELESS, soc=0.3)
+    assert f"would leave {charge_Ah:g} Ah" in (played.engine.stopped or "") and endings(played)[-1] == Ending.LIMIT
+    moved_Ah = np.cumsum(played.current_A[1:] * np.diff(played.time_s)) / 3600
+    assert min(moved_Ah.min(), 0.0) == pytest.approx(extremes_Ah[0], abs=0.0075)
+    assert max(moved_Ah.max(), 0.0) == pytest.approx(extremes_Ah[1], abs=0.0075)
+    assert np.abs(moved_Ah).max() <= charge_Ah * (1 + 1e-6)
+
+
+def test_a_step_that_ends_at_the_limit_of_charge_ends_by_itself() -> None:
+    to_limit = CHARGE | {"until": {"charge_Ah": 0.05}}
+    played = play(limited(to_limit, BACK | {"until": {"charge_Ah": 0.06}}, charge_Ah=0.05), sensors=NOISELESS)
+    assert endings(played) == [Ending.CHARGE, Ending.CHARGE] and played.engine.stopped is None
+    # Its own end is far away, that of the protocol is not.
+    far = play(limited(to_limit, to_limit, charge_Ah=0.07), sensors=NOISELESS)
+    assert endings(far) == [Ending.CHARGE, Ending.LIMIT]
 
 
 def test_duration_and_ramp_are_kept() -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bench_service.bench.protocol_play import _row
+from bench_service.bench.protocol_play import ProtocolPlay, _row
+from bench_service.protocol.counters import Counters
 from bench_service.protocol.resuming import standing_after
 from bench_service.protocol.state import Standing
 from bench_service.protocol.tables import cycle_table, step_table
@@ -73,9 +76,38 @@ def test_it_goes_on_where_it_was_cut_off(n: int, told: bool) -> None:
         assert mine["discharged_Wh"] == pytest.approx(his["discharged_Wh"], abs=10 * 20 / 3600)
 
 
+@pytest.mark.parametrize("told", [True, False], ids=["stopped", "killed"])
+@pytest.mark.parametrize("n", [1, 15, 40, 77])
+def test_the_charge_before_counts_towards_the_limit(n: int, told: bool) -> None:
+    """A hundred pulses, of which the limit allows so many in all the parts together."""
+    program = program_of([{"step": "pulse", "rate_C": -1, "on_s": 60, "off_s": 30, "count": 100}])
+    program = replace(program, window=replace(program.window, charge_Ah=0.5))
+    whole = play(program, sensors=NOISELESS)
+    cell, moved_Ah = Cell(CELLS["nmc"].parameters, 0.5), 0.0
+    standing: Standing | None = Standing(counters=[0] * program.n_counters)
+    for most in (n, 3, 1000):
+        assert standing is not None
+        copy = Standing.from_json(standing.to_json())
+        part = play(program, sensors=NOISELESS, most=most, true_cell=cell, standing=copy)
+        if told:
+            part.engine.close()
+        standing = standing_after(program, standing, *columns(part))
+        assert standing is not None
+        moved_Ah += float(np.sum(part.current_A[1:] * np.diff(part.time_s))) / 3600
+        assert standing.total.net_Ah + standing.step.net_Ah == pytest.approx(moved_Ah, abs=1e-9)
+    assert "would leave 0.5 Ah" in (whole.engine.stopped or "") and "would leave 0.5 Ah" in (part.engine.stopped or "")
+    assert moved_Ah == pytest.approx(-0.5, abs=2.5 * 10 / 3600)
+
+
 def test_after_the_end_nothing_is_left_and_another_protocol_is_refused() -> None:
     program = program_of(STEPS_OF)
     steps, samples = columns(play(program, sensors=NOISELESS))
     assert standing_after(program, None, steps, samples) is None
     with pytest.raises(ValueError, match="does not follow"):
         standing_after(program_of(STEPS_OF[2:]), None, steps, samples)
+
+
+def test_progress_goes_on_where_the_protocol_does() -> None:
+    standing = Standing(counters=[0], step=Counters(time_s=100.0), total=Counters(time_s=900.0))
+    play_on = ProtocolPlay(program_of(STEPS_OF), 1.0, standing, expected_s=1000.0)
+    assert [play_on.progress(tick) for tick in (0, 500, 1000)] == pytest.approx([0.5, 0.75, 0.99])
