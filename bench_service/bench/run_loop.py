@@ -29,6 +29,7 @@ from bench_service.bench.safety import (
     follow,
 )
 from bench_service.bench.soc import count_charge
+from bench_service.protocol.guard import ramped
 from bench_service.streams import OBSERVER, SAMPLES, STEPS
 from drivers.cycler import CyclerError, DeviceLimits, Reading, SetPointRefusedError
 
@@ -180,6 +181,7 @@ class RunLoop:
     def _next_A(self, tick: Tick, reading: Reading) -> float | None:
         """Return the set-point until the next tick; None: there is nothing left to play."""
         player, time_s, pause = self._plan.player, self._track.time_s, self._parts.pause
+        tick_s = player.dt_s
         if self._holding.active:
             player.wait(time_s)
             return 0.0
@@ -190,7 +192,8 @@ class RunLoop:
             player.skip()
         setpoint_A = player.follow(self._holding.position(tick), reading, time_s, self._soc)
         self._tell_steps()
-        return setpoint_A
+        # After a pause or missed ticks the profile is further on than the current.
+        return None if setpoint_A is None else ramped(self._limits.ramp_A_per_s, self._commanded_A, setpoint_A, tick_s)
 
     def _tell_steps(self, *, closing: bool = False) -> None:
         """Hand over what ended steps have moved."""

@@ -165,7 +165,7 @@ class Engine:
             play, law = self._play, self._law
             assert play is not None and law is not None
             wanted_A = law.current_A(seen, self.standing.step.time_s, self._set_A)
-            wanted_A = ramped(self.program.window, self._set_A, wanted_A, self._dt_s)
+            wanted_A = ramped(self.program.window.ramp_A_per_s, self._set_A, wanted_A, self._dt_s)
             if not self._cell.known and play.law not in ("voltage", "cc_cv"):
                 wanted_A = careful(self.program, self._cell, seen, wanted_A)
             flows_A = seen.current_A if law.device_rules else wanted_A

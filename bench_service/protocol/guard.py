@@ -5,13 +5,15 @@ The safety rules of the bench stay what they are and come first; a run that is e
 
 from __future__ import annotations
 
+import math
+
 from bench_service.protocol.laws import Seen
-from bench_service.protocol.program import End, Play, Program, Window
+from bench_service.protocol.program import End, Play, Program
 from bench_service.protocol.response import Response
 from bench_service.protocol.state import Standing
 
 _CLOSE_V = 0.002
-_SLACK = 1e-9  # of a charge: sums that are the same on paper
+_SLACK = 1e-9  # of sums and differences that are the same on paper
 _UNITS = {"voltage_V": "V", "current_A": "A", "temperature_degC": "degC", "soc": ""}
 
 
@@ -78,12 +80,12 @@ def near_end(play: Play, quantity: str, current_A: float, standing: Standing, dt
     return None
 
 
-def ramped(window: Window, now_A: float, wanted_A: float, dt_s: float) -> float:
-    """Return as much of a change of the set-point as the ramp allows until the next sample."""
-    if window.ramp_A_per_s is None:
+def ramped(ramp_A_per_s: float | None, now_A: float, wanted_A: float, dt_s: float) -> float:
+    """Return as much of a change of the set-point as the ramp allows until the next sample; None allows all."""
+    most_A = math.inf if ramp_A_per_s is None else ramp_A_per_s * dt_s
+    if abs(wanted_A - now_A) <= most_A * (1 + _SLACK):  # a step that was admitted is played as it is written
         return wanted_A
-    most_A = window.ramp_A_per_s * dt_s
-    return min(max(wanted_A, now_A - most_A), now_A + most_A)
+    return now_A + math.copysign(most_A, wanted_A - now_A)
 
 
 def careful(program: Program, cell: Response, seen: Seen, wanted_A: float) -> float:

@@ -13,12 +13,12 @@ import pytest
 from bench_service.bench import judging
 from bench_service.bench.chamber.in_run import RunChamber
 from bench_service.bench.chamber.settings import ChamberSettings
-from bench_service.bench.clock import LockStepClock, WallClock
+from bench_service.bench.clock import LockStepClock, Tick, WallClock
 from bench_service.bench.limits import Limits
 from bench_service.bench.links import FrameLink
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.observer_link import ObserverError, ObserverRow
-from bench_service.bench.player import make_player
+from bench_service.bench.player import Player, make_player
 from bench_service.bench.protocol_play import ProtocolPlay
 from bench_service.bench.recording import Recording
 from bench_service.bench.request import RunRequest
@@ -103,10 +103,19 @@ class Bench:
     notes: list[tuple[str, str, str]] = field(default_factory=list)
 
     def loop(
-        self, cycler, *, clock=None, capacity: int = 1000, observer=None, every: int = 1, max_age_s=5.0, player=None
+        self,
+        cycler,
+        *,
+        clock=None,
+        capacity: int = 1000,
+        observer=None,
+        every: int = 1,
+        max_age_s=5.0,
+        player=None,
+        limits=LIMITS,
     ) -> RunLoop:
-        request = RunRequest("r", 0.1, LIMITS, 3.0, np.array([0.0, 1.0]), np.array([2.0, 0.0]), initial_soc=0.5)
-        rules = Rules("b", LIMITS, current_tolerance_A=0.1, max_age_s=max_age_s, tick_s=0.1)
+        request = RunRequest("r", 0.1, limits, 3.0, np.array([0.0, 1.0]), np.array([2.0, 0.0]), initial_soc=0.5)
+        rules = Rules("b", limits, current_tolerance_A=0.1, max_age_s=max_age_s, tick_s=0.1)
         player = player or make_player(request.time_s, request.current_A, request.dt_s / every)
         clock = clock or LockStepClock()
         self.stop.on_order(clock.interrupt)
@@ -328,6 +337,49 @@ async def test_a_run_is_held_and_goes_on_where_it_was(bench: Bench) -> None:
     assert cycler.applied.count(0.0) == len(cycler.applied) - 10 >= 3
     assert bench.recording.n_rows == len(cycler.applied) + 1
     assert [code for _, code, _ in bench.notes] == ["paused", "resumed"]
+
+
+SLOW = replace(LIMITS, ramp_A_per_s=5.0)
+RAMP = [0.5, 1.0, 1.5, *[2.0] * 7, 1.5, 1.0, 0.5]
+
+
+def ramp() -> Player:
+    return make_player(0.1 * np.arange(len(RAMP) + 1), [*RAMP, 0.0], 0.1)
+
+
+async def test_after_a_pause_the_current_returns_to_the_profile_within_the_ramp(bench: Bench) -> None:
+    class Held(FakeCycler):
+        async def output(self, on: bool) -> None:
+            await super().output(on)
+            self.reading = replace(self.reading, current_A=0.0, voltage_V=3.7 + 1e-6 * self.reading.sequence)
+
+        async def sample(self) -> Reading:
+            loop._parts.pause.wanted = 5 <= self.reading.sequence < 9
+            return replace(await super().sample(), monotonic_s=time.monotonic())
+
+    cycler = Held()
+    loop = bench.loop(cycler, clock=WallClock(), player=ramp(), limits=SLOW)
+    end = await loop.play()
+    assert (end.state, end.code) == ("completed", "completed"), end
+    held = [k for k, value in enumerate(cycler.applied) if value == 0.0]
+    before, after = cycler.applied[: held[0]], cycler.applied[held[-1] + 1 :]
+    for part in (before, after):
+        assert np.abs(np.diff([0.0, *part])).max() <= 0.5 + 1e-9 and 2.0 in part
+
+
+async def test_after_missed_ticks_the_current_returns_to_the_profile_within_the_ramp(bench: Bench) -> None:
+    class Late(LockStepClock):
+        async def next_tick(self) -> Tick | None:
+            tick = await super().next_tick()
+            if tick is None or tick.index != 1:
+                return tick
+            self._index = 4
+            return Tick(4, 3, 0.0)
+
+    cycler = FakeCycler()
+    end = await bench.loop(cycler, clock=Late(), player=ramp(), limits=SLOW).play()
+    assert (end.state, end.missed_ticks) == ("completed", 3), end
+    assert cycler.applied == [0.5, 1.0, 1.5, *RAMP[6:]]
 
 
 async def test_simulated_time_stands_still_while_a_run_is_held(bench: Bench) -> None:
