@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from drivers.can_codec import CanCodec
 from drivers.can_map import CURRENT_ARGUMENTS, CURRENT_ROLES, CanMap, Command, Flag, Role, Send
+from drivers.codec import check_watchdog
 from drivers.cycler import Capabilities, DeviceLimits, Reading
 from drivers.device_map import LIMIT_ROLES
 from drivers.errors import CyclerProtocolError, SetPointRefusedError
@@ -86,7 +87,18 @@ class CanPlan:
             except ExpressionError as error:
                 raise SetPointRefusedError(f"message '{send.message}', {signal}: {error}; not sent") from None
         data = self.codec.encode(send.message, values)
+        if "watchdog" in arguments:
+            self._check_watchdog(send, values, data)
         return data if send.length is None else data[: send.length]
+
+    def _check_watchdog(self, send: Send, values: Mapping[str, float], data: bytes) -> None:
+        """Refuse a watchdog that is none, or a longer one, once it is rounded to the signal's steps."""
+        for signal, expression in send.values.items():
+            if "watchdog" in expression.names:
+                raws = self.codec.raw(send.message, data)
+                written = self.codec.physical(send.message, {signal: raws[signal]})[signal]
+                step = self.codec.resolution(send.message, signal)
+                check_watchdog(f"message '{send.message}', {signal}", values[signal], written, step, unit="")
 
     def outgoing(self, sequence: str, arguments: Mapping[str, float]) -> list[Outgoing]:
         """Frames of a sequence, in order; `settings` that have no value here are left out."""

@@ -18,6 +18,7 @@ from drivers.errors import CyclerProtocolError, SetPointRefusedError
 from drivers.expression import Expression, ExpressionError
 
 NAN = math.nan
+_SINGLE = 1e-6  # what single precision may add to a number
 Value = float | int | str
 _FORMAT = {"u16": "H", "i16": "h", "u32": "I", "i32": "i", "f32": "f", "f64": "d"}
 _RAW_RANGE = {
@@ -118,6 +119,21 @@ class Codec:
     def _refused(self, value: Value, reason: str) -> SetPointRefusedError:
         shown = value if isinstance(value, (str, bool)) else f"{value:g} {self.unit}".rstrip()
         return SetPointRefusedError(f"register '{self.name}': {shown} {reason}; not sent")
+
+
+def check_watchdog(where: str, asked: float, written: float, step: float, unit: str = "s") -> None:
+    """See that what a rounded watchdog is written as is one, and not a longer one: 0 switches many off.
+
+    Raises
+    ------
+    SetPointRefusedError
+    """
+    if not 0.0 < written <= asked * (1.0 + _SINGLE):
+        asked_of, written_as, steps_of = (f"{value:g} {unit}".rstrip() for value in (asked, written, step))
+        raise SetPointRefusedError(
+            f"{where}: a watchdog of {asked_of} would be written as {written_as}, the device has steps of {steps_of}; "
+            "not sent; set the bench's watchdog_s to a multiple of that"
+        )
 
 
 def bind(register: Register, constants: Mapping[str, float], sign: float = 1.0) -> Codec:

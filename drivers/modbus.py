@@ -100,6 +100,7 @@ class ModbusCycler:
         settings = plan.limit_values(limits)
         watchdog = self._map.by_role("watchdog")
         if watchdog is not None:
+            plan.check_watchdog(watchdog, watchdog_s)
             settings[watchdog.name] = watchdog_s
         available = await self._read_role("lock_step_available", plan.constants) not in (None, 0)
         if period_s is None and available:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 
-from drivers.codec import bind_all
+from drivers.codec import bind_all, check_watchdog
 from drivers.cycler import Capabilities, DeviceLimits
-from drivers.device_map import LIMIT_ROLES, DeviceMap
+from drivers.device_map import LIMIT_ROLES, DeviceMap, Register
 from drivers.errors import CyclerProtocolError, SetPointRefusedError
 from drivers.expression import ExpressionError
 from drivers.modbus_commands import CommandPlan, Commands, DirectionPlan, Write, contiguous
@@ -100,6 +100,18 @@ class DevicePlan:
             words = tuple(word for r in group for word in self.codecs[r.name].encode(values[r.name]))
             result.append(Write(group[0].address, words, label))
         return result
+
+    def check_watchdog(self, register: Register, watchdog_s: float) -> None:
+        """Refuse a watchdog that is none, or a longer one, once it is rounded to the register's steps.
+
+        Raises
+        ------
+        SetPointRefusedError
+        """
+        codec = self.codecs[register.name]
+        written = codec.decode(codec.encode(watchdog_s))
+        written_s = float(written) if isinstance(written, int | float) else math.nan
+        check_watchdog(f"register '{register.name}'", watchdog_s, written_s, codec.resolution(watchdog_s))
 
     @property
     def heartbeat(self) -> Write | None:

@@ -4,7 +4,7 @@ from typing import Any, NotRequired, TypedDict
 
 
 class StateMessage(TypedDict):
-    """A new state of the bench; ``capabilities`` are those of `drivers.cycler.Capabilities`."""
+    """A new state of the bench; ``capabilities`` are those of `drivers.cycler.Capabilities`, open ends None."""
 
     state: str
     reason: str | None

@@ -1,5 +1,6 @@
 """What a control process tells the API, as frames on the command link."""
 
+import math
 from dataclasses import asdict
 from typing import Any
 
@@ -34,7 +35,7 @@ class Reporter:
             state=state,
             reason=reason,
             run_id=run_id,
-            capabilities=None if capabilities is None else asdict(capabilities),
+            capabilities=None if capabilities is None else _told(capabilities),
             chamber=chamber,
         )
         self._link.send({"op": "state", **message})
@@ -60,3 +61,11 @@ class Reporter:
         """Tell people something."""
         message = EventMessage(severity=severity, code=code, text=text, run_id=run_id)
         self._link.send({"op": "event", **message})
+
+
+def _told(capabilities: Capabilities) -> dict[str, Any]:
+    """Return what JSON can hold: None in place of an end of a range that the device's map leaves open."""
+    return {
+        name: [end if math.isfinite(end) else None for end in value] if isinstance(value, tuple) else value
+        for name, value in asdict(capabilities).items()
+    }

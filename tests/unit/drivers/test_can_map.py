@@ -125,6 +125,22 @@ def test_settings_without_a_value_are_left_out(plan):
     assert len(sent) == 8 and all("lock_step_period" not in frame.arguments for frame in sent)
 
 
+@pytest.mark.parametrize(("watchdog", "written"), [(0.4, "0"), (1.6, "2"), (1.0, None), (1.4, None)])
+def test_a_watchdog_that_is_rounded_to_none_or_to_a_longer_one_is_refused(tmp_path, watchdog, written):
+    wattrex = load_can_map("wattrex_epc")
+    dbc = wattrex.dbc.read_text().replace(
+        "SG_ HeartbeatPeriod : 1|15@1+ (0.001,0)", "SG_ HeartbeatPeriod : 1|15@1+ (1,0)"
+    )
+    (tmp_path / "whole.dbc").write_text(dbc)
+    plan = CanPlan(wattrex, CanCodec(tmp_path / "whole.dbc", wattrex.views), {})
+    send = wattrex.commands["watchdog"].send
+    if written is None:
+        assert plan.frame(send, {"watchdog": watchdog})
+        return
+    with pytest.raises(SetPointRefusedError, match=f"a watchdog of {watchdog:g} would be written as {written},"):
+        plan.frame(send, {"watchdog": watchdog})
+
+
 @pytest.mark.parametrize("current_A", [float("nan"), float("inf"), 30.1, -30.1])
 def test_impossible_set_points(plan, current_A):
     with pytest.raises(SetPointRefusedError, match="not sent"):

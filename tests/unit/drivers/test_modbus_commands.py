@@ -1,11 +1,14 @@
 """What goes out with a tick, and what a sample is made of, for maps of both kinds."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from drivers.codec import bind_all
+from drivers.device_map import TYPE_WORDS
 from drivers.errors import SetPointRefusedError
+from drivers.expression import parse_expression
 from drivers.modbus_commands import CommandPlan, DirectionPlan, contiguous
 from drivers.modbus_plan import DevicePlan
 from drivers.modbus_sample import SamplePlan
@@ -73,3 +76,28 @@ def test_bits_without_a_name_are_never_dropped():
     assert alarms is not None
     words[alarms.address - read.first] = 1 << 15
     assert plan.sample.reading(0.0, 0, [words]).alarms == {"bit_15"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale", "watchdog_s", "written"),
+    [
+        ("u16", "1", 0.4, "0 s"),
+        ("u16", "1", 1.6, "2 s"),
+        ("u16", "0.5", 0.2, "0 s"),
+        ("u16", "0.5", 0.8, "1 s"),
+        ("u16", "1", 1.0, None),
+        ("u16", "1", 1.4, None),  # shorter than asked for
+        ("u16", "0.001", 0.4, None),
+        ("f32", None, 0.4, None),
+    ],
+)
+def test_a_watchdog_that_is_rounded_to_none_or_to_a_longer_one_is_refused(kind, scale, watchdog_s, written):
+    register = GENERIC.by_role("watchdog")
+    change = {"type": kind, "words": TYPE_WORDS[kind], "scale": scale and parse_expression(scale), "range": None}
+    changed = replace(GENERIC, registers=GENERIC.registers | {register.name: replace(register, **change)})
+    plan = DevicePlan(changed, CONSTANTS)
+    if written is None:
+        plan.check_watchdog(changed.by_role("watchdog"), watchdog_s)
+        return
+    with pytest.raises(SetPointRefusedError, match=f"'watchdog': a watchdog of {watchdog_s:g} s would be .* {written}"):
+        plan.check_watchdog(changed.by_role("watchdog"), watchdog_s)
