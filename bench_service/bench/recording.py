@@ -23,9 +23,9 @@ class RecorderError(Exception):
     """The recorder is gone, reports an error, or has stored nothing for too long."""
 
 
-def queue_rows(tick_s: float, lock_step: bool) -> int:
+def queue_rows(period_s: float, lock_step: bool) -> int:
     """Return how many samples may wait for the recorder's acknowledgement: 60 s of them on the wall clock."""
-    return LOCK_STEP_ROWS if lock_step else math.ceil(QUEUE_S / tick_s) + 1
+    return LOCK_STEP_ROWS if lock_step else math.ceil(QUEUE_S / period_s) + 1
 
 
 class Recording:

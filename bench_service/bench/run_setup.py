@@ -98,7 +98,8 @@ async def prepare(settings: BenchSettings, capabilities: Capabilities, request: 
         clock=LockStepClock() if lock_step else WallClock(),
         observer=observer,
         streams=(SAMPLES, *((OBSERVER,) if observer else ()), *((STEPS,) if request.protocol else ())),
-        queue_rows=queue_rows(request.dt_s, lock_step),
+        # A protocol may store every tick, a profile its samples.
+        queue_rows=queue_rows(player.dt_s if player.closed_loop else request.dt_s, lock_step),
         notes=tuple(_notes(settings, request, player.skipped_points)),
     )
 

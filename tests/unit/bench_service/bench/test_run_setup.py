@@ -5,7 +5,7 @@ import pytest
 
 from bench_service.bench.admission import RefusedError
 from bench_service.bench.limits import Limits
-from bench_service.bench.request import RunRequest
+from bench_service.bench.request import ProtocolOrder, RunRequest
 from bench_service.bench.run_setup import prepare
 from bench_service.bench.settings import BenchSettings
 from drivers.cycler import Capabilities
@@ -46,3 +46,17 @@ async def test_what_is_played_between_two_samples_is_checked(
     # A simulation in lock-step has no ticks between its samples.
     prepared = await prepare(settings, replace(DEVICE, lock_step=True), request)
     assert prepared.plan.every == 1
+
+
+@pytest.mark.parametrize(("dt_s", "tick_s"), [(0.1, 0.1), (1.0, 1 / 3), (30.0, 1 / 3)])
+async def test_the_queue_holds_a_minute_of_all_that_a_run_may_store(dt_s: float, tick_s: float) -> None:
+    limits = Limits((2.5, 4.2), (-5.0, 5.0), (0.0, 45.0), (0.0, 1.0), None, 1000.0)
+    settings = BenchSettings("b", "modbus-tcp://127.0.0.1:1", "generic", limits)
+    profile = RunRequest("r", dt_s, limits, 2.5, np.array([0.0, 100.0]), np.array([0.01, 0.0]))
+    prepared = await prepare(settings, DEVICE, profile)
+    assert 60.0 <= prepared.queue_rows * dt_s <= 60.0 + 2 * dt_s
+    step = {"step": "constant_current", "rate_C": 0.1, "until": {"time_s": 60}}
+    document = {"schema": "bench-protocol-1", "name": "t", "steps": [step], "record": {"time_s": 0.3}}
+    order = ProtocolOrder(document=document, standing=None, expected_s=None)
+    protocol = replace(profile, time_s=np.empty(0), current_A=np.empty(0), protocol=order)
+    assert (await prepare(settings, DEVICE, protocol)).queue_rows * tick_s >= 60.0
