@@ -13,8 +13,8 @@ from drivers.cycler import Capabilities, DeviceLimits, Reading
 from drivers.device_map import LIMIT_ROLES
 from drivers.errors import CyclerProtocolError, SetPointRefusedError
 from drivers.expression import Expression, ExpressionError
+from drivers.setpoint_watch import unrolled
 
-COUNTER_BITS = 32  # of a reading's sequence number, whatever the device's counter has
 Raws = Mapping[str, dict[str, float]]  # raw signal values by message
 
 
@@ -209,12 +209,8 @@ class CanPlan:
         return -value if role.negative is not None and _is_set(role.negative, raws) else value + 0.0  # never -0.0
 
     def _sequence(self, raws: Raws, last: int) -> int:
-        """Unroll a short counter of the device, or count on."""
         role = self.map.roles.get("sequence")
-        if role is None:
-            return (last + 1) % (1 << COUNTER_BITS)
-        raw = int(raws[role.name.message][role.name.signal])
-        return (last + (raw - last) % self._counter) % (1 << COUNTER_BITS)
+        return unrolled(None if role is None else int(raws[role.name.message][role.name.signal]), last, self._counter)
 
     def capabilities(self, identity: Mapping[str, str], *, lock_step: bool) -> Capabilities:
         """What the device can do, by its map and its constants."""

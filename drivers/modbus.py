@@ -131,7 +131,7 @@ class ModbusCycler:
         if ahead is None or not self._link.is_open:
             reading = await self._read_sample(plan)
         else:
-            reading = plan.sample.reading(ahead[0], self._sequence + 1, [ahead[1]])
+            reading = plan.sample.reading(ahead[0], self._sequence, [ahead[1]])
         self._sequence = reading.sequence
         if self._watch is not None:
             self._watch.verify(self._link.address, reading)
@@ -253,7 +253,7 @@ class ModbusCycler:
 
     async def _read_sample(self, plan: DevicePlan) -> Reading:
         blocks = [await self._read(read) for read in plan.sample.reads]
-        return plan.sample.reading(time.monotonic(), self._sequence + 1, blocks)
+        return plan.sample.reading(time.monotonic(), self._sequence, blocks)
 
     async def _read(self, read: ReadPlan) -> list[int]:
         return await self._link.read_registers(read.space, read.first, read.count, read.label)

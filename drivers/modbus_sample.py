@@ -9,6 +9,7 @@ from drivers.codec import BlockDecoder, Codec, Value
 from drivers.cycler import Reading
 from drivers.device_map import SAMPLE_ROLES, DeviceMap
 from drivers.read_plan import ReadPlan, plan_reads
+from drivers.setpoint_watch import COUNTER, unrolled
 
 
 class SamplePlan:
@@ -25,6 +26,7 @@ class SamplePlan:
         # A missing role points at the NaN that is put behind the values.
         self._at = tuple(order.index(roles[role].name) if role in roles else -1 for role in SAMPLE_ROLES)
         self.has_sequence = "sequence" in roles
+        self._counter = 1 << 16 * roles["sequence"].words if self.has_sequence else COUNTER
         self._status_bits = bits_of_role(device_map, "status")
         self._alarm_bits = bits_of_role(device_map, "alarms")
         current = device_map.by_role("actual_current")
@@ -32,8 +34,8 @@ class SamplePlan:
         self._alarming = frozenset(device_map.alarm_bits)
         self._names: dict[tuple[int, int], tuple[frozenset[str], frozenset[str]]] = {}
 
-    def reading(self, monotonic_s: float, count: int, blocks: Sequence[Sequence[int]]) -> Reading:
-        """Make a reading of the registers of all reads; `count` stands in for a sequence the map lacks."""
+    def reading(self, monotonic_s: float, last: int, blocks: Sequence[Sequence[int]]) -> Reading:
+        """Make a reading of the registers of all reads; `last` is the sequence number of the reading before."""
         values: list[Value] = []
         for decoder, registers in zip(self._decoders, blocks, strict=True):
             values += decoder.decode(registers)
@@ -48,7 +50,7 @@ class SamplePlan:
                 self._names[key] = names
         return Reading(
             monotonic_s,
-            _whole(sequence, count),
+            unrolled(sequence if isinstance(sequence, int) else None, last, self._counter),
             float(voltage),
             0.0 - float(current) if self._negative in names[0] else float(current),
             float(temperature),

@@ -11,6 +11,22 @@ from drivers.errors import SetPointRefusedError
 # measurement is sure to come after the set-point.
 WHOLE_TICKS = 2
 REMEMBERED = 64
+COUNTER = 1 << 32  # values of a reading's sequence number, whatever the device's counter has
+
+
+def unrolled(raw: int | None, last: int, counter: int) -> int:
+    """Return the sequence number of a reading: a device's counter, which may be short, on from the reading before.
+
+    Parameters
+    ----------
+    raw : int or None
+        Of the device's counter; None where it has none, and readings are counted.
+    last : int
+        Sequence number of the reading before.
+    counter : int
+        How many values the device's counter has.
+    """
+    return (last + (1 if raw is None else (raw - last) % counter)) % COUNTER
 
 
 class SetPointWatch:
@@ -62,7 +78,7 @@ class SetPointWatch:
                 for _ in range(index):  # what is older can not come back
                     written.popleft()
                 return None
-            if due < 0 and (self._exact or (sequence - before) % 2**32 >= WHOLE_TICKS):
+            if due < 0 and (self._exact or (sequence - before) % COUNTER >= WHOLE_TICKS):
                 due = index
                 break
         return written[due][0] if due >= 0 else None

@@ -13,6 +13,7 @@ from drivers.modbus_commands import CommandPlan, DirectionPlan, contiguous
 from drivers.modbus_plan import DevicePlan
 from drivers.modbus_sample import SamplePlan
 from drivers.register_map import load_map
+from drivers.setpoint_watch import SetPointWatch
 
 GENERIC, PSB = load_map("generic"), load_map("ea_psb")
 CONSTANTS = {"i_nom": 30.0, "v_nom": 6.0, "p_nom": 180.0}
@@ -63,9 +64,35 @@ def test_a_role_that_the_map_lacks_is_missing_in_the_sample():
     riden = load_map("riden_rd6006")
     plan = SamplePlan(riden, bind_all(riden, {}))
     blocks = [[0] * read.count for read in plan.reads]
-    reading = plan.reading(1.0, 41, blocks)
+    reading = plan.reading(1.0, 40, blocks)
     assert not plan.has_sequence and reading.sequence == 41
     assert math.isnan(reading.setpoint_in_force_A) and math.isnan(reading.ambient_degC)
+
+
+@pytest.mark.parametrize(("kind", "modulus"), [("u16", 2**16), ("i16", 2**16), ("u32", 2**32)])
+def test_a_set_point_that_is_written_before_a_short_counter_wraps_is_waited_for(kind, modulus):
+    counter = replace(GENERIC.by_role("sequence"), type=kind, words=TYPE_WORDS[kind])
+    plan = DevicePlan(replace(GENERIC, registers=GENERIC.registers | {counter.name: counter}), CONSTANTS)
+
+    def sequence_of(raw, last):
+        blocks = []
+        for read in plan.sample.reads:
+            blocks.append(words := [0] * read.count)
+            if counter in read.registers:
+                parts = [raw % modulus >> 16 * k & 0xFFFF for k in reversed(range(counter.words))]
+                at = counter.address - read.first
+                words[at : at + counter.words] = parts
+        return plan.sample.reading(0.0, last, blocks).sequence
+
+    before = sequence_of(modulus - 1, modulus - 3)
+    after = sequence_of(0, before)
+    assert (before, after) == (modulus - 1, modulus % 2**32)
+    assert sequence_of(0, after) == after, "a stale reading stays one"
+    watch = SetPointWatch(exact=False)
+    watch.written(1.0, 0.0, before - 5)
+    watch.written(2.0, 0.0, before)
+    assert watch.check(1.0, after) is None, "a whole tick has not passed"
+    assert watch.check(1.0, sequence_of(1, after)) == 2.0
 
 
 def test_bits_without_a_name_are_never_dropped():
