@@ -7,8 +7,9 @@ from bench_service.bench.stop import StopSignal
 from drivers.cycler import Cycler, Reading
 
 _PERIOD_S = 0.015
-# Left free before the next tick, and so many times what the slowest question took.
-_ROOM_S, _ROOM_TIMES = 0.008, 3.0
+# Left free before the next tick, and so many times what the slowest question took; one answer that was late is
+# forgotten over some ticks.
+_ROOM_S, _ROOM_TIMES, _KEPT_PER_TICK = 0.008, 3.0, 0.95
 
 
 class InputWatch:
@@ -34,6 +35,7 @@ class InputWatch:
 
     async def until(self, clock: Clock) -> None:
         """Look every few milliseconds until the next tick is near, or there is an order to stop."""
+        self._room_s = max(_ROOM_S, _KEPT_PER_TICK * self._room_s)
         while self._asks and self._stop.order is None and clock.left_s() > _PERIOD_S + self._room_s:
             if await self._stop.wait(_PERIOD_S):
                 return
