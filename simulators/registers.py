@@ -43,7 +43,11 @@ class RegisterCodec:
         self._swap = register.word_order == "little"
 
     def encode(self, value: float | str) -> bytes:
-        """Return the bytes of a value; integers saturate, NaN becomes the register's first invalid pattern."""
+        """Return the bytes of a value; integers saturate.
+
+        NaN becomes the register's first invalid pattern; an integer that has none reads its largest value then, as of
+        a converter whose sensor has come off.
+        """
         if self._format is None:
             text = str(value).encode("ascii")[: self.size]
             return text.ljust(self.size, b"\0")
@@ -52,7 +56,8 @@ class RegisterCodec:
             return self._ordered(self.register.invalid[0].to_bytes(self.size, "big"))
         if self._format in _INTEGER_BOUNDS:
             low, high = _INTEGER_BOUNDS[self._format]
-            return self._ordered(self._struct.pack(min(max(round(number / self._scale), low), high)))
+            raw = high if math.isnan(number) else round(min(max(number / self._scale, low), high))
+            return self._ordered(self._struct.pack(raw))
         return self._ordered(self._struct.pack(number / self._scale))
 
     def decode(self, data: bytes) -> float:

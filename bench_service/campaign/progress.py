@@ -116,7 +116,13 @@ def campaign_result(done: Progress, soc: SocFigures | None) -> Json:
     played = [(role, run) for role, parts in done.parts.items() for run in parts]
     result: Json = {
         "runs": [
-            {"run_id": run.id, "role": role, "n_samples": run.n_samples, "missed_ticks": run.missed_ticks}
+            {
+                "run_id": run.id,
+                "role": role,
+                "initial_soc": run.initial_soc,
+                "n_samples": run.n_samples,
+                "missed_ticks": run.missed_ticks,
+            }
             for role, run in played
         ],
         "samples": sum(run.n_samples or 0 for _, run in played),

@@ -53,7 +53,7 @@ def show_demo(console: Console, record: dict[str, Any], answer: dict[str, Any]) 
     _open_seal(console, answer)
     console.print(f"Data: {answer['data']}")
     for run in (record["result"] or {}).get("runs", []):
-        console.print(f"Run:  {run['run_id']} ({run['role']})")
+        console.print(f"Run:  {run['run_id']} ({run['role']}, from SoC {run['initial_soc']:.4g})")
 
 
 def _show_diagnosis(console: Console, result: dict[str, Any], answer: dict[str, Any]) -> None:
@@ -111,10 +111,16 @@ def _observed(result: dict[str, Any]) -> list[tuple[str, str]]:
     converged = soc["converged_after_s"]
     return [
         ("live observer: started off by", f"{100 * soc['started_off_by']:.0f} % SoC"),
-        ("live observer: below 3 % after", "never" if converged is None else f"{converged:.0f} s"),
+        ("live observer: below 3 % after", _after(converged)),
         ("live observer: SoC error after that, RMS", f"{100 * soc['rmse']:.2f} %"),
         ("live observer: SoC error after that, largest", f"{100 * soc['max_error']:.2f} %"),
     ]
+
+
+def _after(converged_s: float | None) -> str:
+    if converged_s is None:
+        return "never"
+    return f"{converged_s:.0f} s" if converged_s > 0.0 else "the first sample"
 
 
 def _held_out(result: dict[str, Any]) -> str:

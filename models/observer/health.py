@@ -130,8 +130,13 @@ def watch(rows: FloatArray, voltage_V: FloatArray) -> FloatArray:
 def alarms_of(watched: FloatArray) -> list[str]:
     """Alarms of a whole run in words, each with the share of the run in which it stood."""
     bits = watched[:, 2].astype(int)
-    shares = {text: float(np.mean((bits & bit) > 0)) for bit, text in REASONS.items()}
-    return [f"{text} ({100.0 * share:.1f} % of the run)" for text, share in shares.items() if share > 0.0]
+    standing = {text: np.flatnonzero(bits & bit) for bit, text in REASONS.items()}
+    return [f"{text} ({_share(len(rows), len(bits))})" for text, rows in standing.items() if len(rows)]
+
+
+def _share(n: int, of: int) -> str:
+    percent = 100.0 * n / of
+    return f"{percent:.1f} % of the run" if percent >= 0.1 else f"{n} of its {of} samples"
 
 
 @njit(cache=True)

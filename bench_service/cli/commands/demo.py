@@ -14,12 +14,14 @@ from bench_service.cli.arguments import natural
 from bench_service.cli.command import Command
 from bench_service.cli.demo_report import demo_answer, show_demo
 from bench_service.cli.errors import UsageError
-from bench_service.cli.output import Output
+from bench_service.cli.output import Output, Report
 from bench_service.cli.report_options import check_report, kind_of
 from bench_service.exchange.atomic import write_atomically
 from simulators.catalogue import cell_type
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from bench_service.config import ServiceConfig
     from simulators.hidden_effect import HiddenEffect
 
@@ -85,10 +87,9 @@ def _run(options: Namespace, output: Output) -> int:
                 _tell(f"An effect is hidden in the cell. Its seal (SHA-256): {hidden.seal}")
         record = client.start_campaign(_request(options, hidden))
         with output.progress("Demo campaign") as report:
+            in_lines = not (options.json or sys.stderr.isatty())
             try:
-                record = client.wait_campaign(
-                    record["id"], lambda found: report(found["progress"], f"{found['stage']}: {found['message']}")
-                )
+                record = client.wait_campaign(record["id"], watcher(report, in_lines))
             except KeyboardInterrupt:
                 client.stop_campaign(record["id"])
                 raise
@@ -101,6 +102,21 @@ def _run(options: Namespace, output: Output) -> int:
         if stays_up(options, sys.stdout.isatty()):
             _keep_page_up(client.url)
     return 0 if record["state"] == "completed" else 1
+
+
+def watcher(report: Report, in_lines: bool) -> Callable[[dict[str, Any]], None]:
+    """Tell of a campaign on a bar, or by a line as each stage ends, where there is no bar."""
+    told: set[str] = set()
+
+    def watch(found: dict[str, Any]) -> None:
+        report(found["progress"], f"{found['stage']}: {found['message']}")
+        for stage in found["stages"] if in_lines else ():
+            if stage["state"] not in ("waiting", "running") and stage["name"] not in told:
+                told.add(stage["name"])
+                seconds = "" if stage["seconds"] is None else f" after {stage['seconds']:.0f} s"
+                _tell(f"{stage['name']}: {stage['state']}{seconds}. {stage['detail']}")
+
+    return watch
 
 
 def _hidden_effect(options: Namespace) -> HiddenEffect | None:

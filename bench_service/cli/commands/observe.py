@@ -99,7 +99,7 @@ def _run(options: Namespace, output: Output) -> int:
         answer["file"] = str(options.out)
     if options.report is not None:
         answer["report"] = _report(options, cell, as_cells, observed)
-    output.result(answer, lambda console: _show(console, answer))
+    output.result(answer, lambda console: _show(console, answer, observed))
     return 0
 
 
@@ -156,16 +156,19 @@ def _write(path: Path, observed: Sequence[Observation]) -> None:
     write_results(path, columns)
 
 
-def _show(console: Console, answer: dict[str, Any]) -> None:
-
-    table = Table(title="State of charge against reference", title_justify="left", box=box.SIMPLE_HEAD)
+def _show(console: Console, answer: dict[str, Any], observed: Sequence[Observation]) -> None:
+    judged = any(each["soc_rmse"] is not None for each in answer["runs"])
+    table = Table(title="State of charge", title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("run", overflow="fold")
-    for _, label, _ in _FIGURES:
+    for label in ("at first %", "at last %", "+- %", *(label for _, label, _ in _FIGURES if judged)):
         table.add_column(label, justify="right")
-    for each in answer["runs"]:
-        cells = ["-" if each[key] is None else f"{scale * each[key]:.2f}" for key, _, scale in _FIGURES]
-        table.add_row(each["run"], *cells)
+    for each, estimates in zip(answer["runs"], observed, strict=True):
+        ends = (estimates.soc[0], estimates.soc[-1], estimates.soc_std[-1])
+        against = ["-" if each[key] is None else f"{scale * each[key]:.2f}" for key, _, scale in _FIGURES if judged]
+        table.add_row(each["run"], *(f"{100.0 * value:.2f}" for value in ends), *against)
     console.print(table)
+    if not judged:
+        console.print("errors are told of runs that have a reference: a column soc_ref, as a fraction")
     for each in answer["runs"]:
         after, start = each["smoothed"], each["smoothed"]["initial_soc"]
         error = "" if after["soc_rmse"] is None else f", RMSE {100 * after['soc_rmse']:.2f} %"

@@ -46,6 +46,13 @@ def test_scale_and_saturation() -> None:
     assert codec("watchdog").decode((1500).to_bytes(2, "big")) == pytest.approx(1.5)
 
 
+def test_what_an_integer_cannot_say_reads_its_largest_value() -> None:
+    register = replace(GENERIC.registers["temperature"], invalid=())
+    assert RegisterCodec(register, {}).encode(math.nan) == bytes.fromhex("7fff")
+    assert RegisterCodec(register, {}).encode(-math.inf) == bytes.fromhex("8000")
+    assert codec("temperature").encode(math.nan) != bytes.fromhex("7fff")
+
+
 def test_word_order() -> None:
     little = codec("set_current", word_order="little")
     assert little.encode(2.5) == bytes.fromhex("0000 4020")

@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 from bench_service.campaign.progress import campaign_result
+from bench_service.cli.commands.demo import watcher
 from bench_service.cli.demo_report import demo_answer, show_demo
 from simulators.hidden_effect import HiddenEffect
 from tests.unit.bench_service.campaign.test_progress import SOC, ended
@@ -50,3 +51,18 @@ def test_the_seal_is_opened_where_there_is_nothing_else() -> None:
 def test_figures_of_stages_that_were_not_reached_are_left_out() -> None:
     _, text = told(record("failed", campaign_result(ended(comparison=None), None)))
     assert "training run" in text and "never saw" not in text and "observer" not in text
+
+
+def test_stages_are_told_once_as_they_end_where_no_bar_is_seen(capsys: pytest.CaptureFixture[str]) -> None:
+    stages = [{"name": "design", "state": "running", "detail": "half", "seconds": 3.0}]
+    stages.append({"name": "play", "state": "waiting", "detail": "", "seconds": None})
+    found = {"progress": 0.1, "stage": "design", "message": "half", "stages": stages}
+    seen: list[float] = []
+    watch = watcher(lambda share, _text: seen.append(share), in_lines=True)
+    watch(found)
+    stages[0] |= {"state": "done", "detail": "1200 s", "seconds": 4.4}
+    watch(found)
+    watch(found | {"progress": 0.2})
+    assert capsys.readouterr().out == "design: done after 4 s. 1200 s\n"
+    watcher(lambda *_: None, in_lines=False)(found)
+    assert capsys.readouterr().out == "" and seen == [0.1, 0.1, 0.2]

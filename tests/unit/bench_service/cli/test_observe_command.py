@@ -73,6 +73,22 @@ def test_the_gain_is_chosen_on_the_command_line(
     assert found["kalman"]["runs"][0]["soc_rmse"] < 0.02 and found["steady"]["runs"][0]["soc_rmse"] < 0.03
 
 
+def test_the_estimates_are_shown_with_and_without_a_reference(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = _write(tmp_path / "known.csv", 1, 1)
+    bare = tmp_path / "bare.csv"
+    bare.write_text("\n".join(line.rpartition(",")[0] for line in known.read_text().splitlines()))
+    shown = {}
+    for run in (known, bare):
+        assert main(["observe", str(model), str(run), "--initial-soc", "0.4"]) == 0
+        shown[run.stem] = capsys.readouterr().out
+    assert "SoC RMSE" in shown["known"] and "a reference" not in shown["known"]
+    assert "SoC RMSE" not in shown["bare"] and "a column soc_ref" in shown["bare"]
+    row = lambda name: next(line.split() for line in shown[name].splitlines() if line.split()[:1] == [name])  # noqa: E731
+    assert row("bare")[1:] == row("known")[1:4]
+
+
 def test_a_declared_spread_of_the_cells_widens_the_band(
     model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
