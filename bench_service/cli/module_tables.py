@@ -50,7 +50,8 @@ def kinds_table(module: Mapping[str, Any]) -> Table:
 def groups_table(groups: Sequence[Mapping[str, Any]]) -> Table:
     """What differs in each group."""
     table = Table(title="Groups in series", title_justify="left", box=box.SIMPLE_HEAD)
-    for label in ("group", "capacity Ah", "SoC from the mean %", "R from the mean mOhm", "empty after Ah", "lowest V"):
+    from_mean = ("SoC from the mean when full %", "R from the mean mOhm")
+    for label in ("group", "capacity Ah", *from_mean, "empty after Ah", "lowest V"):
         table.add_column(label, justify="right")
     for each in groups:
         cells = [

@@ -37,7 +37,7 @@ class Group:
     ----------
     number : from 1, as the columns count
     capacity_Ah : what it holds, at the module's current
-    soc_offset : by how much more it is charged than the mean, fraction of its capacity
+    soc_offset : by how much more it is charged than the mean when the mean is full, fraction of its capacity
     resistance_Ohm : beyond the mean's, of the whole group
     until_empty_Ah : what it gives from full modules down to its own empty
     lowest_V, mean_lowest_V : its lowest voltage, and the lowest of the groups' mean
@@ -102,7 +102,7 @@ def weak_group(groups: Sequence[Group]) -> Json | None:
         return None
     lacks = [
         f"holds {least.capacity_Ah[0]:.2f} Ah against {np.mean([each.capacity_Ah[0] for each in others]):.2f}",
-        f"stands {100 * least.soc_offset[0]:+.1f} points of SoC from the mean",
+        f"stands {100 * least.soc_offset[0]:+.1f} points of SoC from the mean when that is full",
         f"has {1e3 * least.resistance_Ohm[0]:+.2f} mOhm more than the mean",
     ]
     text = (
@@ -127,11 +127,13 @@ def _judged(
     current = np.concatenate([run.current_A for run in runs])
     base = np.concatenate(at_mean)
     there = np.isfinite(difference) & np.isfinite(base)
-    starts = _starts(runs, there)
+    first = _starts(runs, there)
 
     def simulated_V(x: FloatArray) -> FloatArray:
         smaller = replace(network, cell=replace(network.cell, capacity_Ah=network.cell.capacity_Ah * (1.0 + x[0])))
-        parts = [free_run_V(smaller, run, soc + x[1]) for run, (_, soc) in zip(runs, means, strict=True)]
+        # One offset for all runs, wherever they begin: a group that holds less leaves the mean as charge flows.
+        starts = [1.0 + x[1] - (1.0 - soc) / (1.0 + x[0]) for _, soc in means]
+        parts = [free_run_V(smaller, run, start) for run, start in zip(runs, starts, strict=True)]
         return np.concatenate(parts)[there] - base[there]
 
     x, jacobian, left = np.zeros(3), np.zeros((int(there.sum()), 3)), difference[there]
@@ -146,7 +148,7 @@ def _judged(
         found, *_ = np.linalg.lstsq(jacobian, left, rcond=None)
         x = np.array([*np.clip(x[:2] + found[:2], -_LARGEST, _LARGEST), found[2]])
         left = left - jacobian @ found
-    covariance = least_squares_covariance(jacobian, left, starts)
+    covariance = least_squares_covariance(jacobian, left, first)
     return _as_group(network, parallel, number, (x, covariance, left), (runs, means))
 
 

@@ -40,7 +40,7 @@ export function moduleTables(module) {
     groups.length ? el("p", { class: "weak-group" }, weak ? el("strong", { text: `Weak: ${spoken(weak.text)}` }) : "No group is weaker than the others for sure.")
       : el("p", { class: "about", text: "The voltages of its groups were not measured: which one is weak cannot be said." }),
     table("Module models", ["Model", "Beside the cells", "RMSE"], models.map(({ kind, overall }) => [kind === chosen ? `${kind} (taken)` : kind, BESIDE[kind] ?? "", quantity(overall.rmse_mV, 1, "mV")])),
-    table("Groups in series", ["Group", "Capacity", "SoC from the mean", "R from the mean", "Empty after", "Lowest voltage"], groups.map((group) => [String(group.group),
+    table("Groups in series", ["Group", "Capacity", "SoC from the mean when full", "R from the mean", "Empty after", "Lowest voltage"], groups.map((group) => [String(group.group),
       pair(group.capacity_Ah, 1, 2, "Ah"), pair(group.soc_offset, 100, 1, "%"), pair(group.resistance_Ohm, 1000, 3, "mΩ"), pair(group.until_empty_Ah, 1, 2, "Ah"), quantity(group.lowest_V, 3, "V")])));
 }
 
