@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.data.resampling import GridRun, to_grid
-from models.data.timeseries import FloatArray
-from models.module.log import ModuleLog
+from models.data.timeseries import FloatArray, TimeSeries
+from models.module.log import LEAST_SAMPLES, ModuleLog
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
@@ -80,14 +80,30 @@ def judge_groups(
 
     Returns
     -------
-    One for each group in series; none where no run has the groups' voltages.
+    One for each group in series whose voltage tells it (see `left_out`); none where no run has the groups' voltages.
     """
     known = [(log, soc) for log, soc in zip(logs, initial_soc, strict=True) if log.groups_V is not None]
     if not known:
         return []
-    count = known[0][0].groups_V.shape[1]  # pyright: ignore[reportOptionalMemberAccess]  # chosen above
-    means = [(to_grid(log.mean_cell(count, parallel), network.dt_s), soc) for log, soc in known]
-    return [_judged(network, parallel, number, known, means) for number in range(count)]
+    # One mean for all runs: of the groups that every run has, contacts and cables beside the groups never in it.
+    leads = np.all([log.sensed for log, _ in known], axis=0)
+    if not leads.any():
+        return []
+    of_mean = [(_mean_of(log, leads, parallel), soc) for log, soc in known]
+    means = [(to_grid(run, network.dt_s), soc) for run, soc in of_mean]
+    judged = [_judged(network, parallel, number, known, means) for number in range(len(leads))]
+    return [each for each in judged if each is not None]
+
+
+def left_out(groups: Sequence[Group], logs: Sequence[ModuleLog]) -> list[str]:
+    """Say of which groups in series nothing could be told, though runs have groups' voltages."""
+    count = max((len(log.sensed) for log in logs), default=0)
+    missing = sorted(set(range(1, count + 1)) - {each.number for each in groups})
+    return [
+        f"group {number}: its voltage is there in too few samples, or in none under a load that tells capacity, place "
+        "and resistance apart; it is left out: look at its sense lead"
+        for number in missing
+    ]
 
 
 def weak_group(groups: Sequence[Group]) -> Json | None:
@@ -113,20 +129,28 @@ def weak_group(groups: Sequence[Group]) -> Json | None:
     return {"group": least.number, "short_Ah": short_Ah, "text": text}
 
 
+def _mean_of(log: ModuleLog, leads: np.ndarray, parallel: int) -> TimeSeries:
+    """Return a run as the mean of some groups sees it."""
+    assert log.groups_V is not None  # chosen so
+    return replace(log, groups_V=log.groups_V[:, leads]).mean_cell(int(leads.sum()), parallel)
+
+
 def _judged(
     network: LocalModelNetwork,
     parallel: int,
     number: int,
     known: list[tuple[ModuleLog, float]],
     means: list[tuple[GridRun, float]],
-) -> Group:
-    """Gauss-Newton over relative capacity, SoC and resistance of one group."""
+) -> Group | None:
+    """Gauss-Newton over relative capacity, SoC and resistance of one group; None where its samples do not tell them."""
     runs = [to_grid(log.of_group(number, parallel), network.dt_s) for log, _ in known]
     at_mean = [free_run_V(network, mean, soc) for mean, soc in means]
     difference = np.concatenate([run.voltage_V - mean.voltage_V for run, (mean, _) in zip(runs, means, strict=True)])
     current = np.concatenate([run.current_A for run in runs])
     base = np.concatenate(at_mean)
     there = np.isfinite(difference) & np.isfinite(base)
+    if there.sum() < LEAST_SAMPLES:
+        return None
     first = _starts(runs, there)
 
     def simulated_V(x: FloatArray) -> FloatArray:
@@ -148,6 +172,8 @@ def _judged(
         found, *_ = np.linalg.lstsq(jacobian, left, rcond=None)
         x = np.array([*np.clip(x[:2] + found[:2], -_LARGEST, _LARGEST), found[2]])
         left = left - jacobian @ found
+    if np.linalg.matrix_rank(jacobian) < len(x):
+        return None
     covariance = least_squares_covariance(jacobian, left, first)
     return _as_group(network, parallel, number, (x, covariance, left), (runs, means))
 
@@ -172,10 +198,15 @@ def _as_group(
         soc_offset=(float(x[1]), float(std[1])),
         resistance_Ohm=(float(x[2]) / parallel, float(std[2]) / parallel),
         until_empty_Ah=(float(until_empty_Ah), until_std_Ah),
-        lowest_V=min(float(np.nanmin(run.voltage_V)) for run in runs),
-        mean_lowest_V=min(float(np.nanmin(mean.voltage_V)) for mean, _ in means),
+        lowest_V=_lowest_V(runs),
+        mean_lowest_V=_lowest_V([mean for mean, _ in means]),
         rmse_mV=1e3 * float(np.sqrt(np.mean(left**2))),
     )
+
+
+def _lowest_V(runs: list[GridRun]) -> float:
+    """Lowest voltage of all runs; some may have none."""
+    return float(np.nanmin(np.concatenate([run.voltage_V for run in runs])))
 
 
 def _starts(runs: list[GridRun], there: np.ndarray) -> tuple[int, ...]:

@@ -9,6 +9,9 @@ import numpy as np
 from models.data.errors import ModelError
 from models.data.timeseries import FloatArray, TimeSeries
 
+# A sense lead that gives fewer samples of a run than this is broken.
+LEAST_SAMPLES = 20
+
 
 @dataclass(frozen=True)
 class ModuleLog:
@@ -31,13 +34,21 @@ class ModuleLog:
                 "samples; give one row for each"
             )
 
+    @property
+    def sensed(self) -> np.ndarray:
+        """(series,) True where a group's voltage was measured in this run; none where no group's was."""
+        if self.groups_V is None:
+            return np.zeros(0, dtype=bool)
+        return np.isfinite(self.groups_V).sum(axis=0) >= min(LEAST_SAMPLES, len(self.run))
+
     def mean_cell(self, in_series: int, parallel: int) -> TimeSeries:
         """Return the run as the mean cell sees it: of the groups' own voltages where all are there, else of the whole.
 
+        A lead that is broken in all of the run makes it one of the whole: no sample has all groups' voltages.
         What is between the groups, contacts and cables, is not in the groups' voltages.
         """
         voltage_V = self.run.voltage_V / in_series
-        if self.groups_V is not None:
+        if self.groups_V is not None and self.sensed.all():
             voltage_V = np.mean(self.groups_V, axis=1)
         return replace(self.run, current_A=self.run.current_A / parallel, voltage_V=voltage_V)
 

@@ -13,7 +13,7 @@ from models.data.metrics import Metrics
 from models.data.resampling import to_grid
 from models.data.start_soc import start_soc
 from models.identification.progress import Progress, part_of, silent
-from models.module.groups import judge_groups, weak_group
+from models.module.groups import judge_groups, left_out, weak_group
 from models.module.log import ModuleLog, series_of
 from models.module.models import ModuleRun
 from models.module.network import ModuleNetwork, ModuleRecord
@@ -134,7 +134,11 @@ def fit_module(request: ModuleFitRequest) -> ModuleFit:
     groups = judge_groups(network, request.parallel, request.train, soc)
     record = ModuleRecord(
         usability=None if fitted is None else network.record.usability,
-        reservations=(*reservations, *(() if fitted is None else network.record.reservations)),
+        reservations=(
+            *reservations,
+            *left_out(groups, request.train),
+            *(() if fitted is None else network.record.reservations),
+        ),
         train=best.train,
         validation=best.validation,
         compared=tuple(each.to_json() for each in found),
