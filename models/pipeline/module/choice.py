@@ -14,7 +14,7 @@ from models.network.model_record import Json
 
 # A larger model has to be better by this share.
 _WORTH = 0.02
-# Of one run alone each of so many parts is left out in turn.
+# Where no run can be left out, of each run every one of so many parts is left out in turn.
 _PARTS = 4
 
 
@@ -26,7 +26,8 @@ class Candidate:
     ----------
     model : identified from all training runs
     train, validation : free-run figures of the module's voltage; `validation` is None without runs to judge
-    held_out_rmse_mV : on training runs (parts of the run, where there is one) that R and V_0 were not identified from
+    held_out_rmse_mV : on training runs that R and V_0 were not identified from; on parts of them where there is one
+        run, or one alone of its direction
     """
 
     model: ModuleModel
@@ -56,17 +57,19 @@ def candidates(
     -------
     Those that the data determine, the smallest first, and for the others why not.
     """
-    found, reservations = [], []
+    models, reservations = {}, []
     for kind in KINDS:
         try:
-            model = identify_module(kind, train, *layout, rest_A)
-            left_out = _held_out_mV(kind, train, layout, rest_A)
+            models[kind] = identify_module(kind, train, *layout, rest_A)
         except NotIdentifiableError as reason:
             reservations.append(str(reason))
-            continue
+    left_out_mV, open_reasons = _all_held_out_mV(list(models), train, layout, rest_A)
+    found = []
+    for kind, rmse_mV in left_out_mV.items():
+        model = models[kind]
         judged = figures(model, validate) if validate else None
-        found.append(Candidate(model, figures(model, train), judged, left_out))
-    return found, reservations
+        found.append(Candidate(model, figures(model, train), judged, rmse_mV))
+    return found, [*reservations, *open_reasons]
 
 
 def chosen(found: list[Candidate]) -> Candidate:
@@ -81,8 +84,27 @@ def figures(model: ModuleModel, runs: list[ModuleRun]) -> Metrics:
     return metrics(np.concatenate([run.voltage_V for run in runs]), np.concatenate(simulated))
 
 
-def _held_out_mV(kind: str, runs: list[ModuleRun], layout: tuple[int, int], rest_A: float) -> float:
-    parts = runs if len(runs) > 1 else _parts(runs[0])
+def _all_held_out_mV(
+    kinds: list[str], runs: list[ModuleRun], layout: tuple[int, int], rest_A: float
+) -> tuple[dict[str, float], list[str]]:
+    """Held-out error of each kind, all on the same runs or parts, and why others have none."""
+    cut = [part for run in runs for part in _parts(run)]
+    found = []
+    for parts in (runs, cut) if len(runs) > 1 else (cut,):
+        errors_mV, reasons = {}, []
+        for kind in kinds:
+            try:
+                errors_mV[kind] = _held_out_mV(kind, parts, layout, rest_A)
+            except NotIdentifiableError as reason:
+                reasons.append(f"{reason}. That is so where a part of the runs is left out to judge the model by")
+        found.append((errors_mV, reasons))
+        if not reasons:
+            break
+    # Parts of one run are more alike than runs: only where they judge a kind that runs cannot.
+    return max(found, key=lambda each: len(each[0]))
+
+
+def _held_out_mV(kind: str, parts: list[ModuleRun], layout: tuple[int, int], rest_A: float) -> float:
     measured, simulated = [], []
     for number, part in enumerate(parts):
         others = [each for k, each in enumerate(parts) if k != number]
