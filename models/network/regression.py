@@ -178,7 +178,9 @@ def build_dataset(
         parts_u.append(np.column_stack([*columns, np.ones(count)]))
         parts_z.append(np.column_stack([delayed(scaled[a.signal], axis_lag(a.signal))[kept] for a in structure.axes]))
         parts_y.append(normalise(run.voltage_V[kept], scaling[VOLTAGE]))
-        starts.extend(offset + -(-s // keep_every) for s in run.segment_starts)
+        # A part of which no sample is kept has no start: it would be that of what follows, or lie beyond the end.
+        places = {-(-s // keep_every) for s in run.segment_starts}
+        starts.extend(offset + place for place in sorted(places) if place < count)
         index.append(np.full(count, number))
         offset += count
     return Dataset(

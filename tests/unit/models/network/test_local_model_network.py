@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,17 @@ def problem(structure: Structure, n: int = 3000, noise_V: float = 0.0, max_model
     data = build_dataset(structure, scaling, grid, soc, CELL)
     *_, local = construct(structure, data, max_models)
     return data, local, scaling
+
+
+def test_parts_of_which_no_sample_is_kept_have_no_start() -> None:
+    structure = full_structure(1.0, 0, 1, 100.0)
+    whole = to_grid(synthetic.run(101, seed=1), 1.0)
+    # Every third is kept: none of 4, and none of what begins at the last sample.
+    grid, soc = [replace(whole, segment_starts=(0, 4, 5, 100)), whole], [0.6, 0.6]
+    scaling = find_scaling(structure, grid, soc, CELL)
+    data = build_dataset(structure, scaling, grid, soc, CELL, keep_every=3)
+    assert len(data) == 2 * 34
+    assert data.starts.tolist() == [0, 2, 34]
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
