@@ -43,6 +43,7 @@ class Dataset:
     starts : first index of each part; outputs never reach across
     run_index : (N,) which run a sample belongs to
     run_group : (runs,) in which group each run is held out; None: each in that of its own number
+    keep_every : samples of the model's grid from one of these to the next
     """
 
     u: FloatArray
@@ -51,6 +52,7 @@ class Dataset:
     starts: np.ndarray
     run_index: np.ndarray
     run_group: np.ndarray | None = None
+    keep_every: int = 1
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -190,6 +192,7 @@ def build_dataset(
         starts=np.array(starts, dtype=np.int64),
         run_index=np.concatenate(index),
         run_group=balanced_groups(runs),
+        keep_every=keep_every,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,10 @@ class ResidualCorrelation:
     def inflation(self) -> float:
         """Variance of a long mean over that of white residuals: samples for each independent one."""
         return float(self.white + self.shares @ ((1.0 + self.keep) / (1.0 - self.keep)))
+
+    def between(self, n_samples: int) -> ResidualCorrelation:
+        """From one of the samples in between to the next, where only each `n_samples`-th was seen."""
+        return replace(self, keep=self.keep ** (1.0 / n_samples))
 
     def at(self, lag: FloatArray) -> FloatArray:
         """Autocorrelation at whole lags."""

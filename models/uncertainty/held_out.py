@@ -72,7 +72,7 @@ def fit_uncertainty(
         effective_samples=own / correlation.inflation,
         thin=few | loose,
         band_factor=max(1.0, float(np.percentile(ratio, 95.0)) / NORMAL_95),
-        correlation=correlation,
+        correlation=correlation.between(fitted.data.keep_every),
     )
 
 

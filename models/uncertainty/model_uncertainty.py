@@ -31,7 +31,7 @@ class Uncertainty:
         many independent ones they are worth
     thin : (M,) whether a local model has too little data of its own
     band_factor : by how much bands are widened so that 95 % of the held-out training samples lie within
-    correlation : of the held-out errors, from one sample that the fit used to the next
+    correlation : of the held-out errors, from one sample of the model's grid to the next
     """
 
     parameters: ParameterCovariance

@@ -3,16 +3,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from models.data.errors import ModelError
 from models.data.resampling import GridRun, to_grid
+from models.identification.search.auto import AutoCandidate
+from models.identification.search.fitted import fitted_choice
 from models.network.free_run import free_run_V
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import ModelRecord
+from models.network.regression import CellContext, SignalBank
 from models.network.structure import InputChannel, PartitionAxis, Structure
 from models.pipeline.fit import FitResult, fit_network
 from models.readouts.ocv import ocv_table
 from models.uncertainty.bands import prediction_band
+from models.uncertainty.held_out import fit_uncertainty
 from models.uncertainty.model_uncertainty import Uncertainty, uncertainty_of
 from models.uncertainty.spread import LocalFactor
 from tests.unit.models import synthetic
@@ -115,6 +120,25 @@ def test_a_corner_that_hardly_any_sample_reaches_is_thin() -> None:
     assert found.thin[hot].all()
     assert found.samples[hot].sum() < 0.05 * found.samples.sum()
     assert any("too little data" in text for text in network.record.tables["reservations"])
+
+
+@pytest.mark.parametrize("keep_every", [1, 4])
+def test_errors_hang_together_over_the_same_time_however_few_samples_are_kept(
+    keep_every: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The observer and the designs count in samples of the model's grid."""
+    runs = [synthetic.run(12_000, seed=seed, noise_V=NOISE_V) for seed in (2, 3)]
+    rng, keep = np.random.default_rng(0), np.exp(-1.0 / 60.0)
+    slow_V = [lfilter([5e-3 * np.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal(12_000)) for _ in runs]
+    grid = [to_grid(replace(run, voltage_V=run.voltage_V + v), 1.0) for run, v in zip(runs, slow_V, strict=True)]
+    monkeypatch.setattr("models.identification.search.fitted._STATIC_SAMPLES", 24_000 // keep_every)
+    bank = SignalBank(grid, [0.6, 0.6], CellContext(synthetic.CAPACITY_AH))
+    candidate = AutoCandidate(synthetic.CAPACITY_AH, time_constants_s=(20.0,), n_models=4)
+    found = fitted_choice(candidate, bank, None)
+    assert len(found.data) == 24_000 // keep_every
+    lag_s = np.array([20.0, 60.0, 180.0])
+    together = fit_uncertainty(found, found.theta).correlation
+    np.testing.assert_allclose(together.at(lag_s) / together.shares.sum(), np.exp(-lag_s / 60.0), atol=0.1)
 
 
 @pytest.mark.parametrize(
