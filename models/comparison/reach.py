@@ -41,13 +41,14 @@ def inside_by(network: CellModel, run: GridRun, soc: FloatArray, start: Start | 
 
 
 class Gaps(TypedDict):
-    """Where a run has no voltage."""
+    """Where a run has no voltage, and how long it has no temperature."""
 
     run: str
     missing_share: float
     gaps: int
     longest_gap_s: float
     parts: int
+    without_temperature_s: float
 
 
 class BandFigures(TypedDict):
@@ -59,7 +60,10 @@ class BandFigures(TypedDict):
 
 
 def gaps(run: GridRun) -> Gaps:
-    """Where a run has no voltage on the model's grid, and in how many parts a pause in the log cuts it."""
+    """Where a run has no voltage on the model's grid, and in how many parts a pause in the log cuts it.
+
+    `without_temperature_s` is the longest time over which its temperature was not logged.
+    """
     missing = ~run.measured
     edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
     lengths = (edges[1::2] - edges[::2]) * run.dt_s
@@ -69,6 +73,7 @@ def gaps(run: GridRun) -> Gaps:
         "gaps": len(lengths),
         "longest_gap_s": float(lengths.max()) if len(lengths) else 0.0,
         "parts": len(run.segment_starts),
+        "without_temperature_s": run.without_temperature_s,
     }
 
 

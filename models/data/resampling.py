@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.data.lost_samples import tick_s, with_lost_samples
+from models.data.lost_temperature import without_temperature_s
 from models.data.timeseries import FloatArray, TimeSeries
 
 # A pause in the log longer than this many typical intervals, with current on either side, is a gap.
@@ -36,6 +37,7 @@ class GridRun:
     charge_Ah : (n,) charge counted from the first sample (positive: charged)
     segment_starts : indices at which a part begins (0 is always one)
     measured : (n,) True where voltage is known
+    without_temperature_s : longest time over which it was not logged while the voltage was
     n_missing : grid points without voltage
     """
 
@@ -50,6 +52,7 @@ class GridRun:
     soc_ref: FloatArray | None
     segment_starts: tuple[int, ...]
     measured: np.ndarray
+    without_temperature_s: float = 0.0
 
     @property
     def n_missing(self) -> int:
@@ -117,6 +120,7 @@ def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
         soc_ref=None if run.soc_ref is None else _reference(grid, t, run.soc_ref),
         segment_starts=_segments(grid, t, current),
         measured=~np.isnan(voltage),
+        without_temperature_s=without_temperature_s(run),
     )
 
 

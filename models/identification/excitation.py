@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from models.data.errors import NotIdentifiableError
+from models.data.lost_temperature import lost_temperature
 from models.data.metrics import Metrics
 from models.data.resampling import GridRun
 from models.data.timeseries import FloatArray, TimeSeries
@@ -76,7 +77,7 @@ def check_series(runs: list[TimeSeries], dt_s: float, capacity_Ah: float) -> lis
                 f"{run.name}: the current is missing at {int(np.isnan(run.current_A).sum())} samples and was taken to "
                 "stay as it was"
             )
-        found += _pauses(run, capacity_Ah)
+        found += [*lost_temperature(run), *_pauses(run, capacity_Ah)]
     return found
 
 

@@ -126,12 +126,7 @@ def _show(console: Console, result: dict[str, Any]) -> None:
     for name, share in result["outside_by"].items():
         if share > 0.0:
             console.print(f"  of them by {name}: {100 * share:.1f} %")
-    for each in result["gaps"]:
-        if each["gaps"]:
-            console.print(
-                f"{each['run']}: no voltage at {100 * each['missing_share']:.1f} % of the samples, "
-                f"{each['gaps']} gap(s), the longest {each['longest_gap_s']:.0f} s"
-            )
+    _show_gaps(console, result["gaps"])
     if result["band"] is not None and result["band"]["coverage_95"] is not None:
         band = result["band"]
         console.print(
@@ -142,6 +137,19 @@ def _show(console: Console, result: dict[str, Any]) -> None:
     for key in ("file", "report"):
         if key in result:
             console.print(f"{key}: {result[key]}")
+
+
+def _show_gaps(console: Console, gaps: list[dict[str, Any]]) -> None:
+    from models.data.lost_temperature import BRIDGED_S
+
+    for each in gaps:
+        if each["gaps"]:
+            console.print(
+                f"{each['run']}: no voltage at {100 * each['missing_share']:.1f} % of the samples, "
+                f"{each['gaps']} gap(s), the longest {each['longest_gap_s']:.0f} s"
+            )
+        if each["without_temperature_s"] > BRIDGED_S:
+            console.print(f"{each['run']}: no temperature for {each['without_temperature_s']:.0f} s at a time")
 
 
 def _show_temperature(console: Console, temperature: dict[str, Any] | None) -> None:

@@ -20,7 +20,7 @@ from models.pipeline.usability.rests import no_rest
 from models.pipeline.usability.sampling import logged_too_slowly
 from models.pipeline.usability.start import soc_on_trust
 from models.pipeline.usability.steps import no_steps
-from models.pipeline.usability.temperature import no_temperature
+from models.pipeline.usability.temperature import interrupted_temperature, no_temperature
 
 
 def judged_model(
@@ -55,6 +55,7 @@ def judged_data(data: Training) -> list[Reason]:
         suspected_offset,
         lost_samples,
         no_temperature,
+        interrupted_temperature,
         soc_on_trust,
     )
     return [reason for kind in kinds for reason in kind(data)]

@@ -32,7 +32,15 @@ def test_a_temperature_that_was_not_measured_is_inside() -> None:
 def test_gaps_are_counted_and_the_longest_is_told_in_seconds() -> None:
     measured = np.array([0, 0, 1, 1, 0, 1, 0, 0, 0, 1], dtype=bool)
     run = replace(grid_run(np.zeros(10), 25.0), dt_s=2.0, measured=measured, segment_starts=(0, 6))
-    assert gaps(run) == {"run": "run", "missing_share": 0.6, "gaps": 3, "longest_gap_s": 6.0, "parts": 2}
+    found = gaps(replace(run, without_temperature_s=4.0))
+    assert found == {
+        "run": "run",
+        "missing_share": 0.6,
+        "gaps": 3,
+        "longest_gap_s": 6.0,
+        "parts": 2,
+        "without_temperature_s": 4.0,
+    }
 
 
 def test_a_whole_run_has_no_gap_and_a_blind_one_is_one() -> None:

@@ -138,6 +138,7 @@ def test_missing_values_are_counted_or_refused() -> None:
     with pytest.raises(NotIdentifiableError, match="charge that flowed is not known"):
         reservations(without("current_A", many))
     assert "no temperature" in reservations(without("temperature_degC", np.ones(2000, bool)))
+    assert "temperature is missing for up to 1998 s" in reservations(without("temperature_degC", run.time_s > 1.0))
     with pytest.raises(NotIdentifiableError, match="usable samples"):
         reservations(without("voltage_V", np.ones(2000, bool)))
 

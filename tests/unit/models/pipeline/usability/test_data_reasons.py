@@ -17,7 +17,7 @@ from models.pipeline.usability.rests import no_rest
 from models.pipeline.usability.sampling import logged_too_slowly, samples_a_level
 from models.pipeline.usability.start import soc_on_trust
 from models.pipeline.usability.steps import no_steps
-from models.pipeline.usability.temperature import no_temperature
+from models.pipeline.usability.temperature import interrupted_temperature, no_temperature
 from tests.unit.models.pipeline.usability.hand_data import pulses, run, taken
 
 GOOD = run(pulses(), 0.6)
@@ -157,6 +157,15 @@ def test_a_missing_temperature() -> None:
     assert texts(no_temperature(taken(cold))).startswith("no run has a temperature")
     assert texts(no_temperature(taken(cold, GOOD))).startswith("no temperature in cold")
     assert no_temperature(taken(GOOD)) == []
+
+
+def test_a_temperature_that_is_lost() -> None:
+    lost = replace(GOOD, temperature_degC=np.where(GOOD.time_s < 3.0, GOOD.temperature_degC, np.nan), name="lost")
+    assert f"missing in lost ({GOOD.duration_s:.0f} s at a time)" in texts(interrupted_temperature(taken(lost, GOOD)))
+    for now_and_then in (GOOD, replace(lost, temperature_degC=np.where(GOOD.time_s % 60.0 == 0.0, 25.0, np.nan))):
+        assert interrupted_temperature(taken(now_and_then)) == []
+    nowhere = replace(GOOD, temperature_degC=np.full(len(GOOD), np.nan))
+    assert interrupted_temperature(taken(nowhere)) == []  # said in other words
 
 
 def test_every_kind_is_asked() -> None:
