@@ -18,6 +18,7 @@ from bench_service.bench.cycler_keeper import OTHER_DEVICE, CyclerKeeper
 from bench_service.bench.direct.messages import Guard, Order
 from bench_service.bench.direct.orders import DirectOrders
 from bench_service.bench.idle import IdleWatch
+from bench_service.bench.latch import NOT_STORED, Latch
 from bench_service.bench.lease import Lease
 from bench_service.bench.links import FrameLink
 from bench_service.bench.live import LiveFeed
@@ -32,7 +33,7 @@ from bench_service.bench.run_setup import PreparedRun, prepare
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.stop import StopSignal, StopState
 from bench_service.framing import Frame, Header
-from drivers.cycler import Cycler, CyclerError
+from drivers.cycler import Cycler
 
 _IDLE_PERIOD_S = 0.5
 _SAY_GOODBYE_S = 2.0
@@ -65,15 +66,12 @@ class BenchControl:
         self._keeper = CyclerKeeper(settings, self._device_changed)
         self._chamber = ChamberKeeper(settings, self._device_changed)
         self._feed = LiveFeed(self._link, more=self._chamber.live)
-        self._latched = settings.latched
-        self._idle = IdleWatch(settings)
-        self._commands: deque[Frame] = deque()
-        self._wake = asyncio.Event()
+        self._latched, self._idle = settings.latched, IdleWatch(settings)
+        self._commands, self._wake = deque[Frame](), asyncio.Event()
         self._quit: str | None = None
         self._run_id: str | None = None
         self._finish_alone = False
-        self._stop = StopSignal()
-        self._pause = PauseSwitch()
+        self._stop, self._pause = StopSignal(), PauseSwitch()
 
     async def serve(self) -> None:
         """Work until told to quit, orphaned or without a recorder; always leaves the cycler at rest."""
@@ -144,14 +142,14 @@ class BenchControl:
     def _obey_direct(self, order: Order) -> dict[str, Any]:
         if order.operation == "stop":
             self._stop_run(order.reason or "stopped past the service")
-        elif order.operation == "acknowledge" and self.state == "fault":
+        elif order.operation == "acknowledge" and self._run_id is None and self._latched is not None:
             # What is there now is acknowledged, not what a run may end with.
-            self._commands.append(({"op": "acknowledge"}, b""))
+            self._commands.append(({"op": "acknowledge", "reason": self._latched.text}, b""))
             self._wake.set()
         return {"bench": self._settings.name, "state": self.state, "run_id": self._run_id or None}
 
     def _recorder_failed(self, reason: str) -> None:
-        self._stop.give("fault", f"{self._settings.name}: {reason}; samples cannot be stored, output switched off")
+        self._stop.give("fault", f"{self._settings.name}: {reason}; {NOT_STORED}, output switched off")
         if not self._recording.is_open:
             # A new recorder needs a new link, which only a new process gets.
             self._quit = self._quit or reason
@@ -162,7 +160,7 @@ class BenchControl:
         if operation == "start":
             await self._start(header, body)
         elif operation == "acknowledge":
-            await self._acknowledge()
+            await self._acknowledge(header.get("reason"))
         elif operation == "commission":
             await self._commission(header)
         else:
@@ -170,21 +168,22 @@ class BenchControl:
 
     async def _idle_sample(self) -> None:
         for notice in await self._idle.sample(self._keeper, self._feed, self._chamber.around):
-            self._latched = self._latched or (notice.text if notice.latch else None)
+            self._latch(Latch("at_rest", notice.text) if notice.latch else None)
             self._event("error" if notice.latch else "warning", notice.code, notice.text)
             self._tell_state()
 
-    async def _acknowledge(self) -> None:
+    async def _acknowledge(self, reason: str | None) -> None:
+        if self._latched is not None and reason not in (None, self._latched.text):
+            text = f"not acknowledged, for another fault has come since: {self._latched.text}"
+            self._event("warning", "fault_stays", f"{self._settings.name}: {text}")
+            return
         self._chamber.clear()
-        if self._keeper.cycler is not None:
-            try:
-                await self._keeper.cycler.clear_fault()
-            except CyclerError as error:
-                self._event("error", "fault_stays", f"{self._settings.name}: the fault stays: {error}")
-                self._tell_state()
-                return
+        if (stays := await self._keeper.clear_fault()) is not None:
+            self._event("error", "fault_stays", f"{self._settings.name}: the fault stays: {stays}")
+            self._tell_state()
+            return
         if self._latched is not None:
-            self._event("info", "acknowledged", f"acknowledged: {self._latched}")
+            self._event("info", "acknowledged", f"acknowledged: {self._latched.text}")
         self._latched = None
         self._idle.forget()
         self._tell_state()
@@ -218,7 +217,7 @@ class BenchControl:
         self._tell_state()
         report = await commission(self._settings, device, order, (self._feed, self._stop, self._event))
         report = await with_chamber(report, self._chamber)
-        self._latched = report.latch
+        self._latch(report.latch)
         if order.prove:
             await self._keeper.release()
         self._run_id = None
@@ -228,8 +227,7 @@ class BenchControl:
 
     async def _play(self, cycler: Cycler, prepared: PreparedRun) -> RunEnd:
         # An order that came meanwhile holds: the loop then ends before it takes the cycler.
-        self._stop.on_order(prepared.clock.interrupt)
-        self._stop.on_order(self._recording.wake)
+        self._stop.on_order(prepared.clock.interrupt, self._recording.wake)
         for severity, code, text in prepared.notes:
             self._event(severity, code, text)
         self._feed.restart()
@@ -245,7 +243,7 @@ class BenchControl:
         self._report.refused(run_id, text)
 
     async def _finish(self, run_id: str, end: RunEnd) -> None:
-        self._latched = end.latch or self._latched
+        self._latch(end.latch)
         if end.state == "fault":
             self._event("error", end.code, end.reason or end.code, run_id)
         self._stop.give("stopped", "the run has ended")
@@ -254,7 +252,7 @@ class BenchControl:
         if unsealed is not None:
             self._event("error", "not_sealed", f"{self._settings.name}: {unsealed}", run_id)
             end = end.stored(n_samples, self._recording.n_rows, f"{self._settings.name}: {unsealed}")
-            self._latched = end.latch or self._latched
+            self._latch(end.latch)
         if not end.at_rest:
             await self._keeper.disconnect("the cycler did not confirm rest after the run")
         else:
@@ -284,17 +282,19 @@ class BenchControl:
         return "offline" if self._keeper.cycler is None else "idle"
 
     def _device_changed(self, severity: str, code: str, text: str) -> None:
-        if code == OTHER_DEVICE:
-            self._latched = text
+        self._latch(Latch(code, text) if code == OTHER_DEVICE else None)
         self._event(severity, code, text)
         self._tell_state()
 
+    def _latch(self, latch: Latch | None) -> None:
+        self._latched = self._latched if latch is None else latch.over(self._latched)
+
     def _tell_state(self) -> None:
-        reason = self._latched or self._keeper.offline_reason
+        reason = self._keeper.offline_reason if self._latched is None else self._latched.text
         if self._run_id is not None:
             reason = None if self._stop.order is None else self._stop.order.reason
-        chamber = self._chamber.to_json()
-        self._report.state(self.state, reason, self._run_id or None, self._keeper.capabilities, chamber)
+        more = self._chamber.to_json(), self._latched
+        self._report.state(self.state, reason, self._run_id or None, self._keeper.capabilities, *more)
 
     def _event(self, severity: str, code: str, text: str, run_id: str | None = None) -> None:
         self._report.event(severity, code, text, run_id or self._run_id or None)

@@ -5,6 +5,7 @@ import logging
 from collections.abc import Callable
 
 from bench_service.bench.admission import RefusedError
+from bench_service.bench.latch import Latch
 from bench_service.bench.rest import bring_to_rest
 from bench_service.bench.settings import BenchSettings
 from drivers.cycler import Capabilities, Cycler, CyclerError, changed_identity
@@ -92,7 +93,16 @@ class CyclerKeeper:
         except CyclerError as error:
             await self.disconnect(str(error))
 
-    def ready(self, latched: str | None) -> tuple[Cycler, Capabilities]:
+    async def clear_fault(self) -> str | None:
+        """Have the cycler's own fault cleared, where there is a cycler; return why it stays, None where it does not."""
+        try:
+            if self.cycler is not None:
+                await self.cycler.clear_fault()
+        except CyclerError as error:
+            return str(error)
+        return None
+
+    def ready(self, latched: Latch | None) -> tuple[Cycler, Capabilities]:
         """Return the cycler for a run.
 
         Raises
@@ -101,7 +111,7 @@ class CyclerKeeper:
             A fault is latched, or there is no cycler.
         """
         if latched is not None:
-            raise RefusedError(f"a fault is latched ({latched}); acknowledge it first")
+            raise RefusedError(f"a fault is latched ({latched.text}); acknowledge it first")
         if self.cycler is None or self.capabilities is None:
             raise RefusedError(f"the bench is offline: {self.offline_reason}")
         return self.cycler, self.capabilities

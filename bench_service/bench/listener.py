@@ -1,8 +1,9 @@
 """What is known of a bench in the API process, and who hears of it."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
+from bench_service.bench.latch import Latch
 from bench_service.bench.messages import EndedMessage, EventMessage, LiveMessage
 from drivers.cycler import IDENTITY
 
@@ -21,6 +22,8 @@ class BenchStatus:
         Of the connected cycler; see `drivers.cycler.Capabilities`.
     chamber : dict or None
         What is known of the temperature chamber; None where there is none.
+    latch : str or None
+        Code of what is latched, see `bench_service.bench.latch`; None where nothing is.
     """
 
     state: str
@@ -28,6 +31,19 @@ class BenchStatus:
     run_id: str | None = None
     capabilities: dict[str, Any] | None = None
     chamber: dict[str, Any] | None = None
+    latch: str | None = None
+
+    @classmethod
+    def in_fault(cls, latched: Latch) -> Self:
+        """Return the state of a bench of which nothing is known but what is latched."""
+        return cls("fault", latched.text, latch=latched.code)
+
+    @property
+    def latched(self) -> Latch | None:
+        """What has to be acknowledged; None where nothing is."""
+        if self.state != "fault":
+            return None
+        return Latch(self.latch or "unknown", self.reason or "a fault without a reason")
 
     @property
     def identity(self) -> dict[str, str] | None:

@@ -4,13 +4,18 @@ from typing import Any, NotRequired, TypedDict
 
 
 class StateMessage(TypedDict):
-    """A new state of the bench; ``capabilities`` are those of `drivers.cycler.Capabilities`, open ends None."""
+    """A new state of the bench.
+
+    ``capabilities`` are those of `drivers.cycler.Capabilities`, open ends None; ``latch`` is the code of what is
+    latched.
+    """
 
     state: str
     reason: str | None
     run_id: str | None
     capabilities: dict[str, Any] | None
     chamber: NotRequired[dict[str, Any] | None]
+    latch: NotRequired[str | None]
 
 
 class EventMessage(TypedDict):

@@ -5,6 +5,7 @@ from dataclasses import asdict
 from typing import Any
 
 from bench_service.bench.commissioning.check import Report
+from bench_service.bench.latch import Latch
 from bench_service.bench.links import FrameLink
 from bench_service.bench.messages import EndedMessage, EventMessage, StateMessage
 from bench_service.bench.run import RunEnd
@@ -29,6 +30,7 @@ class Reporter:
         run_id: str | None,
         capabilities: Capabilities | None,
         chamber: dict[str, Any] | None = None,
+        latched: Latch | None = None,
     ) -> None:
         """Tell the bench's state."""
         message = StateMessage(
@@ -37,6 +39,7 @@ class Reporter:
             run_id=run_id,
             capabilities=None if capabilities is None else _told(capabilities),
             chamber=chamber,
+            latch=None if latched is None else latched.code,
         )
         self._link.send({"op": "state", **message})
 

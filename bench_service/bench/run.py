@@ -6,6 +6,7 @@ from typing import Literal, Protocol
 
 from bench_service.bench.chamber.keeper import ChamberKeeper
 from bench_service.bench.clock import Clock
+from bench_service.bench.latch import NOT_STORED, Latch
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.observer_link import ObserverLink
 from bench_service.bench.pause import PauseSwitch
@@ -70,15 +71,15 @@ class RunEnd:
     missed_ticks: int
 
     @property
-    def latch(self) -> str | None:
-        """What a person has to acknowledge before the next run; None: nothing."""
-        return self.reason if self.state in ("fault", "interrupted") else None
+    def latch(self) -> Latch | None:
+        """What has to be acknowledged before the next run; None: nothing."""
+        return Latch.of_run(self.state, self.reason)
 
     def stored(self, n_stored: int, n_played: int, doubt: str) -> "RunEnd":
         """The end of a run that was not sealed: one that has lost samples is not completed, though it was played."""
         if self.state != "completed" or n_stored >= n_played:
             return self
-        return replace(self, state="fault", code="recorder", reason=f"{doubt}; the other samples cannot be stored")
+        return replace(self, state="fault", code="recorder", reason=f"{doubt}; the other {NOT_STORED}")
 
 
 @dataclass(frozen=True, slots=True)

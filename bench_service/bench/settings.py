@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 from bench_service.bench.chamber.settings import ChamberSettings
+from bench_service.bench.latch import Latch
 from bench_service.bench.limits import Limits
 
 LONGEST_WATCHDOG_S = 2.0
@@ -39,8 +40,8 @@ class BenchSettings:
         Longest silence of the service in which a run goes on.
     capacity_Ah : float
         Of the cell that is usually on the bench, for what is plausible at rest.
-    latched : str or None
-        Reason of a fault that an earlier process of this bench left unacknowledged.
+    latched : Latch or None
+        A fault that an earlier process of this bench left unacknowledged.
     resistance_Ohm : tuple of float or None
         Band of the type of that cell, where one is named.
     identity : dict of str to str, or None
@@ -59,7 +60,7 @@ class BenchSettings:
     current_tolerance_A: float | None = None
     lease_s: float = 10.0
     capacity_Ah: float = 2.5
-    latched: str | None = None
+    latched: Latch | None = None
     resistance_Ohm: tuple[float, float] | None = None
     identity: dict[str, str] | None = None
     chamber: ChamberSettings | None = None
@@ -67,8 +68,9 @@ class BenchSettings:
     def to_json(self) -> str:
         """Return the text that `from_json` reads."""
         data = {name: getattr(self, name) for name in self.__slots__}
-        chamber = None if self.chamber is None else asdict(self.chamber)
-        return json.dumps(data | {"limits": self.limits.to_json(), "chamber": chamber}, allow_nan=False)
+        for name in ("chamber", "latched"):
+            data[name] = None if data[name] is None else asdict(data[name])
+        return json.dumps(data | {"limits": self.limits.to_json()}, allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str) -> Self:
@@ -84,6 +86,8 @@ class BenchSettings:
             if (band := data.get("resistance_Ohm")) is not None:
                 data["resistance_Ohm"] = (float(band[0]), float(band[1]))
             chamber = ChamberSettings.from_json(data.get("chamber"))
-            return cls(**{**data, "limits": Limits.from_json(data["limits"]), "chamber": chamber})
+            latched = Latch.from_json(data.get("latched"))
+            more = {"limits": Limits.from_json(data["limits"]), "chamber": chamber, "latched": latched}
+            return cls(**{**data, **more})
         except (KeyError, TypeError) as error:
             raise ValueError(f"bench settings: {error}") from error

@@ -25,11 +25,12 @@ class StopSignal:
         self.order: StopOrder | None = None
         self._wake: list[Callable[[], None]] = []
 
-    def on_order(self, wake: Callable[[], None]) -> None:
-        """Have `wake` called when the order comes; at once if it has come already."""
-        self._wake.append(wake)
+    def on_order(self, *wakes: Callable[[], None]) -> None:
+        """Have `wakes` called when the order comes; at once if it has come already."""
+        self._wake.extend(wakes)
         if self.order is not None:
-            wake()
+            for wake in wakes:
+                wake()
 
     async def wait(self, seconds: float) -> bool:
         """Wait so long, or until there is an order; return whether there is one."""

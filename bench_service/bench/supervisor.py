@@ -15,6 +15,7 @@ from bench_service.bench.commissioning.call import CommissionCall
 from bench_service.bench.commissioning.check import ProofOrder
 from bench_service.bench.control_process import end_of, start_control
 from bench_service.bench.direct.ticket import StopEndpoint
+from bench_service.bench.latch import Latch
 from bench_service.bench.links import FrameLink
 from bench_service.bench.listener import BenchListener, BenchStatus
 from bench_service.bench.messages import EndedMessage, EventMessage
@@ -139,7 +140,7 @@ class BenchSupervisor:
         """Clear a latched fault; the bench stays in fault where its cause is still there."""
         if self._link is not None:
             self._acknowledged.told(self._status.reason, self._process)
-            self._link.send({"op": "acknowledge"})
+            self._link.send({"op": "acknowledge", "reason": self._status.reason})
         elif self._settings.latched is not None:
             self._settings = replace(self._settings, latched=None)
             self._set_status(BenchStatus("offline", self._status.reason))
@@ -243,15 +244,14 @@ class BenchSupervisor:
         if self._run_id is not None:
             run_id, self._run_id = self._run_id, None
             # What the cycler went through is unknown; a person or the campaign looks before the next run.
-            self._settings = replace(self._settings, latched=f"run {run_id} was interrupted: {reason}")
+            latch = Latch("interrupted", f"run {run_id} was interrupted: {reason}").over(self._settings.latched)
+            self._settings = replace(self._settings, latched=latch)
             counts = {"n_samples": None, "missed_ticks": None, "sha256": None}
             self._listener.on_ended(
                 self.name, EndedMessage(run_id=run_id, state="interrupted", reason=reason, **counts)
             )
-        elif self._status.state == "fault":
-            self._settings = replace(self._settings, latched=self._status.reason)
         if self._settings.latched is not None and not self._closing:
-            self._set_status(BenchStatus("fault", self._settings.latched))
+            self._set_status(BenchStatus.in_fault(self._settings.latched))
         else:
             self._set_status(BenchStatus("offline", reason))
         return reason
@@ -289,8 +289,8 @@ class BenchSupervisor:
         self._died.set()
 
     def _set_status(self, status: BenchStatus) -> None:
-        latched = None if status.state == "idle" else self._settings.latched
-        self._settings = replace(self._settings, latched=latched, identity=status.identity or self._settings.identity)
+        identity = status.identity or self._settings.identity
+        self._settings = replace(self._settings, latched=status.latched, identity=identity)
         if status != self._status:
             self._status = status
             self._listener.on_state(self.name, status)

@@ -7,6 +7,7 @@ import contextlib
 from collections.abc import Callable, Iterable, Iterator
 
 from bench_service.bench.admission import ticks_per_sample
+from bench_service.bench.latch import Latch
 from bench_service.bench.limits import Limits
 from bench_service.bench.listener import BenchStatus
 from bench_service.bench.messages import EndedMessage, EventMessage, LiveMessage
@@ -21,7 +22,7 @@ from bench_service.store.cells import CellRecord
 from bench_service.store.records import Json
 
 ACKNOWLEDGED = "acknowledged"  # the event's code, as control processes send it too
-LATCHED = "latched"
+LATCHED = "latched"  # beginning of the event's code, which ends as the latch's
 _ACKNOWLEDGE_S = 2.0
 
 
@@ -181,7 +182,7 @@ class Benches:
         self._on_ended = on_ended
         self._on_state = on_state
         self._benches: dict[str, Bench] = {}
-        self._latched: dict[str, str | None] = {}
+        self._latched: dict[str, Latch | None] = {}
 
     def __iter__(self) -> Iterator[Bench]:
         """Go through the benches in the configuration's order."""
@@ -230,10 +231,11 @@ class Benches:
 
     def on_state(self, bench: str, status: BenchStatus) -> None:
         """Publish a new state; that a fault is latched is written down, so that it outlives the service."""
-        if status.state == "fault" and status.reason != self._latched.get(bench):
-            reason = status.reason or "a fault without a reason"
-            self._on_event(bench, EventMessage(severity="info", code=LATCHED, text=reason, run_id=None))
-        self._latched[bench] = status.reason if status.state == "fault" else None
+        latched = status.latched
+        if latched is not None and latched != self._latched.get(bench):
+            code = f"{LATCHED}_{latched.code}"
+            self._on_event(bench, EventMessage(severity="info", code=code, text=latched.text, run_id=None))
+        self._latched[bench] = latched
         if status.state == "offline":
             self.get(bench).live = None
         self._on_state(self.get(bench))

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
+from bench_service.bench.latch import Latch, LatchCode
 from bench_service.campaign.benches import ACKNOWLEDGED, LATCHED
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import RunRecord
 
+# The first one is that of earlier versions.
+_LATCHES = {LATCHED: "unknown", **{f"{LATCHED}_{code}": code for code in get_args(LatchCode)}}
 _BAD_ENDS = ("run_fault", "run_interrupted", "service_restarted")
 
 
-def unacknowledged(store: MetadataStore, bench: str) -> str | None:
-    """Say why the bench must wait for an operator: its last run ended badly, or a fault came, and nobody has looked.
+def unacknowledged(store: MetadataStore, bench: str) -> Latch | None:
+    """Return why the bench must wait for an operator: its last run ended badly, or a fault came, and nobody has looked.
 
     Control processes forget with their end; a fault must not vanish because the service was restarted, nor because
     somebody has set the clock back.
@@ -18,10 +23,14 @@ def unacknowledged(store: MetadataStore, bench: str) -> str | None:
     seen = store.events.last((ACKNOWLEDGED,), bench=bench)
     last_seen = 0 if seen is None else seen.id
     last = next(iter(store.runs.page(bench=bench, limit=1)), None)
-    if last is not None and last.state in ("fault", "interrupted") and _came_after(store, last, last_seen):
-        return f"run {last.id} ended as {last.state}: {last.reason}"
-    latched = store.events.last((LATCHED,), bench=bench)
-    return None if latched is None or latched.id < last_seen else latched.text
+    left = None
+    if last is not None:
+        left = Latch.of_run(last.state, last.reason, f"run {last.id} ended as {last.state}: {last.reason}")
+        left = left if left is not None and _came_after(store, last, last_seen) else None
+    latched = store.events.last(tuple(_LATCHES), bench=bench)
+    if latched is None or latched.id < last_seen:
+        return left
+    return Latch(_LATCHES[latched.code], latched.text).over(left)
 
 
 def _came_after(store: MetadataStore, run: RunRecord, event_id: int) -> bool:

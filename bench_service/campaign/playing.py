@@ -6,16 +6,16 @@ import asyncio
 import contextlib
 from collections.abc import Sequence
 
+from bench_service.bench.latch import INTERRUPTIONS
 from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.resuming import Policy, order_of_rest
+from bench_service.campaign.starting_again import start_again
 from bench_service.campaign.workshop import Report, Workshop
-from bench_service.errors import BenchBusyError, BenchOfflineError, StoreError
 from bench_service.jobs.counting import counted_soc
 from bench_service.store.integrity import Expected, read_whole
 from bench_service.store.records import RunRecord
 
 _LOOK_S = 0.25
-_TRY_S = 0.5
 # A service on a busy machine takes half a minute to start its processes; a disk that is full stays so for longer.
 _BACK_TIMEOUT_S = 300.0
 # Longest wait for a bench that is being connected, as all are in the first seconds of a service.
@@ -41,7 +41,7 @@ class Playing:
         self._workshop = workshop
         self._id = campaign_id
         self._report = report
-        self._again = again
+        self._again, self._declared = again, INTERRUPTIONS
 
     async def play(
         self, stage: str, role: str, order: RunOrder, policy: Policy, parts: Sequence[RunRecord] = ()
@@ -85,7 +85,7 @@ class Playing:
             if run.n_samples:
                 found.append(run)
             if run.state != "completed":
-                policy.take(role, run)
+                self._declared = policy.take(role, run)
                 self._again = True
         return found
 
@@ -105,20 +105,15 @@ class Playing:
         return await self._start(order)
 
     async def _start_again(self, stage: str, order: RunOrder) -> RunRecord:
-        """Wait until bench, recorder and disk are back; acknowledge, which the campaign has declared before; go on."""
-        benches = self._workshop.benches
-        deadline_s = asyncio.get_running_loop().time() + _BACK_TIMEOUT_S
-        while True:
-            status = benches.get(order.bench).supervisor.status
-            self._report(stage, 0.0, f"going on as soon as bench {order.bench!r} is ready: {status.reason or 'now'}")
-            if status.state == "fault":
-                await benches.acknowledge(order.bench)
-            try:
-                return await self._start(order)
-            except (BenchBusyError, BenchOfflineError, StoreError):
-                if asyncio.get_running_loop().time() > deadline_s:
-                    raise
-            await asyncio.sleep(_TRY_S)
+        """Wait until bench, recorder and disk are back; acknowledge what the campaign has declared before; go on."""
+        return await start_again(
+            self._workshop.benches,
+            order,
+            self._start,
+            lambda text, _: self._report(stage, 0.0, text),
+            declared=self._declared,
+            timeout_s=_BACK_TIMEOUT_S,
+        )
 
     async def stop(self) -> None:
         """Bring what runs of the campaign to rest, and wait a moment for that."""

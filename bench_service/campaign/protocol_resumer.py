@@ -5,16 +5,18 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from bench_service.bench.latch import INTERRUPTIONS
 from bench_service.bench.messages import EventMessage
 from bench_service.campaign.benches import Benches
 from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.protocol_standing import left_to_resume
 from bench_service.campaign.runs import Runs
-from bench_service.errors import BenchBusyError, BenchOfflineError, ServiceError, StoreError
+from bench_service.campaign.starting_again import start_again
+from bench_service.errors import ServiceError
 from bench_service.store.metadata import MetadataStore
+from bench_service.store.records import RunRecord
 
 _BACK_TIMEOUT_S = 120.0
-_TRY_S = 0.5
 
 
 class ProtocolResumer:
@@ -67,21 +69,28 @@ class ProtocolResumer:
             on_interruption=run.on_interruption,
         )
         try:
-            await self._start(order)
+            await self._start(order, run)
         except ServiceError as error:
-            text = f"run {run.name or run.id[:8]!r} does not go on: {error}"
-            self._note(bench, EventMessage(severity="error", code="run_not_resumed", text=text, run_id=run.id))
+            self._tell(run, "error", "run_not_resumed", f"does not go on: {error}")
 
-    async def _start(self, order: RunOrder) -> None:
-        """Start as soon as the bench is ready; acknowledges, which the run has declared before."""
-        deadline_s = asyncio.get_running_loop().time() + _BACK_TIMEOUT_S
-        while True:
-            if self._benches.get(order.bench).supervisor.status.state == "fault":
-                await self._benches.acknowledge(order.bench)
-            try:
-                await self._runs.start(self._benches, order)
-                return
-            except (BenchBusyError, BenchOfflineError, StoreError):
-                if asyncio.get_running_loop().time() > deadline_s:
-                    raise
-            await asyncio.sleep(_TRY_S)
+    async def _start(self, order: RunOrder, run: RunRecord) -> None:
+        """Start as soon as the bench is ready; acknowledges an interruption, which the run has declared before."""
+        said: list[str] = []
+
+        def say(text: str, person: bool) -> None:
+            if person and text not in said:
+                said.append(text)
+                self._tell(run, "warning", "run_waits", text)
+
+        await start_again(
+            self._benches,
+            order,
+            lambda order: self._runs.start(self._benches, order),
+            say,
+            declared=INTERRUPTIONS,
+            timeout_s=_BACK_TIMEOUT_S,
+        )
+
+    def _tell(self, run: RunRecord, severity: str, code: str, text: str) -> None:
+        text = f"run {run.name or run.id[:8]!r} {text}"
+        self._note(run.bench, EventMessage(severity=severity, code=code, text=text, run_id=run.id))

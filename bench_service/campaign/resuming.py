@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_service.bench.latch import INTERRUPTIONS, OF_RUNS, Latch
 from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.protocol_standing import left_to_resume as protocol_left
 from bench_service.campaign.workshop import CampaignFailedError, CampaignStoppedError
@@ -23,8 +24,6 @@ from bench_service.store.samples import SampleReader
 
 # A run that ends as often as this without a single sample will not get any further the next time.
 _MOST_IN_VAIN = 3
-# How a run says that its recorder has gone: a fault of the house, not of the cell.
-_NOT_STORED = "samples cannot be stored"
 _TOLERANCE = 1e-6
 ResultT = TypeVar("ResultT")
 
@@ -47,8 +46,12 @@ class Policy:
     retries: int = 0
     in_vain: int = 0
 
-    def take(self, role: str, run: RunRecord) -> None:
+    def take(self, role: str, run: RunRecord) -> frozenset[str]:
         """Take note of the end of a run that was not completed; goes on only where the campaign has said so.
+
+        Returns
+        -------
+        Codes of the latches that the campaign has thereby acknowledged; all others wait for a person.
 
         Raises
         ------
@@ -60,12 +63,13 @@ class Policy:
         if run.state == "stopped":
             raise CampaignStoppedError(f"the {role} run was stopped: {run.reason}")
         self.in_vain = 0 if run.n_samples else self.in_vain + 1
-        cut_off = run.state == "interrupted" or (run.state == "fault" and _NOT_STORED in (run.reason or ""))
+        latch = Latch.of_run(run.state, run.reason)
+        cut_off = latch is not None and latch.code in INTERRUPTIONS
         if cut_off and self.resumes and self.in_vain < _MOST_IN_VAIN:
-            return
+            return INTERRUPTIONS
         if run.state == "fault" and not cut_off and self.retries > 0:
             self.retries -= 1
-            return
+            return OF_RUNS
         raise CampaignFailedError(f"the {role} run ended as {run.state}: {run.reason}")
 
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, Self
 
+from bench_service.bench.latch import Latch
+
 Outcome = Literal["passed", "failed", "absent"]
 
 
@@ -78,7 +80,7 @@ class Report:
     checks : tuple of Check
     identity : mapping of str to str
         What the device says of itself; empty where there was none.
-    latch : str or None
+    latch : Latch or None
         A fault that somebody must look at before the next run.
     chamber : mapping of str to str, or None
         What the temperature chamber says of itself; None where there is none.
@@ -88,7 +90,7 @@ class Report:
     reason: str | None = None
     checks: tuple[Check, ...] = ()
     identity: Mapping[str, str] = field(default_factory=dict)
-    latch: str | None = None
+    latch: Latch | None = None
     chamber: Mapping[str, str] | None = None
 
     def to_json(self) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from bench_service.bench.commissioning.check import Check, ProofOrder, Report, f
 from bench_service.bench.commissioning.playing import Stand
 from bench_service.bench.commissioning.probing import alarms, judge, read_at_rest, tick_s
 from bench_service.bench.commissioning.proving import prove
+from bench_service.bench.latch import Latch
 from bench_service.bench.limits import Limits
 from bench_service.bench.live import LiveFeed
 from bench_service.bench.rest import bring_to_rest
@@ -72,10 +73,14 @@ async def _proved(stand: Stand, rest_V: float, checks: list[Check]) -> Report:
         unrested = await bring_to_rest(stand.cycler)
     if unrested is not None:
         text = f"{stand.settings.name}: the cycler did not come to rest after commissioning: {unrested}"
-        return Report("failed", text, tuple(checks), identity, text)
+        return Report("failed", text, tuple(checks), identity, _latch(text))
     # What failed with current flowing wants a look before the next run; a fault latches, as in any run.
-    latch = reason and f"{stand.settings.name}: commissioning failed: {reason}"
+    latch = None if reason is None else _latch(f"{stand.settings.name}: commissioning failed: {reason}")
     return Report("passed" if reason is None else "failed", reason, tuple(checks), identity, latch)
+
+
+def _latch(text: str) -> Latch:
+    return Latch("commissioning", text)
 
 
 def _of_resistor(settings: BenchSettings, readings: Sequence[Reading]) -> Limits:

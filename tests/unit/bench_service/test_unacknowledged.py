@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bench_service.bench.latch import Latch
 from bench_service.campaign.latches import unacknowledged
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import RunIntent
@@ -52,7 +53,8 @@ def test_a_good_end_asks_for_nothing(store: MetadataStore, state: str) -> None:
 @pytest.mark.parametrize("state", ["fault", "interrupted"])
 def test_a_bad_end_waits_until_it_is_acknowledged(store: MetadataStore, state: str) -> None:
     run_id = ended_run(store, state)
-    assert unacknowledged(store, "a") == f"run {run_id} ended as {state}: too warm"
+    code = "interrupted" if state == "interrupted" else "run_fault"
+    assert unacknowledged(store, "a") == Latch(code, f"run {run_id} ended as {state}: too warm")
     assert unacknowledged(store, "b") is None
     store.events.add("info", "acknowledged", "by somebody", bench="b")
     assert unacknowledged(store, "a") is not None
@@ -84,7 +86,7 @@ def test_no_clock_that_is_set_back_makes_a_fault_vanish_or_hides_an_acknowledgem
     ended_run(store, "completed")
     store.events.add("info", "acknowledged", "an earlier one", bench="a")
     run_id = ended_run(store, "fault")
-    assert unacknowledged(store, "a") == f"run {run_id} ended as fault: too warm"
+    assert unacknowledged(store, "a") == Latch("run_fault", f"run {run_id} ended as fault: too warm")
     store.events.add("info", "acknowledged", "by somebody", bench="a")
     assert unacknowledged(store, "a") is None
     ended = store.runs.get(run_id)
@@ -95,9 +97,10 @@ def test_no_clock_that_is_set_back_makes_a_fault_vanish_or_hides_an_acknowledgem
     store.close()
 
 
-def test_a_fault_without_a_run_waits_too(store: MetadataStore) -> None:
-    store.events.add("info", "latched", "the output was on", bench="a")
-    assert unacknowledged(store, "a") == "the output was on"
+@pytest.mark.parametrize(("code", "latched"), [("latched", "unknown"), ("latched_at_rest", "at_rest")])
+def test_a_fault_without_a_run_waits_too(store: MetadataStore, code: str, latched: str) -> None:
+    store.events.add("info", code, "the output was on", bench="a")
+    assert unacknowledged(store, "a") == Latch(latched, "the output was on")
     assert unacknowledged(store, "b") is None
     store.events.add("info", "acknowledged", "by somebody", bench="a")
     assert unacknowledged(store, "a") is None
@@ -107,4 +110,14 @@ def test_a_service_that_died_before_it_wrote_of_the_end_still_waits(store: Metad
     store.events.add("info", "acknowledged", "an earlier one", bench="a")
     run_id = ended_run(store, "fault", noted=False)
     store.events.add("info", "run_started", "it begins", bench="a", run_id=run_id)
-    assert unacknowledged(store, "a") == f"run {run_id} ended as fault: too warm"
+    assert unacknowledged(store, "a") == Latch("run_fault", f"run {run_id} ended as fault: too warm")
+
+
+def test_what_takes_a_person_is_not_hidden_by_the_run_that_was_cut_off(store: MetadataStore) -> None:
+    run_id = ended_run(store, "interrupted")
+    store.events.add("info", "latched_interrupted", "run was interrupted", bench="a")
+    assert unacknowledged(store, "a") == Latch("interrupted", f"run {run_id} ended as interrupted: too warm")
+    store.events.add("info", "latched_other_device", "another cycler", bench="a")
+    assert unacknowledged(store, "a") == Latch("other_device", "another cycler")
+    store.events.add("info", "acknowledged", "by somebody", bench="a")
+    assert unacknowledged(store, "a") is None

@@ -1,11 +1,17 @@
 """What is left of a run that was cut off, and when it is played."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from bench_service.bench.latch import INTERRUPTIONS, OF_RUNS, Latch
+from bench_service.bench.listener import BenchStatus
+from bench_service.campaign import starting_again
+from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.resuming import Policy, check_resumable, left_to_resume, rest_of, tried
 from bench_service.campaign.workshop import CampaignFailedError, CampaignStoppedError
-from bench_service.errors import ConflictError
+from bench_service.errors import BenchBusyError, ConflictError
 from bench_service.jobs.runner import WORKER_DIED
 from bench_service.store.records import CampaignRecord
 from tests.unit.bench_service.api.route_rig import Store, run_record
@@ -52,8 +58,9 @@ def ended(state: str, n_samples: int = 10, reason: str = "because"):  # noqa: AN
 
 
 def test_only_what_was_declared_goes_on() -> None:
-    Policy(True).take("train", ended("interrupted"))
-    Policy(True).take("train", ended("fault", reason="the recorder is gone; samples cannot be stored"))
+    assert Policy(True).take("train", ended("interrupted")) == INTERRUPTIONS
+    not_stored = ended("fault", reason="the recorder is gone; samples cannot be stored")
+    assert Policy(True, retries=1).take("train", not_stored) == INTERRUPTIONS
     for policy, run in ((Policy(False), ended("interrupted")), (Policy(True), ended("fault", reason="too warm"))):
         with pytest.raises(CampaignFailedError, match="the train run ended as"):
             policy.take("train", run)
@@ -63,7 +70,7 @@ def test_only_what_was_declared_goes_on() -> None:
 
 def test_faults_are_tried_again_as_often_as_was_declared() -> None:
     policy = Policy(False, retries=2)
-    policy.take("train", ended("fault"))
+    assert policy.take("train", ended("fault")) == OF_RUNS
     policy.take("train", ended("fault"))
     with pytest.raises(CampaignFailedError):
         policy.take("train", ended("fault"))
@@ -137,3 +144,66 @@ async def test_any_other_failure_is_one_at_once(policy: Policy, told: str) -> No
     with pytest.raises(CampaignFailedError):
         await tried(policy, work)
     assert len(calls) == 1
+
+
+class Latching:
+    """A bench that is latched, its supervisor and all benches in one."""
+
+    def __init__(self, *latches: Latch) -> None:
+        self.latches, self.acknowledged = list(latches), []
+
+    supervisor = property(lambda self: self)
+
+    def get(self, _name: str) -> "Latching":
+        return self
+
+    @property
+    def status(self) -> BenchStatus:
+        return BenchStatus.in_fault(self.latches[0]) if self.latches else BenchStatus("idle")
+
+    async def acknowledge(self, _name: str) -> None:
+        if self.latches:
+            self.acknowledged.append(self.latches.pop(0).code)
+
+    async def start(self, _order: RunOrder) -> Any:
+        if self.latches:
+            raise BenchBusyError(f"bench 'b' has a fault: {self.latches[0].text}; acknowledge it first")
+        return run_record(id="r2")
+
+
+async def started_again(bench: Latching, said: list[str], person: Any = None, timeout_s: float = 60.0) -> Any:
+    order = RunOrder(bench="b", profile_id="p", dt_s=1.0, initial_soc=0.5)
+
+    def say(text: str, waits: bool) -> None:
+        said.append(text)
+        if waits and person is not None:
+            person()
+
+    return await starting_again.start_again(
+        bench,  # pyright: ignore[reportArgumentType]
+        order,
+        bench.start,
+        say,
+        declared=INTERRUPTIONS,
+        timeout_s=timeout_s,
+    )
+
+
+async def test_the_interruption_itself_is_acknowledged_and_nothing_else_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(starting_again, "_TRY_S", 0.0)
+    bench, said = Latching(Latch("interrupted", "run x was interrupted")), []
+    assert (await started_again(bench, said)).id == "r2"
+    assert bench.acknowledged == ["interrupted"] and "as soon as bench 'b' is ready" in said[0]
+    for code in ("other_device", "at_rest", "run_fault", "commissioning", "unknown"):
+        bench, said = Latching(Latch("interrupted", "run x was interrupted"), Latch(code, "look at it")), []
+        with pytest.raises(BenchBusyError, match="look at it; acknowledge it first"):
+            await started_again(bench, said, timeout_s=0.01)
+        assert bench.acknowledged == ["interrupted"]
+        assert said[-1] == "waits for a person, goes on when bench 'b' is acknowledged: look at it"
+
+
+async def test_it_goes_on_when_a_person_has_acknowledged(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(starting_again, "_TRY_S", 0.0)
+    bench, said = Latching(Latch("other_device", "another cycler than before")), []
+    assert (await started_again(bench, said, person=bench.latches.clear)).id == "r2"
+    assert bench.acknowledged == [] and "waits for a person" in said[0]

@@ -14,6 +14,7 @@ from bench_service.bench.chamber.in_run import RunChamber
 from bench_service.bench.chamber.keeper import ChamberKeeper
 from bench_service.bench.chamber.settings import ChamberSettings
 from bench_service.bench.clock import LockStepClock, WallClock
+from bench_service.bench.latch import Latch
 from bench_service.bench.limits import Limits
 from bench_service.bench.safety import Context, Rules, Track
 from bench_service.bench.settings import BenchSettings
@@ -224,7 +225,7 @@ async def test_what_it_has_not_taken_is_told_again_until_it_has(chamber: FakeCha
 
 
 async def test_after_a_process_that_died_in_a_run_it_is_switched_off(chamber: FakeChamber) -> None:
-    async with Kept(replace(BENCH, latched="run x was interrupted")):
+    async with Kept(replace(BENCH, latched=Latch("interrupted", "run x was interrupted"))):
         await holds(lambda: chamber.told == ["off"], "off")
 
 
