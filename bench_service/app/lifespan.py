@@ -23,6 +23,7 @@ from bench_service.campaign.cells import Cells, cell_on
 from bench_service.campaign.clock_watch import watched_clock
 from bench_service.campaign.commissioning import Commissioning
 from bench_service.campaign.designing import Designing
+from bench_service.campaign.devices import Devices
 from bench_service.campaign.diagnosing import Diagnosing
 from bench_service.campaign.endings import close_left_open
 from bench_service.campaign.hardware import Hardware
@@ -80,11 +81,11 @@ async def running_services(
         storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
         jobs = await _jobs(stack, config)
-        runs = Runs(store, samples, journal, storage, code_version)
+        runs, devices = Runs(store, samples, journal, storage, code_version), Devices(store, journal)
         stack.push_async_callback(runs.close)
-        benches = Benches(live, journal.note, runs.on_ended, runs.on_state)
+        benches = Benches(live, journal.note, runs.on_ended, runs.on_state, devices.on_state)
         stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
-        await _add_benches(stack, config, store, (samples, recorder, benches, config.data_dir / _SEALS, stop))
+        await _add_benches(stack, config, store, (samples, recorder, benches, devices, config.data_dir / _SEALS, stop))
         workshop = _workshop(store, samples, benches, runs, jobs, (config.data_dir, code_version))
         campaigns = _campaigns(stack, workshop, journal, live, code_version)
         await asyncio.gather(*(bench.supervisor.start() for bench in benches))
@@ -212,7 +213,7 @@ async def _add_benches(
     stack: AsyncExitStack,
     config: ServiceConfig,
     store: MetadataStore,
-    seen: tuple[SampleReader, RecorderKeeper, Benches, Path, Callable[[str], StopEndpoint]],
+    seen: tuple[SampleReader, RecorderKeeper, Benches, Devices, Path, Callable[[str], StopEndpoint]],
 ) -> None:
     benches = seen[2]
     benches.add([await _bench(stack, name, each, store, *seen) for name, each in config.bench.items()])
@@ -227,6 +228,7 @@ async def _bench(
     samples: SampleReader,
     recorder: RecorderKeeper,
     listener: Benches,
+    devices: Devices,
     seals: Path,
     stop: Callable[[str], StopEndpoint],
 ) -> Bench:
@@ -260,6 +262,7 @@ async def _bench(
         watchdog_s=config.watchdog_s,
         external_interlock=config.external_interlock,
         latched=await asyncio.to_thread(unacknowledged, store, name),
+        identity=await asyncio.to_thread(devices.known, name, config),
         **settings_with(with_cell(config, cell), chamber_url),
     )
     supervisor = BenchSupervisor(settings, recorder.attach, listener, stop(name))

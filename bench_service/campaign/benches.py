@@ -166,8 +166,8 @@ class Benches:
         Takes the bench's name and an event.
     on_ended : callable
         Takes the end of a run, see `BenchListener.on_ended`.
-    on_state : callable
-        Takes a bench whose state has changed.
+    *on_state : callable
+        Each takes a bench whose state has changed.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class Benches:
         broadcaster: Broadcaster,
         on_event: Callable[[str, EventMessage], None],
         on_ended: Callable[[EndedMessage], None],
-        on_state: Callable[[Bench], None],
+        *on_state: Callable[[Bench], None],
     ) -> None:
         self._broadcaster = broadcaster
         self._on_event = on_event
@@ -238,7 +238,8 @@ class Benches:
         self._latched[bench] = latched
         if status.state == "offline":
             self.get(bench).live = None
-        self._on_state(self.get(bench))
+        for on_state in self._on_state:
+            on_state(self.get(bench))
         self.publish(self.get(bench))
 
     def publish(self, bench: Bench) -> None:

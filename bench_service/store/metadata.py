@@ -11,6 +11,7 @@ from bench_service.store.campaigns import CampaignTable
 from bench_service.store.cells import CellTable
 from bench_service.store.commissionings import CommissioningTable
 from bench_service.store.comparisons import ComparisonTable
+from bench_service.store.devices import DeviceTable
 from bench_service.store.diagnoses import DiagnosisTable
 from bench_service.store.engine import LockHolder
 from bench_service.store.events import EventTable
@@ -29,7 +30,7 @@ class MetadataStore:
 
     Attributes
     ----------
-    profiles, protocols, runs, models, comparisons, diagnoses, campaigns, events, commissionings, cells
+    profiles, protocols, runs, models, comparisons, diagnoses, campaigns, events, commissionings, cells, devices
         The tables; each is a file of its own.
     """
 
@@ -49,6 +50,7 @@ class MetadataStore:
         self.events = EventTable(file, now)
         self.commissionings = CommissioningTable(file, now)
         self.cells = CellTable(file, now)
+        self.devices = DeviceTable(file, now)
 
     @classmethod
     def open(

@@ -205,6 +205,15 @@ commissioning = Table(
     _json("document", nullable=False),
 )
 
+device = Table(
+    "device",
+    META,
+    Column("id", _SERIAL, primary_key=True, autoincrement=True),
+    Column("bench", Text, nullable=False, index=True),
+    _json("identity", nullable=False),
+    Column("since_utc", _UTC, nullable=False),
+)
+
 comparison = Table(
     "comparison",
     META,

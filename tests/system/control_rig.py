@@ -32,9 +32,11 @@ _SIMULATOR = """
 import asyncio, sys
 from simulators.bench import SimulatorSettings, serve
 from simulators.chamber import ChamberSettings
-lock_step, port, soc, faults = sys.argv[1:]
+from simulators.cycler import CyclerSettings
+lock_step, port, soc, serial, faults = sys.argv[1:]
 chamber = None if faults == "-" else ChamberSettings(faults=faults, ramp_K_per_min=60.0)
 more = {"seed": 7, "port": int(port), "initial_soc": float(soc), "chamber": chamber}
+more["cycler"] = CyclerSettings(serial=int(serial))
 found = []
 told = lambda address: print(address, *found, flush=True)
 asyncio.run(serve(SimulatorSettings(lock_step=lock_step == "1", **more), told, on_chamber=found.append))
@@ -45,9 +47,15 @@ class Simulator:
     """A simulated cycler in a process of its own."""
 
     def __init__(
-        self, *, lock_step: bool, port: int = 0, initial_soc: float = 0.5, chamber_faults: str | None = None
+        self,
+        *,
+        lock_step: bool,
+        port: int = 0,
+        initial_soc: float = 0.5,
+        serial: int = 1,
+        chamber_faults: str | None = None,
     ) -> None:
-        command = [sys.executable, "-c", _SIMULATOR, str(int(lock_step)), str(port), str(initial_soc)]
+        command = [sys.executable, "-c", _SIMULATOR, str(int(lock_step)), str(port), str(initial_soc), str(serial)]
         command.append("-" if chamber_faults is None else chamber_faults)
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None

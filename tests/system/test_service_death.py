@@ -50,6 +50,11 @@ def start(service: Service, past_s: float = 2.0) -> dict[str, Any]:
     return run
 
 
+def latched(service: Service) -> str:
+    """Wait until the bench is in fault; return why it is."""
+    return until(lambda: (b := service.client.bench("cell"))["state"] == "fault" and b, "latched")["reason"]
+
+
 def live_s(service: Service) -> float | None:
     live = service.client.bench("cell")["live"]
     return None if live is None else live["time_s"]
@@ -86,8 +91,7 @@ def test_killed_service_leaves_rest_and_every_sample(simulator: Simulator, tmp_p
         assert columns["time_s"][-1] > seen_s - 1.0
         assert columns["seq"] == list(range(found["n_samples"]))
         # Nothing goes on by itself: a person looks first.
-        bench = until(lambda: (b := service.client.bench("cell"))["state"] == "fault" and b, "latched")
-        assert run["id"] in bench["reason"] and not output_on(simulator)
+        assert run["id"] in latched(service) and not output_on(simulator)
         until(lambda: service.client.acknowledge("cell")["state"] == "idle", "acknowledged")
     finally:
         assert service.end() == (0, "")
@@ -129,3 +133,27 @@ def test_a_killed_recorder_ends_the_run_and_comes_back(simulator: Simulator, tmp
     finally:
         status, _ = service.end()
         assert status == 0
+
+
+def test_another_device_is_told_over_restarts_of_the_service_until_somebody_has_looked(tmp_path: Path) -> None:
+    first = Simulator(lock_step=False)
+    benches = hardware("cell", first.url)
+    service = Service(tmp_path, benches)
+    service.idle("cell")
+    assert service.end() == (0, "")
+    first.end()
+    other = Simulator(lock_step=False, port=first.port, serial=2)
+    try:
+        for _ in range(2):  # it is no longer new at the second start, and nobody has looked
+            service = Service(tmp_path, benches)
+            assert "another cycler than before: the serial number is '2', before it was '1'" in latched(service)
+            assert service.end() == (0, "")
+        service = Service(tmp_path, benches)
+        until(lambda: service.client.bench("cell")["capabilities"], "connected")
+        until(lambda: service.client.acknowledge("cell")["state"] == "idle", "acknowledged")
+        assert service.end() == (0, "")
+        service = Service(tmp_path, benches)
+        service.idle("cell")
+    finally:
+        service.end()
+        other.end()
