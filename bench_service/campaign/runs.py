@@ -16,6 +16,8 @@ from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.ordering import RunOrder, request_of
 from bench_service.campaign.protocol_standing import taken_up
+from bench_service.campaign.run_words import called, gain, length
+from bench_service.campaign.starting import Start, Starts
 from bench_service.campaign.storage import Storage
 from bench_service.errors import BenchBusyError, BenchOfflineError, ConflictError, ServiceError
 from bench_service.store.metadata import MetadataStore
@@ -57,6 +59,7 @@ class Runs:
         self._storage = storage
         self._code_version = code_version
         self._claimed: set[str] = set()
+        self._starts = Starts()
         self._closing = asyncio.Event()
         self._to_stop: dict[str, str] = {}
         self._ends: dict[str, asyncio.Task[None]] = {}
@@ -78,6 +81,10 @@ class Runs:
             The profile or the limits are not admitted.
         """
         bench = benches.get(order.bench)
+        with self._starts.one(bench.name) as start:
+            return await self._admit(bench, order, start)
+
+    async def _admit(self, bench: Bench, order: RunOrder, start: Start) -> RunRecord:
         if order.protocol_id is not None and order.continues is not None:
             order = await asyncio.to_thread(taken_up, order, bench, self._store, self._samples)
         bench.hardware = await asyncio.to_thread(Hardware.read, self._store, bench.name, bench.config)
@@ -86,7 +93,7 @@ class Runs:
         self.refuse_busy(bench)
         # Two orders at once: the first one holds the bench while its intent is written down.
         with self.claimed(bench):
-            return await self._start(bench, order, request)
+            return await self._start(bench, order, request, start)
 
     def refuse_busy(self, bench: Bench) -> None:
         """Raise `BenchBusyError` if a run is on the bench or a fault is latched; an offline bench is not busy."""
@@ -113,15 +120,19 @@ class Runs:
             bench = benches.get(run.bench)
             if bench.supervisor.status.run_id != run.id:
                 self._to_stop[run.id] = reason
+                self._starts.stop(run.bench, reason)
             bench.supervisor.stop(reason)
+        elif run.state == "created":  # written down in this moment
+            self._starts.stop(run.bench, reason)
 
     def stop_bench(self, benches: Benches, name: str, reason: str) -> Bench:
-        """Stop whatever runs on a bench, also what its control process has not begun yet."""
+        """Stop whatever runs on a bench, also what its control process has not begun yet or not been told of."""
         bench = benches.get(name)
         for run_id, on in self._on_bench.items():
             if on == name and bench.supervisor.status.run_id != run_id:
                 # It would not know what to stop, and is told again when it has begun.
                 self._to_stop[run_id] = reason
+        self._starts.stop(name, reason)
         bench.supervisor.stop(reason)
         return bench
 
@@ -173,7 +184,7 @@ class Runs:
         if status.state == "offline":
             raise BenchOfflineError(f"bench {bench.name!r} is offline: {status.reason}; check cycler and link")
 
-    async def _start(self, bench: Bench, order: RunOrder, request: RunRequest) -> RunRecord:
+    async def _start(self, bench: Bench, order: RunOrder, request: RunRequest, start: Start) -> RunRecord:
         standing = bench.standing()
         cell_id = None if bench.cell is None else bench.cell.id
         told = (order, request, standing and standing.to_json(), cell_id)
@@ -181,16 +192,20 @@ class Runs:
         self._open[record.id] = asyncio.Event()
         self._on_bench[record.id] = bench.name
         try:
+            # First, as nothing may play that nobody knows of; and so before the run's end: the journal keeps the order.
+            started = await self._journal.write(self._store.runs.start, record.id)
             bench.supervisor.start_run(replace(request, run_id=record.id))
-        except ServiceError as error:
-            end = (record.id, "fault", f"not started: {error}")
-            self._note_end(await self._journal.write(self._store.runs.end, *end, n_samples=0))
-            self._forget(record.id)
+        except (ServiceError, asyncio.CancelledError) as error:
+            reason = f"not started: {error or 'its order was given up'}"
+            counts = {"n_samples": 0, "missed_ticks": 0, "sha256": None}
+            self.on_ended(EndedMessage(run_id=record.id, state="fault", reason=reason, **counts))
+            # Where that cannot be stored either, it is tried again and again; whoever ordered the run hears why now.
+            await asyncio.wait({self._ends[record.id]}, timeout=_RETRY_S)
             raise
-        # Queued before the run's end can be: the journal keeps the order.
-        started = await self._journal.write(self._store.runs.start, record.id)
-        text = f"{_called(started)} started: {_length(request)}, a sample each {order.dt_s:g} s, from SoC "
-        self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}{_gain(request)}")
+        if start.stop is not None:
+            bench.supervisor.stop(start.stop)  # right behind the start: the run ends before its first tick
+        text = f"{called(started)} started: {length(request)}, a sample each {order.dt_s:g} s, from SoC "
+        self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}{gain(request)}")
         if standing is not None and standing.warns:
             self._journal.note(bench.name, standing.warning(bench.name, started.id), started.campaign_id)
         return started
@@ -248,7 +263,7 @@ class Runs:
 
     def _note_end(self, run: RunRecord) -> None:
         because = "" if run.reason is None else f": {run.reason}"
-        text = f"{_called(run)} ended as {run.state}{because}; {run.n_samples or 0} samples stored"
+        text = f"{called(run)} ended as {run.state}{because}; {run.n_samples or 0} samples stored"
         self._note(run, _SEVERITY.get(run.state, "error"), f"run_{run.state}", text)
 
     def _note(self, run: RunRecord, severity: Severity, code: str, text: str) -> None:
@@ -273,21 +288,3 @@ class Runs:
         self._ends.pop(run_id, None)
         if run_id in self._open:
             self._open.pop(run_id).set()
-
-
-def _called(run: RunRecord) -> str:
-    return f"run {run.name or run.id[:8]!r}"
-
-
-def _gain(request: RunRequest) -> str:
-    """Say with which gain the observer runs, where somebody has chosen one: its estimates depend on it."""
-    gain = request.observer and (request.observer["settings"] or {}).get("gain")
-    return "" if gain is None else f", observer with {gain} gain"
-
-
-def _length(request: RunRequest) -> str:
-    """Return how long a run takes, in words."""
-    if request.protocol is None:
-        return f"{float(request.time_s[-1]):g} s"
-    expected_s = request.protocol["expected_s"]
-    return "a protocol of unknown length" if expected_s is None else f"a protocol of about {expected_s / 3600.0:.2g} h"

@@ -10,12 +10,12 @@ import pytest
 
 from bench_service.bench.limits import Limits
 from bench_service.bench.listener import BenchStatus
-from bench_service.bench.messages import EndedMessage
 from bench_service.bench.request import RunRequest
 from bench_service.campaign import runs as tested
 from bench_service.campaign.benches import Benches
 from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.runs import Runs
+from bench_service.errors import BenchBusyError, BenchOfflineError, StoreError
 from bench_service.store.records import RunRecord
 from tests.patience import holds
 from tests.unit.bench_service.api.route_rig import run_record
@@ -35,6 +35,7 @@ class Bench:
     def __init__(self) -> None:
         self.status = BenchStatus("idle")
         self.told: list[str] = []
+        self.gone = False
 
     def get(self, _name: str) -> "Bench":
         return self
@@ -43,6 +44,8 @@ class Bench:
         return None
 
     def start_run(self, request: RunRequest) -> None:
+        if self.gone:
+            raise BenchOfflineError("bench 'b' is offline: gone; check cycler and link")
         self.told.append(f"start {request.run_id}")
 
     def stop(self, reason: str) -> None:
@@ -71,16 +74,23 @@ class Table:
 
     def __init__(self) -> None:
         self.ended: list[tuple[Any, ...]] = []
+        self.full: set[str] = set()  # what cannot be written
 
     def add(self, _intent: Any) -> RunRecord:
         return run_record(id="r1", state="created", bench="b")
 
     def start(self, run_id: str) -> RunRecord:
+        self._write("start")
         return run_record(id=run_id, state="running", bench="b")
 
     def end(self, *told: Any, **_counts: Any) -> RunRecord:
+        self._write("end")
         self.ended.append(told)
         return run_record(id="r1", state=told[1], reason=told[2], bench="b")
+
+    def _write(self, what: str) -> None:
+        if what in self.full:
+            raise StoreError("database or disk is full")
 
 
 class Rig:
@@ -94,11 +104,6 @@ class Rig:
 
     def start(self) -> "asyncio.Task[RunRecord]":
         return asyncio.create_task(self.runs.start(self.benches, ORDER))
-
-    def end(self, state: str = "stopped") -> None:
-        """Let the control process tell of the end."""
-        counts: dict[str, Any] = {"n_samples": 0, "missed_ticks": 0, "sha256": None}
-        self.runs.on_ended(EndedMessage(run_id="r1", state=state, reason="because", **counts))
 
 
 @pytest.fixture
@@ -133,3 +138,32 @@ async def test_a_stop_that_came_before_it_or_for_another_bench_is_not_for_it(rig
     rig.journal.free.set()
     await starting
     assert rig.bench.told == ["stop: too early", "start r1"]
+
+
+async def test_a_run_whose_start_cannot_be_stored_is_not_played(rig: Rig) -> None:
+    rig.journal.free.set()
+    rig.table.full = {"start"}
+    with pytest.raises(StoreError, match="disk is full"):
+        await rig.start()
+    assert rig.bench.told == []
+    assert rig.table.ended == [("r1", "fault", "not started: database or disk is full")]
+    rig.table.full.clear()
+    await rig.start()
+    assert rig.bench.told == ["start r1"]
+
+
+async def test_a_bench_is_free_again_when_the_end_of_a_run_that_was_not_started_can_be_stored(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tested, "_RETRY_S", 0.01)
+    rig.journal.free.set()
+    rig.table.full, rig.bench.gone = {"end"}, True
+    with pytest.raises(BenchOfflineError, match="is offline: gone"):
+        await rig.start()
+    with pytest.raises(BenchBusyError):
+        await rig.start()
+    rig.table.full.clear()
+    await holds(lambda: rig.table.ended, "the end is stored")
+    rig.bench.gone = False
+    await rig.start()
+    assert rig.bench.told == ["start r1"]
