@@ -29,6 +29,12 @@ class Holding:
         """Whether the run is held now."""
         return self._parts.pause.active
 
+    @property
+    def begins(self) -> bool:
+        """Whether `follow` is about to hold the run."""
+        pause = self._parts.pause
+        return pause.wanted and not pause.active and self._parts.stop.order is None
+
     def position(self, tick: Tick) -> int:
         """Return the profile's own tick."""
         return self._from if self.active else tick.index - self._held

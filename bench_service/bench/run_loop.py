@@ -125,6 +125,8 @@ class RunLoop:
                 return stop.order.state, "stop", stop.order.reason
             if tick is None:
                 raise RuntimeError("the clock was interrupted without a stop order")
+            if self._holding.begins:
+                self._store_last()
             if await self._holding.follow(tick):
                 self._commanded_A, self._gap = 0.0, not self._holding.active
             if stop.order is None and await self._tick(tick):
@@ -231,10 +233,15 @@ class RunLoop:
         return Context(self._plan.rules, self._track, now_s, soc, self._commanded_A, held_s)
 
     def _store_last(self) -> None:
-        """Store the last sample also where it was not due: a step counts no charge that nothing stored shows."""
+        """Store the last sample of a run, or before a pause, also where it was not due.
+
+        A step counts no charge that nothing stored shows.
+        """
         if self._unstored is not None and self._plan.player.closed_loop:
+            now = self._commanded_A, self._settled_from_s
             tick, reading, (self._commanded_A, self._settled_from_s) = self._unstored
             self._record(tick, reading, suspect=False, on_grid=False)
+            self._commanded_A, self._settled_from_s = now
 
     def _record(self, tick: Tick, reading: Reading, *, suspect: bool, on_grid: bool) -> None:
         parts, time_s = self._parts, self._track.time_s

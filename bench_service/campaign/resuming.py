@@ -21,6 +21,7 @@ from bench_service.store.integrity import Expected, read_whole
 from bench_service.store.metadata import MetadataStore
 from bench_service.store.records import CampaignRecord, RunRecord
 from bench_service.store.samples import SampleReader
+from bench_service.streams import Columns, Flag
 
 # A run that ends as often as this without a single sample will not get any further the next time.
 _MOST_IN_VAIN = 3
@@ -92,7 +93,7 @@ def rest_of(
     Parameters
     ----------
     time_s, current_A : (n,) forward hold, the last row ends the profile
-    played_s : time of the last stored sample
+    played_s : how much of it has played when the last sample was stored, see `played_of`
     dt_s : period of the run; set-points change on its ticks only
     """
     start_s = dt_s * math.floor(played_s / dt_s + 0.5)
@@ -101,6 +102,20 @@ def rest_of(
     later = time_s > start_s + dt_s * _TOLERANCE
     held_A = current_A[np.searchsorted(time_s, start_s + dt_s * _TOLERANCE, side="right") - 1]
     return np.concatenate([[0.0], time_s[later] - start_s]), np.concatenate([[held_A], current_A[later]])
+
+
+def played_of(columns: Columns, dt_s: float) -> float:
+    """Return how much of a profile stored samples have played, in s: a run that somebody held stood still.
+
+    Parameters
+    ----------
+    columns : columns of the stream ``samples``, each of shape (n,)
+    dt_s : period of the run; a pause that began or ended between two samples is known to that only
+    """
+    ticks = np.floor(columns["time_s"] / dt_s + 0.5)
+    # The first sample that is marked was taken when the output had just been switched off: what came before it played.
+    held = (columns["flags"][:-1] & Flag.PAUSED) != 0
+    return float(dt_s * (ticks[-1] - np.sum(np.diff(ticks)[held])))
 
 
 def order_of_rest(
@@ -118,7 +133,7 @@ def order_of_rest(
     played_s, soc = 0.0, order.initial_soc
     for part in parts:
         columns = read_whole(samples, Expected.of(part)).columns
-        played_s += order.dt_s * math.floor(float(columns["time_s"][-1]) / order.dt_s + 0.5)
+        played_s += played_of(columns, order.dt_s)
         soc = float(counted_soc(columns["time_s"], columns["current_A"], part.initial_soc, part.capacity_Ah)[-1])
     soc = min(max(soc, 0.0), 1.0)
     if order.profile_id is None:

@@ -18,6 +18,7 @@ from bench_service.protocol.engine import Engine
 from bench_service.protocol.laws import Seen
 from bench_service.protocol.program import Program
 from bench_service.protocol.state import Standing, StepEnd
+from bench_service.streams import Flag
 
 Columns = Mapping[str, NDArray[Any]]
 _SUMS = ("charged_Ah", "discharged_Ah", "charged_Wh", "discharged_Wh")
@@ -78,9 +79,13 @@ def _seen_at(samples: Columns, k: int) -> Seen:
 
 
 def _counted(samples: Columns, standing: Standing) -> Counters:
-    """Count the step that was cut off: what it had moved before this run, and the samples that belong to it."""
+    """Count the step that was cut off: what it had moved before this run, and the samples that belong to it.
+
+    Those that were taken while somebody held the run are passed over, as they were when it played.
+    """
     moved = standing.step
-    rows = np.flatnonzero(samples["step_count"] == standing.step_count)
+    played = (samples["flags"] & Flag.PAUSED) == 0
+    rows = np.flatnonzero((samples["step_count"] == standing.step_count) & played)
     times = samples["time_s"]
     for k in rows[rows > 0]:
         moved.count(float(samples["voltage_V"][k]), float(samples["current_A"][k]), float(times[k] - times[k - 1]))

@@ -29,7 +29,8 @@ from bench_service.bench.stop import StopSignal
 from bench_service.protocol.compiling import compile_protocol
 from bench_service.protocol.document import read_protocol
 from bench_service.protocol.program import ChamberWindow, Window
-from bench_service.streams import OBSERVER, SAMPLES, STEPS
+from bench_service.protocol.resuming import standing_after
+from bench_service.streams import OBSERVER, SAMPLES, STEPS, STREAMS, Flag
 from drivers.chamber import ChamberReading
 from drivers.cycler import Capabilities, CyclerTimeoutError, DeviceLimits, Reading, SetPointRefusedError
 
@@ -466,6 +467,38 @@ async def test_a_step_that_is_cut_off_counts_no_charge_beyond_the_last_stored_sa
     assert step_row[0] == times_s[-1] and step_row[6] == pytest.approx(times_s[-1])
     assert step_row[7] == pytest.approx(2.0 * times_s[-1] / 3600)
     assert [row[5] for row in rows[SAMPLES]] == [0.0, 2.0, 2.0], "set-points as they were in force at the samples"
+
+
+async def test_a_step_that_was_held_between_two_stored_samples_is_counted_from_them_as_it_was_played(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Held(FakeCycler):
+        async def output(self, on: bool) -> None:
+            await super().output(on)
+            self.reading = replace(self.reading, current_A=2.0 if on else 0.0)
+
+        async def sample(self) -> Reading:
+            loop._parts.pause.wanted = 3 <= self.reading.sequence < 6
+            if self.reading.sequence == 10:
+                bench.stop.give("stopped", "enough")
+            return replace(await super().sample(), monotonic_s=time.monotonic())
+
+    step = {"step": "constant_current", "current_A": 2.0, "until": {"time_s": 60}}
+    document = {"schema": "bench-protocol-1", "name": "t", "steps": [step], "record": {"time_s": 0.5}}
+    program = compile_protocol(read_protocol(document), 3.0, Window(LIMITS.voltage_V, LIMITS.current_A))
+    rows: dict[str, list[tuple[float, ...]]] = {SAMPLES: [], STEPS: []}
+    monkeypatch.setattr(bench.recording, "put", lambda stream, row: rows[stream].append(row))
+    loop = bench.loop(Held(), clock=WallClock(), player=ProtocolPlay(program, 0.1))
+    assert (await loop.play()).state == "stopped"
+    columns = dict(zip((column.name for column in STREAMS[SAMPLES]), np.array(rows[SAMPLES]).T, strict=True))
+    columns["flags"] = columns["flags"].astype(np.uint32)
+    held = np.flatnonzero(columns["flags"] & Flag.PAUSED)
+    assert len(held) >= 3 and columns["current_A"][held[0] - 1] == 2.0, "the last sample before it is stored"
+    standing = standing_after(program, None, {}, columns)
+    (played,) = rows[STEPS]
+    assert standing is not None
+    assert (standing.step.time_s, standing.step.net_Ah) == pytest.approx((played[6], played[7]))
+    assert standing.step.time_s < columns["time_s"][-1] - 0.25
 
 
 @pytest.mark.parametrize("obeys", [True, False])

@@ -9,11 +9,12 @@ from bench_service.bench.latch import INTERRUPTIONS, OF_RUNS, Latch
 from bench_service.bench.listener import BenchStatus
 from bench_service.campaign import starting_again
 from bench_service.campaign.ordering import RunOrder
-from bench_service.campaign.resuming import Policy, check_resumable, left_to_resume, rest_of, tried
+from bench_service.campaign.resuming import Policy, check_resumable, left_to_resume, played_of, rest_of, tried
 from bench_service.campaign.workshop import CampaignFailedError, CampaignStoppedError
 from bench_service.errors import BenchBusyError, ConflictError
 from bench_service.jobs.runner import WORKER_DIED
 from bench_service.store.records import CampaignRecord
+from bench_service.streams import Flag
 from tests.unit.bench_service.api.route_rig import Store, run_record
 
 TIME_S, CURRENT_A = np.array([0.0, 10.0, 20.0, 30.0]), np.array([1.0, -2.0, 0.5, 0.0])
@@ -46,6 +47,16 @@ def test_the_charge_of_both_parts_is_that_of_the_whole() -> None:
         ticks = np.arange(0.0, played_s, 0.5)
         before = 0.5 * sum(CURRENT_A[np.searchsorted(TIME_S, tick, side="right") - 1] for tick in ticks)
         assert before + charge(*left) == pytest.approx(charge(TIME_S, CURRENT_A))
+
+
+@pytest.mark.parametrize(("n", "played_s"), [(4, 3.0), (5, 4.0), (7, 4.0), (8, 4.0), (9, 5.0), (12, 8.0)])
+def test_a_pause_is_not_played(n: int, played_s: float) -> None:
+    """Held at 4 s, let go at 7 s: the sample at 4 s is the first with the output off, that at 7 s the last."""
+    flags = np.zeros(12, np.uint32)
+    flags[[4, 5, 6]] = Flag.PAUSED | Flag.SETTLING
+    time_s = np.arange(12) + np.tile([0.0, 0.3, -0.2], 4)  # late by parts of a tick
+    assert played_of({"time_s": time_s[:n], "flags": flags[:n]}, 1.0) == played_s
+    assert played_of({"time_s": time_s[:n], "flags": np.zeros(n, np.uint32)}, 1.0) == n - 1.0
 
 
 @pytest.mark.parametrize("played_s", [29.6, 30.0, 31.0])

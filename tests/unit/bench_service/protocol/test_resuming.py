@@ -9,10 +9,12 @@ import pytest
 
 from bench_service.bench.protocol_play import ProtocolPlay, _row
 from bench_service.protocol.counters import Counters
+from bench_service.protocol.engine import Engine
+from bench_service.protocol.laws import Seen
 from bench_service.protocol.resuming import standing_after
 from bench_service.protocol.state import Standing
 from bench_service.protocol.tables import cycle_table, step_table
-from bench_service.streams import STEPS, STREAMS
+from bench_service.streams import STEPS, STREAMS, Flag
 from simulators.catalogue import CELLS
 from simulators.cell import Cell
 from tests.unit.bench_service.protocol.protocol_rig import NOISELESS, Played, play, program_of
@@ -39,6 +41,7 @@ def columns(played: Played) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray
         "current_A": played.current_A,
         "temperature_degC": np.full(len(played.time_s), 25.0),
         "step_count": played.step,
+        "flags": np.zeros(len(played.time_s), np.uint32),
     }
     return steps, samples
 
@@ -111,3 +114,22 @@ def test_progress_goes_on_where_the_protocol_does() -> None:
     standing = Standing(counters=[0], step=Counters(time_s=100.0), total=Counters(time_s=900.0))
     play_on = ProtocolPlay(program_of(STEPS_OF), 1.0, standing, expected_s=1000.0)
     assert [play_on.progress(tick) for tick in (0, 500, 1000)] == pytest.approx([0.5, 0.75, 0.99])
+
+
+@pytest.mark.parametrize("n", [4, 5, 7, 8, 10])
+def test_a_pause_is_no_part_of_the_step_that_was_cut_off(n: int) -> None:
+    """Held at 40 s, let go at 70 s: what the machine has counted is what is counted from the samples."""
+    program = program_of(STEPS_OF[:1])
+    engine, flags, currents_A = Engine(program, 10.0), np.zeros(n, np.uint32), np.full(n, 1.25)
+    flags[4:7], currents_A[4:7] = Flag.PAUSED, 0.0
+    for k in range(n):
+        if flags[k]:
+            engine.pause()
+        else:
+            engine.advance(Seen(3.7, currents_A[k], 25.0, 0.5, 10.0 if k else 0.0))
+    time_s = 10.0 * np.arange(n)
+    samples = {"time_s": time_s, "voltage_V": np.full(n, 3.7), "current_A": currents_A, "step_count": np.ones(n)}
+    samples |= {"temperature_degC": np.full(n, 25.0), "flags": flags}
+    standing = standing_after(program, None, {}, samples)
+    assert standing is not None and standing.step == engine.standing.step
+    assert standing.step.time_s == 10.0 * (n - 1 - np.sum(flags > 0))

@@ -124,6 +124,7 @@ def test_a_protocol_that_goes_on_sets_the_chamber_again() -> None:
     samples = {
         "time_s": np.arange(n) * 10.0, "voltage_V": np.full(n, 3.7), "current_A": np.zeros(n),
         "temperature_degC": np.full(n, 34.0), "step_count": np.array([1] * 5 + [2] * 3),
+        "flags": np.zeros(n, np.uint32),
     }  # fmt: skip
     after = standing_after(program, None, {name: np.array(each) for name, each in steps.items()}, samples)
     assert after is not None and (after.step_count, after.chamber_degC, after.step.time_s) == (2, 35, 30.0)
