@@ -83,7 +83,7 @@ async def running_services(
         jobs = await _jobs(stack, config)
         runs, devices = Runs(store, samples, journal, storage, code_version), Devices(store, journal)
         stack.push_async_callback(runs.close)
-        benches = Benches(live, journal.note, runs.on_ended, runs.on_state, devices.on_state)
+        benches = Benches(live, journal.note, runs.on_ended, runs.on_stop, runs.on_state, devices.on_state)
         stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
         await _add_benches(stack, config, store, (samples, recorder, benches, devices, config.data_dir / _SEALS, stop))
         workshop = _workshop(store, samples, benches, runs, jobs, (config.data_dir, code_version))

@@ -22,6 +22,7 @@ from bench_service.bench.latch import NOT_STORED, Latch
 from bench_service.bench.lease import Lease
 from bench_service.bench.links import FrameLink
 from bench_service.bench.live import LiveFeed
+from bench_service.bench.messages import STOP_ASKED
 from bench_service.bench.pause import PauseSwitch
 from bench_service.bench.recording import RecorderError, Recording
 from bench_service.bench.reporting import Reporter
@@ -38,8 +39,6 @@ from drivers.cycler import Cycler
 _IDLE_PERIOD_S = 0.5
 _SAY_GOODBYE_S = 2.0
 _NO_RUN = ""  # in place of a run's id while the bench is commissioned: it is busy, and nobody keeps that as a run
-
-State = Literal["offline", "idle", "running", "paused", "stopping", "fault"]
 
 
 class BenchControl:
@@ -96,11 +95,9 @@ class BenchControl:
         if self._quit is None and not self._commands:
             await woken(self._wake, self._keeper.retry_s if self._keeper.cycler is None else _IDLE_PERIOD_S)
             self._wake.clear()
-        if self._quit is not None:
-            return
-        if self._commands:
+        if self._quit is None and self._commands:
             await self._obey(*self._commands.popleft())
-        elif self._keeper.cycler is not None:
+        elif self._quit is None:
             await self._idle_sample()
 
     # --- what comes in -------------------------------------------------------------------------------------
@@ -141,7 +138,10 @@ class BenchControl:
 
     def _obey_direct(self, order: Order) -> dict[str, Any]:
         if order.operation == "stop":
-            self._stop_run(order.reason or "stopped past the service")
+            self._link.look()  # a start that has been sent is meant too; one that is not yet, the service stops
+            reason = order.reason or "stopped past the service"
+            self._event("info", STOP_ASKED, reason)
+            self._stop_run(reason)
         elif order.operation == "acknowledge" and self._run_id is None and self._latched is not None:
             # What is there now is acknowledged, not what a run may end with.
             self._commands.append(({"op": "acknowledge", "reason": self._latched.text}, b""))
@@ -272,7 +272,7 @@ class BenchControl:
         self._link.close()
 
     @property
-    def state(self) -> State:
+    def state(self) -> Literal["offline", "idle", "running", "paused", "stopping", "fault"]:
         """Present state; a latched fault hides whether the cycler is there."""
         if self._run_id is not None:
             playing = "paused" if self._pause.active else "running"

@@ -64,6 +64,11 @@ class FrameLink:
             self._drained.clear()
         self._out.append(data)
 
+    def look(self) -> None:
+        """Take what the other end has sent before now, without waiting for the loop's turn."""
+        if self._open:
+            self._readable()
+
     async def drain(self, timeout_s: float) -> bool:
         """Wait until everything is sent or the link is closed; return whether that came in time."""
         try:

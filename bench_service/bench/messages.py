@@ -2,6 +2,8 @@
 
 from typing import Any, NotRequired, TypedDict
 
+STOP_ASKED = "stop_asked"  # an event's code: somebody has asked for a stop past the service; its text is the reason
+
 
 class StateMessage(TypedDict):
     """A new state of the bench.

@@ -10,7 +10,7 @@ from bench_service.bench.admission import ticks_per_sample
 from bench_service.bench.latch import Latch
 from bench_service.bench.limits import Limits
 from bench_service.bench.listener import BenchStatus
-from bench_service.bench.messages import EndedMessage, EventMessage, LiveMessage
+from bench_service.bench.messages import STOP_ASKED, EndedMessage, EventMessage, LiveMessage
 from bench_service.bench.supervisor import BenchSupervisor
 from bench_service.campaign.cell_on_bench import cell_type_of, with_cell
 from bench_service.campaign.hardware import Hardware, Standing
@@ -166,6 +166,8 @@ class Benches:
         Takes the bench's name and an event.
     on_ended : callable
         Takes the end of a run, see `BenchListener.on_ended`.
+    on_stop : callable
+        Takes a bench that somebody has stopped past the service, and the reason.
     *on_state : callable
         Each takes a bench whose state has changed.
     """
@@ -175,11 +177,13 @@ class Benches:
         broadcaster: Broadcaster,
         on_event: Callable[[str, EventMessage], None],
         on_ended: Callable[[EndedMessage], None],
+        on_stop: Callable[[Bench, str], None],
         *on_state: Callable[[Bench], None],
     ) -> None:
         self._broadcaster = broadcaster
         self._on_event = on_event
         self._on_ended = on_ended
+        self._on_stop = on_stop
         self._on_state = on_state
         self._benches: dict[str, Bench] = {}
         self._latched: dict[str, Latch | None] = {}
@@ -254,6 +258,8 @@ class Benches:
     def on_event(self, bench: str, event: EventMessage) -> None:
         """Pass an event on."""
         self._on_event(bench, event)
+        if event["code"] == STOP_ASKED:
+            self._on_stop(self.get(bench), event["text"])
 
     def on_ended(self, bench: str, ended: EndedMessage) -> None:
         """Pass the end of a run on."""

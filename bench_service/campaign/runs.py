@@ -128,13 +128,17 @@ class Runs:
     def stop_bench(self, benches: Benches, name: str, reason: str) -> Bench:
         """Stop whatever runs on a bench, also what its control process has not begun yet or not been told of."""
         bench = benches.get(name)
+        self.on_stop(bench, reason)
+        return bench
+
+    def on_stop(self, bench: Bench, reason: str) -> None:
+        """Stop whatever runs on a bench or is being started there: also what somebody has stopped past the service."""
         for run_id, on in self._on_bench.items():
-            if on == name and bench.supervisor.status.run_id != run_id:
+            if on == bench.name and bench.supervisor.status.run_id != run_id:
                 # It would not know what to stop, and is told again when it has begun.
                 self._to_stop[run_id] = reason
-        self._starts.stop(name, reason)
+        self._starts.stop(bench.name, reason)
         bench.supervisor.stop(reason)
-        return bench
 
     def hold(self, benches: Benches, name: str, *, on: bool) -> Bench:
         """Pause the run on a bench, or let it go on; raises `ConflictError` where nothing runs."""

@@ -13,6 +13,7 @@ from bench_service.bench.listener import BenchStatus
 from bench_service.bench.request import RunRequest
 from bench_service.campaign import runs as tested
 from bench_service.campaign.benches import Benches
+from bench_service.campaign.live import Broadcaster
 from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.runs import Runs
 from bench_service.errors import BenchBusyError, BenchOfflineError, StoreError
@@ -113,7 +114,7 @@ async def rig(monkeypatch: pytest.MonkeyPatch) -> Rig:
     return Rig()
 
 
-@pytest.mark.parametrize("by", ["bench", "run"])
+@pytest.mark.parametrize("by", ["bench", "run", "past the service"])
 async def test_a_stop_that_comes_while_the_intent_is_written_ends_the_run_before_its_first_tick(
     rig: Rig, by: str
 ) -> None:
@@ -121,6 +122,10 @@ async def test_a_stop_that_comes_while_the_intent_is_written_ends_the_run_before
     await holds(lambda: rig.journal.waiting, "the intent is being written")
     if by == "bench":
         rig.runs.stop_bench(rig.benches, "b", "by a person")
+    elif by == "past the service":
+        benches = Benches(Broadcaster(), lambda *_: None, rig.runs.on_ended, rig.runs.on_stop)
+        benches.add([cast(Any, rig.bench)])
+        benches.on_event("b", {"severity": "info", "code": "stop_asked", "text": "by a person", "run_id": None})
     else:
         rig.runs.stop(rig.benches, run_record(id="r1", state="created", bench="b"), "by a person")
     rig.journal.free.set()
