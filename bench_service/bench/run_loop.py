@@ -183,7 +183,6 @@ class RunLoop:
     def _next_A(self, tick: Tick, reading: Reading) -> float | None:
         """Return the set-point until the next tick; None: there is nothing left to play."""
         player, time_s, pause = self._plan.player, self._track.time_s, self._parts.pause
-        tick_s = player.dt_s
         if self._holding.active:
             player.wait(time_s)
             return 0.0
@@ -195,7 +194,8 @@ class RunLoop:
         setpoint_A = player.follow(self._holding.position(tick), reading, time_s, self._soc)
         self._tell_steps()
         # After a pause or missed ticks the profile is further on than the current.
-        return None if setpoint_A is None else ramped(self._limits.ramp_A_per_s, self._commanded_A, setpoint_A, tick_s)
+        last_A, most = self._commanded_A, self._limits.ramp_A_per_s
+        return None if setpoint_A is None else ramped(most, last_A, setpoint_A, player.dt_s)
 
     def _tell_steps(self, *, closing: bool = False) -> None:
         """Hand over what ended steps have moved."""
@@ -233,10 +233,7 @@ class RunLoop:
         return Context(self._plan.rules, self._track, now_s, soc, self._commanded_A, held_s)
 
     def _store_last(self) -> None:
-        """Store the last sample of a run, or before a pause, also where it was not due.
-
-        A step counts no charge that nothing stored shows.
-        """
+        """Store the last sample before an end or a pause though it is not due: nothing is counted that none shows."""
         if self._unstored is not None and self._plan.player.closed_loop:
             now = self._commanded_A, self._settled_from_s
             tick, reading, (self._commanded_A, self._settled_from_s) = self._unstored
