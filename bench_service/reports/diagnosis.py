@@ -98,11 +98,15 @@ def left_over(result: Mapping[str, Any]) -> str:
     if result["verdict"] != "nothing_missing" or left_mV <= _FAR_ABOVE_NOISE * noise_mV:
         return text
     advice = {
-        "change": "A change that shows less cannot be seen with it.",
+        "change": "A change is told where it is larger than what these runs would have shown of it (power).",
         "structure": "Another structure or more training data come before any effect.",
     }
     share = 1.0 - (noise_mV / left_mV) ** 2
-    own = f"{100 * share:.0f} % of its square is more than noise: the model itself is off by that much."
+    whose = {
+        "change": "no more than this model is off by from one run of the cell to another",
+        "structure": "the model itself is off by that much",
+    }
+    own = f"{100 * share:.0f} % of its square is more than noise: {whose[result['mode']]}."
     return f"{text} {own} {advice[result['mode']]}"
 
 

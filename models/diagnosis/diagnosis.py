@@ -11,6 +11,7 @@ from models.data.errors import ModelError, NotIdentifiableError, StructureError
 from models.data.resampling import GridRun, to_grid
 from models.data.run_order import in_order
 from models.data.timeseries import TimeSeries
+from models.diagnosis.answer.beyond import beyond_remarks
 from models.diagnosis.answer.change_answer import change_answer
 from models.diagnosis.answer.findings import Diagnosis, Mode
 from models.diagnosis.answer.refits import try_refits
@@ -84,7 +85,8 @@ def diagnose(
         with np.errstate(over="raise"):
             known = memory if memory is not None else known_of(network, record, grid, train_soc)
             analysis = analyse(known, record.runs, record.soc, soc_std, list(effects().values()))
-            return change_answer(analysis, record, started, has_train)
+            answer = change_answer(analysis, record, started, has_train)
+            return replace(answer, remarks=(*answer.remarks, *beyond_remarks(network, record, mode)))
     except ModelError:
         raise
     except (ArithmeticError, IndexError, ValueError) as error:
@@ -109,7 +111,8 @@ def _structure(
     told, shown = without_steep(network, train, train_soc), record.of(without_steep(network, record.runs, record.soc))
     found = analyse_structure(network, reference, told, train_soc, shown.runs, record.soc, lacking, soc_std)
     refits = try_refits(network, told, train_soc, shown, found) if train and unexplained(found) else None
-    return structure_answer(found, reference, shown, started, refits, 1.0 - shown.n_measured / record.n_measured)
+    answer = structure_answer(found, reference, shown, started, refits, 1.0 - shown.n_measured / record.n_measured)
+    return replace(answer, remarks=(*answer.remarks, *beyond_remarks(network, record, "structure")))
 
 
 def check_training(train: list[GridRun]) -> None:

@@ -36,8 +36,9 @@ function leftWords(result) {
   const { verdict, mode, unexplained_mV: left, noise_floor_mV: floor } = result;
   const words = `Left unexplained: ${quantity(left, 2, "mV")}${Number.isFinite(floor) ? `, noise floor ${quantity(floor, 2, "mV")}` : ""}.`;
   if (verdict !== "nothing_missing" || !above(result)) return words;
-  return `${words} ${percent(above(result), 0)} of its square is more than noise: the model itself is off by that much. ${mode === "change"
-    ? "A change that shows less cannot be seen with it." : "Another structure or more training data come before any effect."}`;
+  return `${words} ${percent(above(result), 0)} of its square is more than noise: ${mode === "change"
+    ? "no more than this model is off by from one run of the cell to another. A change is told where it is larger than what these runs would have shown of it (power)."
+    : "the model itself is off by that much. Another structure or more training data come before any effect."}`;
 }
 
 function verdictWords({ result }, titleOf) {

@@ -76,7 +76,7 @@ def test_nothing_missing_in_a_coarse_model_says_how_much_is_left() -> None:
 
     assert words(1.5) == "Unexplained: 1.50 mV, noise floor 1.00 mV."
     assert "99 % of its square is more than noise" in words(10.0) and "more training data" in words(10.0)
-    assert "cannot be seen" in words(10.0, mode="change")
+    assert "from one run of the cell to another" in words(10.0, mode="change")
     assert "more than noise" not in words(10.0, verdict="missing")
     unknown = {"verdict": "nothing_missing", "mode": "change", "unexplained_mV": 3.0, "noise_floor_mV": None}
     assert left_over(unknown) == "Unexplained: 3.00 mV."
