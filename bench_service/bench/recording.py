@@ -14,7 +14,7 @@ QUEUE_S = 60.0
 LOCK_STEP_ROWS = 60_000
 _BATCH_ROWS = 256
 _BATCH_S = 0.1
-_SEAL_S = 30.0
+SEAL_S = 45.0  # longer than the recorder waits for a file that somebody holds
 
 Row = tuple[float, ...]
 
@@ -159,7 +159,7 @@ class Recording:
 
     async def seal(self, state: str, reason: str | None) -> tuple[int, str | None, str | None]:
         """End the run's recording; return how many samples are known to be stored, their hash, and what is in doubt."""
-        sha256 = await self.close(state, reason, _SEAL_S)
+        sha256 = await self.close(state, reason, SEAL_S)
         if sha256 is not None:
             return self.n_rows, sha256, None
         known = f"{self._acknowledged} of {self.n_rows} samples are known to be stored"

@@ -32,7 +32,7 @@ _LAST_RESTART_S = 10.0
 # has switched the output off long before.
 _SILENCE_S = 90.0
 _LOOK_S = 1.0
-_QUIT_S = 40.0
+QUIT_S = 55.0  # longer than a run may wait for its recorder's seal
 
 
 class BenchSupervisor:
@@ -172,10 +172,10 @@ class BenchSupervisor:
         if self._link is not None:
             self._link.send({"op": "quit"})
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._died.wait(), _QUIT_S)
+                await asyncio.wait_for(self._died.wait(), QUIT_S)
         if self._keeper is not None:
             # With the link gone the keeper ends by itself, after it has seen the process off.
-            await asyncio.wait({self._keeper}, timeout=_QUIT_S if self._died.is_set() else 0)
+            await asyncio.wait({self._keeper}, timeout=QUIT_S if self._died.is_set() else 0)
             self._keeper.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await self._keeper

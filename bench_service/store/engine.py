@@ -26,7 +26,7 @@ from sqlalchemy.pool import QueuePool
 
 from bench_service.errors import StoreError
 
-# How long to wait for a foreign program that holds the file; the benches' queues hold 30 s.
+# How long to wait for a foreign program that holds the file: somebody waits for an answer.
 BUSY_TIMEOUT_S = 20.0
 _POLL_S = 0.05
 _PROBE_GRACE_S = 0.3
@@ -102,7 +102,7 @@ def lock_holder(path: Path) -> LockHolder | None:
         os.close(descriptor)
 
 
-def open_writer(path: Path) -> Engine:
+def open_writer(path: Path, busy_timeout_s: float = BUSY_TIMEOUT_S) -> Engine:
     """Return an engine with exactly one connection, which may write; the caller holds the file's lock.
 
     Threads that need the connection wait for each other. Every transaction takes the write lock at its begin and is
@@ -114,7 +114,7 @@ def open_writer(path: Path) -> Engine:
         This SQLite is too old.
     """
     check_sqlite()
-    engine = _engine(lambda: _connect(f"{path.absolute().as_uri()}?mode=rwc"), pool_size=1)
+    engine = _engine(lambda: _connect(f"{path.absolute().as_uri()}?mode=rwc", busy_timeout_s), pool_size=1)
     event.listen(engine, "connect", _set_up_writer)
     event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN IMMEDIATE"))
     return engine
@@ -185,9 +185,9 @@ def _engine(creator: Callable[[], sqlite3.Connection], pool_size: int) -> Engine
     )
 
 
-def _connect(uri: str) -> sqlite3.Connection:
+def _connect(uri: str, busy_timeout_s: float = BUSY_TIMEOUT_S) -> sqlite3.Connection:
     # isolation_level=None: the module's own late BEGIN would leave schema changes outside transactions.
-    return sqlite3.connect(uri, uri=True, timeout=BUSY_TIMEOUT_S, check_same_thread=False, isolation_level=None)
+    return sqlite3.connect(uri, uri=True, timeout=busy_timeout_s, check_same_thread=False, isolation_level=None)
 
 
 def _set_up_writer(connection: sqlite3.Connection, _record: object) -> None:

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from bench_service.bench.recording import QUEUE_S, SEAL_S
+from bench_service.bench.supervisor import QUIT_S
 from bench_service.errors import StoreError
 from bench_service.store import watch
 from bench_service.store.sample_writer import SampleWriter
@@ -70,3 +72,12 @@ def test_nothing_is_stored_on_a_disk_that_is_all_but_full(tmp_path: Path, monkey
     with pytest.raises(StoreError, match="the disk is full \\(3 MB free, floor 16 MB\\)"):
         commit(writer, "r1", 10, 10)
     writer.close()
+
+
+def test_a_file_of_samples_that_somebody_holds_for_half_a_minute_costs_none(tmp_path: Path) -> None:
+    """Each waits longer than what it waits for, and the queue holds what is measured meanwhile."""
+    writer = SampleWriter.open(tmp_path)
+    with writer._engine.begin() as link:
+        waits_s = link.exec_driver_sql("PRAGMA busy_timeout").scalar_one() / 1000.0
+    writer.close()
+    assert 30.0 < waits_s < SEAL_S < min(QUIT_S, QUEUE_S)
