@@ -106,14 +106,16 @@ class Playing:
 
     async def _start_again(self, stage: str, order: RunOrder) -> RunRecord:
         """Wait until bench, recorder and disk are back; acknowledge what the campaign has declared before; go on."""
-        return await start_again(
-            self._workshop.benches,
-            order,
-            self._start,
-            lambda text, _: self._report(stage, 0.0, text),
-            declared=self._declared,
-            timeout_s=_BACK_TIMEOUT_S,
-        )
+        with self._workshop.runs.starting(order.bench) as waiting:
+            return await start_again(
+                self._workshop.benches,
+                order,
+                waiting,
+                self._start,
+                lambda text, _: self._report(stage, 0.0, text),
+                declared=self._declared,
+                timeout_s=_BACK_TIMEOUT_S,
+            )
 
     async def stop(self) -> None:
         """Bring what runs of the campaign to rest, and wait a moment for that."""

@@ -82,14 +82,16 @@ class ProtocolResumer:
                 said.append(text)
                 self._tell(run, "warning", "run_waits", text)
 
-        await start_again(
-            self._benches,
-            order,
-            lambda order: self._runs.start(self._benches, order),
-            say,
-            declared=INTERRUPTIONS,
-            timeout_s=_BACK_TIMEOUT_S,
-        )
+        with self._runs.starting(order.bench) as waiting:
+            await start_again(
+                self._benches,
+                order,
+                waiting,
+                lambda order: self._runs.start(self._benches, order),
+                say,
+                declared=INTERRUPTIONS,
+                timeout_s=_BACK_TIMEOUT_S,
+            )
 
     def _tell(self, run: RunRecord, severity: str, code: str, text: str) -> None:
         text = f"run {run.name or run.id[:8]!r} {text}"

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 
@@ -81,7 +82,7 @@ class Runs:
             The profile or the limits are not admitted.
         """
         bench = benches.get(order.bench)
-        with self._starts.one(bench.name) as start:
+        with self.starting(bench.name) as start:
             return await self._admit(bench, order, start)
 
     async def _admit(self, bench: Bench, order: RunOrder, start: Start) -> RunRecord:
@@ -94,6 +95,10 @@ class Runs:
         # Two orders at once: the first one holds the bench while its intent is written down.
         with self.claimed(bench):
             return await self._start(bench, order, request, start)
+
+    def starting(self, bench: str) -> AbstractContextManager[Start]:
+        """Have a stop of a bench noted meanwhile, for what waits to begin there."""
+        return self._starts.one(bench)
 
     def refuse_busy(self, bench: Bench) -> None:
         """Raise `BenchBusyError` if a run is on the bench or a fault is latched; an offline bench is not busy."""

@@ -7,6 +7,8 @@ from collections.abc import Awaitable, Callable
 
 from bench_service.campaign.benches import Benches
 from bench_service.campaign.ordering import RunOrder
+from bench_service.campaign.starting import Start
+from bench_service.campaign.workshop import CampaignStoppedError
 from bench_service.errors import BenchBusyError, BenchOfflineError, StoreError
 from bench_service.store.records import RunRecord
 
@@ -16,6 +18,7 @@ _TRY_S = 0.5
 async def start_again(
     benches: Benches,
     order: RunOrder,
+    waiting: Start,
     start: Callable[[RunOrder], Awaitable[RunRecord]],
     say: Callable[[str, bool], object],
     *,
@@ -27,6 +30,8 @@ async def start_again(
     Parameters
     ----------
     benches, order
+    waiting : Start
+        Of the bench; a person who stops that while this waits has stopped what waits.
     start : callable
         Starts it, or raises.
     say : callable
@@ -37,11 +42,13 @@ async def start_again(
 
     Raises
     ------
+    CampaignStoppedError
+        The bench was stopped meanwhile.
     BenchBusyError, BenchOfflineError, StoreError
         It could not be started in that time.
     """
     deadline_s = asyncio.get_running_loop().time() + timeout_s
-    while True:
+    while waiting.stop is None:
         status = benches.get(order.bench).supervisor.status
         if (latched := status.latched) is not None and latched.code not in declared:
             say(f"waits for a person, goes on when bench {order.bench!r} is acknowledged: {latched.text}", True)
@@ -54,3 +61,4 @@ async def start_again(
             if asyncio.get_running_loop().time() > deadline_s:
                 raise
         await asyncio.sleep(_TRY_S)
+    raise CampaignStoppedError(f"stopped while it waited for bench {order.bench!r}: {waiting.stop}")

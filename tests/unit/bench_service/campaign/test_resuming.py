@@ -10,6 +10,7 @@ from bench_service.bench.listener import BenchStatus
 from bench_service.campaign import starting_again
 from bench_service.campaign.ordering import RunOrder
 from bench_service.campaign.resuming import Policy, check_resumable, left_to_resume, played_of, rest_of, tried
+from bench_service.campaign.starting import Start
 from bench_service.campaign.workshop import CampaignFailedError, CampaignStoppedError
 from bench_service.errors import BenchBusyError, ConflictError
 from bench_service.jobs.runner import WORKER_DIED
@@ -162,6 +163,7 @@ class Latching:
 
     def __init__(self, *latches: Latch) -> None:
         self.latches, self.acknowledged = list(latches), []
+        self.waiting = Start("b")
 
     supervisor = property(lambda self: self)
 
@@ -193,6 +195,7 @@ async def started_again(bench: Latching, said: list[str], person: Any = None, ti
     return await starting_again.start_again(
         bench,  # pyright: ignore[reportArgumentType]
         order,
+        bench.waiting,
         bench.start,
         say,
         declared=INTERRUPTIONS,
@@ -218,3 +221,15 @@ async def test_it_goes_on_when_a_person_has_acknowledged(monkeypatch: pytest.Mon
     bench, said = Latching(Latch("other_device", "another cycler than before")), []
     assert (await started_again(bench, said, person=bench.latches.clear)).id == "r2"
     assert bench.acknowledged == [] and "waits for a person" in said[0]
+
+
+async def test_who_stops_the_bench_stops_what_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(starting_again, "_TRY_S", 0.0)
+    bench, said = Latching(Latch("other_device", "another cycler than before")), []
+
+    def stop() -> None:
+        bench.waiting.stop = "by a person"
+
+    with pytest.raises(CampaignStoppedError, match="stopped while it waited for bench 'b': by a person"):
+        await started_again(bench, said, person=stop)
+    assert len(said) == 1
