@@ -77,3 +77,30 @@ def test_a_log_slower_than_the_grid_is_told_next_to_its_samples() -> None:
     assert 0.8 * len(t) < len(told) < len(t)
     assert not grid.measured[(grid.time_s > 94.0) & (grid.time_s < 100.0)].any()
     assert np.abs(grid.voltage_V - true_V(grid.time_s))[grid.measured].max() < 6e-4
+
+
+def resistor(time_s: np.ndarray, rng: np.random.Generator) -> TimeSeries:
+    """A log of 50 mOhm in series with 3.7 V, the current another one in each interval."""
+    current = rng.uniform(-4.0, 2.0, len(time_s))
+    return TimeSeries(time_s, current, 3.7 + 0.05 * current, np.full(len(time_s), 25.0))
+
+
+def test_a_jittered_log_has_its_voltage_with_the_current_of_the_same_interval() -> None:
+    rng = np.random.default_rng(0)
+    run = resistor(np.concatenate([[0.0], np.cumsum(rng.uniform(0.6, 1.4, 2000))]), rng)
+    grid = to_grid(run, 1.0)
+    distance_s = np.abs(grid.time_s[:, None] - run.time_s[None, :]).min(axis=1)
+    after = np.minimum(np.searchsorted(run.time_s, grid.time_s), len(run) - 1)
+    changed = np.abs(run.current_A[after] - run.current_A[after - 1]) > 0.05
+    between = grid.measured & changed & (distance_s > 0.01)
+    assert between.sum() > 1900
+    np.testing.assert_allclose(grid.voltage_V[between], 3.7 + 0.05 * grid.current_A[between], atol=1e-9)
+
+
+def test_an_even_log_beside_the_grid_stays_a_straight_line() -> None:
+    time_s = np.concatenate([[0.0], np.arange(300) + 0.4])
+    run = resistor(time_s, np.random.default_rng(1))
+    grid = to_grid(run, 1.0)
+    straight_V = np.interp(grid.time_s, run.time_s, run.voltage_V)
+    np.testing.assert_allclose(grid.voltage_V, straight_V, atol=1e-12)
+    np.testing.assert_allclose(straight_V, 3.7 + 0.05 * grid.current_A, atol=1e-9)
