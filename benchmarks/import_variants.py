@@ -146,6 +146,16 @@ def _block_twice(table: Table) -> Table:
     return replace(table, rows=table.rows[: 2 * third] + table.rows[third:])
 
 
+def _header_again(share: float) -> Callable[[Table], Table]:
+    """The table as two that were joined, each with its line of names."""
+
+    def change(table: Table) -> Table:
+        k = int(share * len(table.rows))
+        return replace(table, rows=[*table.rows[:k], table.names, *table.rows[k:]])
+
+    return change
+
+
 def _time_bug(table: Table) -> Table:
     rows: list[list[str]] = []
     for k, row in enumerate(table.rows):
@@ -218,6 +228,9 @@ TABLE_VARIANTS: dict[str, Variant] = {
     "header cut off": Variant(lambda table: joined(table).split("\n", 1)[1].encode(), "asks"),
     "gzip cut off": Variant(lambda table: gzip.compress(joined(table).encode())[:-40], "refused"),
     "no rows": Variant(lambda table: joined(replace(table, rows=[])).encode(), "refused"),
+    "names again, most rows below": Variant(_text(_header_again(0.3)), "refused"),
+    "names again below one row": Variant(_text(_header_again(0.003)), "refused"),
+    "names again, most rows above": Variant(_text(_header_again(0.7)), "refused"),
     "a row too short": Variant(_text(lambda table: _damaged(table, lambda row: row[:2])), "refused"),
     "a cell without a number": Variant(_text(_no_number), "refused"),
     "zeros of a dead disk": Variant(lambda table: b"\0" * 5000, "refused"),

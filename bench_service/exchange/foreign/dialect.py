@@ -11,7 +11,7 @@ from bench_service.exchange.foreign.units import find_unit
 
 _SEPARATORS = ("\t", ";", ",", "|", " ")
 _MOST_LINES = 4000
-# Rows that must look like data before a table is believed, or all there are.
+# So many rows that look like data are samples: a block of facts above the table has fewer of its width.
 _RUN = 4
 _LINE_END = re.compile(r"\r\n|\n|\r")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
@@ -71,6 +71,12 @@ def find_dialect(path: object, text: str, encoding: str, whole: bool) -> Dialect
         raise RunFileError(f"{path}: {_why_none(lines, found)}")
     # A blank is the last resort: it is in every header and every date.
     best = max(fitting, key=lambda each: (each.separator != " ", each.width, each.n_rows))
+    if best.earlier is not None:
+        first, last = best.earlier
+        raise RunFileError(
+            f"{path}: lines {first + 1} to {last} hold samples in {best.width} columns, and so do those from line "
+            f"{best.first + 1} on: a second table follows; export it again or split it there"
+        )
     names = _unique([name.strip() for name in best.names()])
     sample = tuple(tuple(cell.strip() for cell in row[: best.width]) for row in best.rows[:200])
     return Dialect(
@@ -94,6 +100,8 @@ class _Table:
     rows: list[list[str]]
     header: list[str] | None
     unit_row: list[str] | None
+    # Another run of data above this one, of the same width: its first row, and the row after its last.
+    earlier: tuple[int, int] | None
 
     @property
     def fits(self) -> bool:
@@ -152,20 +160,19 @@ def _is_data(row: list[str]) -> bool:
 def _find_table(lines: list[str], separator: str) -> _Table | None:
     """Return the longest run of rows of one width that look like data, with the lines above it."""
     rows = [_split(line, separator) for line in lines]
-    data = [_is_data(row) for row in rows]
-    best: tuple[int, int] = (0, 0)
-    start = 0
-    while start < len(rows):
-        end = start
-        while end < len(rows) and data[end] and len(rows[end]) == len(rows[start]):
-            end += 1
-        if end - start > best[1] - best[0] and len(rows[start]) >= 2:
-            best = (start, end)
-        start = max(end, start + 1)
-    first, last = best
-    if last - first == 0:
+    runs = _data_runs(rows)
+    if not runs:
         return None
-    table = _Table(separator, first, len(rows[first]), last - first, rows[first:last], None, None)
+    first, last = max(runs, key=lambda run: run[1] - run[0])
+    width = len(rows[first])
+    names = rows[first - 1] if first > 0 else []
+    same = [
+        (start, end)
+        for start, end in runs
+        if end <= first and len(rows[start]) == width
+        if end - start >= _RUN or (names and start > 0 and rows[start - 1] == names)
+    ]
+    table = _Table(separator, first, width, last - first, rows[first:last], None, None, next(iter(same), None))
     above = [row for row in rows[max(0, first - 3) : first] if any(cell.strip() for cell in row)]
     if above and _is_units(above[-1], table.width) and len(above) > 1:
         return replace(table, header=above[-2], unit_row=above[-1])
@@ -174,6 +181,20 @@ def _find_table(lines: list[str], separator: str) -> _Table | None:
     if first == 0 or not above:
         return replace(table, header=[f"column {k + 1}" for k in range(table.width)])
     return table
+
+
+def _data_runs(rows: list[list[str]]) -> list[tuple[int, int]]:
+    """First row, and the row after the last, of each run of rows of one width that look like data."""
+    runs, start = [], 0
+    data = [_is_data(row) for row in rows]
+    while start < len(rows):
+        end = start
+        while end < len(rows) and data[end] and len(rows[end]) == len(rows[start]):
+            end += 1
+        if end > start and len(rows[start]) >= 2:
+            runs.append((start, end))
+        start = max(end, start + 1)
+    return runs
 
 
 def _is_units(row: list[str], width: int) -> bool:
