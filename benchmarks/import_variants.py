@@ -351,10 +351,19 @@ def _sign_variants(arrays: Arrays) -> dict[str, tuple[Table, Variant]]:
     apart = {"a": _times(np.maximum(current, 0.0), 1.0), "b": _times(np.maximum(-current, 0.0), 1.0)}
     rest = {name: values for name, values in arrays.items() if name != "current_A"}
     names = _PLAIN.replace("Current (A)|", "") + "|Charge Current (A)|Discharge Current (A)"
-    given = Variant(_text(), remark="the sign of the current is that of column")
+    as_is, given = Variant(_text()), Variant(_text(), remark="the sign of the current is that of column")
     return {
         "charge and discharge apart": (table_of(rest, names, apart), Variant(_text())),
         "a state gives the sign": (table_of(arrays, _PLAIN + "|State", size | words), given),
+        "a state against the sign": (
+            table_of(arrays, _PLAIN + "|State", {"current_A": _times(-np.abs(current), 1.0)} | words),
+            Variant(_text(), "asks", "state"),
+        ),
+        "a state beside a sign": (table_of(arrays, _PLAIN + "|State", words), as_is),
+        "a state beside the other sign, told": (
+            table_of(arrays, _PLAIN + "|State", {"current_A": _times(-current, 1.0)} | words),
+            Variant(_text(), choices=DISCHARGE_POSITIVE),
+        ),
         "no state gives the sign": (table_of(arrays, _PLAIN, size), Variant(_text(), "asks", "state")),
         "two cells": (_two_cells(arrays), Variant(_text(), "asks", "cell")),
         "two cells, told": (_two_cells(arrays), Variant(_text(), choices={"cell": "B"})),

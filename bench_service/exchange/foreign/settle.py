@@ -16,6 +16,8 @@ _LARGEST_VOLTAGE_V = 1000.0
 _LARGEST_CURRENT_A = 1000.0
 _TEMPERATURES_DEGC = (-100.0, 200.0)
 _SAMPLED = 200_000
+# Of the largest current: a mean below that is the offset of a sensor.
+_NOTHING_SHARE = 1e-3
 
 
 def settle_values(where: str, spool: Spool, mapping: Mapping, remarks: list[str]) -> None:
@@ -77,7 +79,7 @@ def settle_sign(where: str, spool: Spool, keep: NDArray[np.bool_], mapping: Mapp
     QuestionError
         The voltage contradicts the file's sign, or does not tell and nobody else does.
     """
-    if _by_state(spool):
+    if _by_state(where, spool, mapping):
         remarks.append(f"the sign of the current is that of column {mapping.columns['state'].name!r}")
     if mapping.current_sign is not None:
         if mapping.current_sign == "discharge-positive":
@@ -126,16 +128,42 @@ def _believe(where: str, spool: Spool, mapping: Mapping, text: str, remarks: lis
     )
 
 
-def _by_state(spool: Spool) -> bool:
-    """Give a current without sign that of the state column; returns whether that was needed."""
+def _by_state(where: str, spool: Spool, mapping: Mapping) -> bool:
+    """Give a current without sign that of the state column; returns whether that was needed.
+
+    Raises
+    ------
+    QuestionError
+        Both states flow one way, and not as a size without a sign does.
+    """
     if "state" not in spool.names:
         return False
-    unsigned = spool.lowest["current_A"] >= 0.0 and spool.lowest["state"] < 0.0
+    charge_A, discharge_A = _mean_A(spool, 1.0), _mean_A(spool, -1.0)
+    nothing_A = _NOTHING_SHARE * max(abs(spool.lowest["current_A"]), abs(spool.highest["current_A"]))
+    # A sensor that reads a little below 0 at rest gives no sign: the rows that discharge tell.
+    unsigned = discharge_A > nothing_A and charge_A >= -nothing_A
     if unsigned:
         for start, block in spool.slices():
             spool.overwrite("current_A", start, np.where(block["state"] < 0.0, -1.0, 1.0) * block["current_A"])
+    elif discharge_A < -nothing_A and charge_A < -nothing_A:
+        name = mapping.columns["state"].name
+        raise QuestionError(
+            f"{where}: the current is negative where column {name!r} says charge ({charge_A:.4g} A in the mean) and "
+            f"where it says discharge ({discharge_A:.4g} A): name another column with --column state=NAME, or "
+            "--column state= where none tells which",
+            "state",
+        )
     spool.drop("state")
     return unsigned
+
+
+def _mean_A(spool: Spool, state: float) -> float:
+    """Mean current of the rows in a state; 0 where there are none."""
+    total_A, n = 0.0, 0
+    for _, block in spool.slices():
+        current_A = block["current_A"][(block["state"] == state) & ~np.isnan(block["current_A"])]
+        total_A, n = total_A + float(current_A.sum()), n + len(current_A)
+    return total_A / max(n, 1)
 
 
 def _sampled(spool: Spool, name: str) -> np.ndarray:

@@ -147,3 +147,15 @@ def test_voltages_of_a_modules_cells_come_along(tmp_path: Path) -> None:
         write_imported(tmp_path / "run.bdf.csv", run)
     read = read_run_file(tmp_path / "run.bdf.csv", "charge-positive")
     assert read.cells_V is not None and read.cells_V[4].tolist() == [3.42, 3.41]
+
+
+def test_a_sensor_a_little_below_zero_at_rest_leaves_the_sign_to_the_state(tmp_path: Path) -> None:
+    current_A = RECORD["current_A"]
+    size_A = np.where(current_A == 0.0, -0.0004, np.abs(current_A))
+    words = ["C" if value > 0.0 else "D" if value < 0.0 else "R" for value in current_A]
+    rows = zip(RECORD["time_s"], size_A, RECORD["voltage_V"], words, strict=True)
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["Test Time (s),Amps,Volts,State", *(",".join(map(str, row)) for row in rows)]))
+    with closing(import_file(path)) as run:
+        np.testing.assert_allclose(run.columns()["current_A"], current_A, atol=0.0005)
+        assert "the sign of the current is that of column 'State'" in run.remarks
