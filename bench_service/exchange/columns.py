@@ -94,3 +94,14 @@ def choose_columns(file: str, names: Iterable[str]) -> dict[str, str]:
             "what a cycler's program wrote becomes a run by 'bench-service import'"
         )
     return chosen
+
+
+def unique_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Give each column a name of its own: "column 3" where the file names none, "x (2)" where it names two x."""
+    seen: dict[str, int] = {}
+    unique = []
+    for k, name in enumerate(names):
+        name = name or f"column {k + 1}"
+        seen[name] = seen.get(name, 0) + 1
+        unique.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return tuple(unique)

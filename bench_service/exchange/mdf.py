@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,19 @@ _HOW = "pip install 'bench-service[formats]'"
 _LINKS, _HEADER, _HISTORY = 24, 64, 1
 
 
-def read_channels(path: Path) -> dict[str, NDArray[np.float64]]:
-    """Read every numeric channel of a file, name -> (n,), with the time of the measurement in s as `time_s`.
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A channel: its name, its unit as the file writes it, and (n,) values."""
+
+    name: str
+    unit: str
+    values: NDArray[np.float64]
+
+
+def read_channels(path: Path) -> list[Channel]:
+    """Read every numeric channel of a file, the time of the measurement in s first, as `time_s`.
+
+    Two channels of one name are both there, but for one that repeats the other's values.
 
     Of groups with unequal times those that hold the most channels are read: a value is never made between two others.
 
@@ -48,7 +60,8 @@ def read_channels(path: Path) -> dict[str, NDArray[np.float64]]:
         raise RunFileError(
             f"{path}: is an MDF file, and the package asammdf is not installed: {_HOW}, or write its samples as CSV"
         ) from error
-    found, trouble = [], ""
+    found: list[list[Channel]] = []
+    trouble = ""
     with _quietly():
         try:
             with MDF(str(path)) as file:
@@ -61,7 +74,7 @@ def read_channels(path: Path) -> dict[str, NDArray[np.float64]]:
             gc.collect()  # what the package has half read is taken down here and not somewhere else
     if trouble:
         raise RunFileError(f"{path}: is not a readable MDF file: {trouble}")
-    channels = max(found, key=len, default={})
+    channels = max(found, key=len, default=[])
     if len(channels) < 2:
         raise RunFileError(f"{path}: holds no channels of numbers")
     return channels
@@ -79,32 +92,41 @@ def _quietly() -> Iterator[None]:
         log.disabled, sys.unraisablehook = silent, former
 
 
-def _by_time(path: Path, file: Any) -> list[dict[str, NDArray[np.float64]]]:
+def _by_time(path: Path, file: Any) -> list[list[Channel]]:
     """Channels that share their times, each with them."""
-    found: list[dict[str, NDArray[np.float64]]] = []
+    found: list[list[Channel]] = []
     size = 0
     for number, group in enumerate(file.groups):
         size += 8 * int(group.channel_group.cycles_nr) * len(group.channels)
         if size > _LARGEST_BYTES:
             raise RunFileError(f"{path}: holds {size // 8} numbers; write it as Parquet or CSV")
         time_s = np.asarray(file.get_master(number), np.float64)
-        same = next((each for each in found if np.array_equal(each[_TIME], time_s)), None)
+        same = next((each for each in found if np.array_equal(each[0].values, time_s)), None)
         if same is None:
-            same = {_TIME: time_s}
+            same = [Channel(_TIME, "s", time_s)]
             found.append(same)
         master = file.masters_db.get(number)
         for place, channel in enumerate(group.channels):
             if place != master:
-                values = np.asarray(file.get(group=number, index=place).samples)
+                signal = file.get(group=number, index=place)
+                values = np.asarray(signal.samples)
                 if values.ndim == 1 and values.dtype.kind in "fiub":
-                    same.setdefault(channel.name, values.astype(np.float64))
+                    _add(same, Channel(channel.name, signal.unit or "", values.astype(np.float64)))
     return found
+
+
+def _add(channels: list[Channel], new: Channel) -> None:
+    for each in channels:
+        if (each.name, each.unit) == (new.name, new.unit) and np.array_equal(each.values, new.values, equal_nan=True):
+            return
+    channels.append(new)
 
 
 def _read(path: Path) -> RawTable:
     channels = read_channels(path)
-    chosen = choose_columns(str(path), channels)
-    return RawTable(tuple(channels), {own: channels[name] for own, name in chosen.items()})
+    names = tuple(channel.name for channel in channels)
+    chosen = choose_columns(str(path), names)
+    return RawTable(names, {own: channels[names.index(name)].values for own, name in chosen.items()})
 
 
 def _encode(run: RunTable) -> bytes:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench_service.exchange.columns import unique_names
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.byte_source import Progress, check_growth
 from bench_service.exchange.mat import read_vectors
@@ -29,17 +30,18 @@ class ArrowTable:
     Attributes
     ----------
     path, kind : the file and what it is
-    names : every column's name, in order
+    names : every column's name, in order; "x (2)" for the second x
     n : rows
-    batches : gives record batches of all columns wanted by position
+    batches : gives the columns at the wanted positions, block by block
     sample : first rows as text
+    units : each column's unit where the file names it apart from the name
     """
 
     path: Path
     kind: str
     names: tuple[str, ...]
     n: int
-    batches: Callable[[list[str]], Iterator[pa.RecordBatch]]
+    batches: Callable[[list[int]], Iterator[list[pa.Array]]]
     sample: tuple[tuple[str, ...], ...]
     units: tuple[str, ...] = ()
     first_row: int = 1
@@ -52,17 +54,16 @@ class ArrowTable:
 
         done = 0
         wanted = sorted({*numbers, *texts})
-        for batch in self.batches([self.names[k] for k in wanted]):
+        for columns in self.batches(wanted):
             block = {}
-            for k in wanted:
-                column = batch.column(self.names[k])
+            for k, column in zip(wanted, columns, strict=True):
                 try:
                     block[k] = column.cast(pa.float64() if k in numbers else pa.string())
                 except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
                     raise RunFileError(
                         f"{self.path}: column {self.names[k]!r} holds {column.type}, not numbers"
                     ) from error
-            done += batch.num_rows
+            done += len(columns[0])
             progress(done / max(self.n, 1))
             yield block
 
@@ -79,14 +80,17 @@ def open_parquet(path: Path) -> ArrowTable:
     except (pa.ArrowException, OSError) as error:
         raise RunFileError(f"{path}: is not a readable Parquet file: {str(error).splitlines()[0]}") from error
 
-    def batches(wanted: list[str]) -> Iterator[pa.RecordBatch]:
+    def batches(wanted: list[int]) -> Iterator[list[pa.Array]]:
+        # Columns of one name are read together: of these, each is told by its place.
+        places = [(names[k], names[:k].count(names[k])) for k in wanted]
         try:
             with pq.ParquetFile(path) as file:
-                yield from file.iter_batches(_BATCH, columns=wanted)
+                for batch in file.iter_batches(_BATCH, columns=list({name: None for name, _ in places})):
+                    yield [batch.column(batch.schema.get_all_field_indices(name)[k]) for name, k in places]
         except (pa.ArrowException, OSError) as error:
             raise RunFileError(f"{path}: is damaged: {str(error).splitlines()[0]}") from error
 
-    return ArrowTable(path, "parquet", names, n, batches, _as_text(head))
+    return ArrowTable(path, "parquet", unique_names(names), n, batches, _as_text(head))
 
 
 def open_neware(path: Path) -> ArrowTable:
@@ -133,19 +137,21 @@ def open_mdf(path: Path) -> ArrowTable:
     """Read the channels of an MDF file; raises RunFileError where it is damaged or nothing here reads it."""
     import pyarrow as pa
 
-    return of_table(path, "mdf", pa.table(read_channels(path)))
+    channels = read_channels(path)
+    table = pa.Table.from_arrays([pa.array(each.values) for each in channels], [each.name for each in channels])
+    return of_table(path, "mdf", table, tuple(each.unit for each in channels))
 
 
-def of_table(path: Path, kind: str, table: pa.Table) -> ArrowTable:
+def of_table(path: Path, kind: str, table: pa.Table, units: tuple[str, ...] = ()) -> ArrowTable:
     """Wrap a table that is in memory."""
 
-    def batches(wanted: list[str]) -> Iterator[pa.RecordBatch]:
-        yield from table.select(wanted).to_batches(_BATCH)
+    def batches(wanted: list[int]) -> Iterator[list[pa.Array]]:
+        for batch in table.select(wanted).to_batches(_BATCH):
+            yield batch.columns
 
     head = table.slice(0, _SAMPLE).combine_chunks().to_batches()
-    return ArrowTable(
-        path, kind, tuple(table.column_names), table.num_rows, batches, _as_text(head[0] if head else None)
-    )
+    names, sample = unique_names(table.column_names), _as_text(head[0] if head else None)
+    return ArrowTable(path, kind, names, table.num_rows, batches, sample, units)
 
 
 def _as_text(head: pa.RecordBatch | None) -> tuple[tuple[str, ...], ...]:

@@ -6,6 +6,7 @@ import csv
 import re
 from dataclasses import dataclass, replace
 
+from bench_service.exchange.columns import unique_names
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.units import find_unit
 
@@ -77,7 +78,7 @@ def find_dialect(path: object, text: str, encoding: str, whole: bool) -> Dialect
             f"{path}: lines {first + 1} to {last} hold samples in {best.width} columns, and so do those from line "
             f"{best.first + 1} on: a second table follows; export it again or split it there"
         )
-    names = _unique([name.strip() for name in best.names()])
+    names = unique_names([name.strip() for name in best.names()])
     sample = tuple(tuple(cell.strip() for cell in row[: best.width]) for row in best.rows[:200])
     return Dialect(
         encoding=encoding,
@@ -207,16 +208,6 @@ def _decimal(sample: tuple[tuple[str, ...], ...]) -> str:
     cells = [cell for row in sample for cell in row]
     dots, commas = (sum(pattern.fullmatch(cell) is not None for cell in cells) for pattern in (_DOT, _COMMA))
     return "," if commas > dots else "."
-
-
-def _unique(names: list[str]) -> tuple[str, ...]:
-    seen: dict[str, int] = {}
-    unique = []
-    for k, name in enumerate(names):
-        name = name or f"column {k + 1}"
-        seen[name] = seen.get(name, 0) + 1
-        unique.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
-    return tuple(unique)
 
 
 def _why_none(lines: list[str], found: list[_Table]) -> str:

@@ -121,7 +121,7 @@ def resolve(table: Table, role: str, column: Column, where: str) -> Column:
         raise QuestionError(f"{where}: there is no column {column.name!r}; the file has {there}", role)
     if column.unit is not None or quantity_of(role) is None:
         return Column(column.name, column.unit, "chosen")
-    _, unit, _ = split_name(column.name)
+    _, unit, _ = _split(table, column.name)
     if unit is not None and unit.quantity != quantity_of(role):
         unit = None
     found = _column(table, role, column.name, unit, cycler_maps()[GENERIC], "chosen")
@@ -153,10 +153,8 @@ def _find(table: Table, role: str, wanted: Sequence[str], known: CyclerMap, why:
     quantity = quantity_of(role)
     for name in wanted:
         fitting = []
-        for k, title in enumerate(table.names):
-            base, unit, other = split_name(_without_count(title, table))
-            if unit is None and k < len(table.units):
-                unit = find_unit(table.units[k])
+        for title in table.names:
+            base, unit, other = _split(table, title)
             if base == name and not other and (unit is None or unit.quantity == quantity):
                 fitting.append((title, unit))
         if len(fitting) > 1 and role in ("voltage_V", "current_A", "time_s"):
@@ -169,6 +167,15 @@ def _find(table: Table, role: str, wanted: Sequence[str], known: CyclerMap, why:
             if (column := _column(table, role, title, unit, known, why)) is not None:
                 return column
     return None
+
+
+def _split(table: Table, title: str) -> tuple[str, Unit | None, bool]:
+    """Take a column's name apart as `split_name` does; a unit that stands apart from the name counts too."""
+    base, unit, other = split_name(_without_count(title, table))
+    k = table.names.index(title)
+    if unit is None and k < len(table.units):
+        unit = find_unit(table.units[k])
+    return base, unit, other
 
 
 def _without_count(title: str, table: Table) -> str:

@@ -13,6 +13,7 @@ from bench_service.exchange.foreign import byte_source, clean, importing, settle
 from bench_service.exchange.foreign import votes as votes_module
 from bench_service.exchange.foreign.importing import import_file
 from bench_service.exchange.foreign.looking import Choices
+from bench_service.exchange.foreign.mapping import Column
 from bench_service.exchange.foreign.output import write_imported
 from bench_service.exchange.foreign.votes import votes
 from benchmarks.import_variants import joined, record, swapped, table_of
@@ -159,3 +160,18 @@ def test_a_sensor_a_little_below_zero_at_rest_leaves_the_sign_to_the_state(tmp_p
     with closing(import_file(path)) as run:
         np.testing.assert_allclose(run.columns()["current_A"], current_A, atol=0.0005)
         assert "the sign of the current is that of column 'State'" in run.remarks
+
+
+def test_two_columns_of_one_name_in_parquet_are_told_apart_by_their_place(tmp_path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = tmp_path / "a.parquet"
+    names = ["temperature_degC", "time_s", "current_A", "voltage_V", "temperature_degC"]
+    arrays = [RECORD[name] for name in names[:-1]]
+    pq.write_table(pa.Table.from_arrays([pa.array(each) for each in [*arrays, arrays[0] + 1.0]], names=names), path)
+    with closing(import_file(path)) as run:
+        np.testing.assert_array_equal(run.columns()["temperature_degC"], RECORD["temperature_degC"])
+        assert run.ignored_columns == ("temperature_degC (2)",)
+    with closing(import_file(path, Choices(columns={"temperature_degC": Column("temperature_degC (2)")}))) as run:
+        np.testing.assert_array_equal(run.columns()["temperature_degC"], RECORD["temperature_degC"] + 1.0)
