@@ -45,6 +45,7 @@ class ArrowTable:
     sample: tuple[tuple[str, ...], ...]
     units: tuple[str, ...] = ()
     first_row: int = 1
+    decimal: str = "."
 
     def read(
         self, numbers: Sequence[int], texts: Sequence[int], plain: bool, remarks: list[str], progress: Progress

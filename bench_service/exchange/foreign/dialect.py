@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from bench_service.exchange.columns import unique_names
 from bench_service.exchange.errors import RunFileError
+from bench_service.exchange.foreign.decimals import decimal_mark
 from bench_service.exchange.foreign.units import find_unit
 
 _SEPARATORS = ("\t", ";", ",", "|", " ")
@@ -21,7 +22,6 @@ _TIME = re.compile(
     r"(\d+\s*d(ays?)?[ ,]+|\d+\.)?\d+:\d\d(:\d\d([.,]\d+)?)?(\s*[AaPp]\.?[Mm]\.?)?"
     r"|(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4})([T\s,]+\d+:\d\d.*)?"
 )
-_DOT, _COMMA = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?"), re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ def find_dialect(path: object, text: str, encoding: str, whole: bool) -> Dialect
     return Dialect(
         encoding=encoding,
         separator=best.separator,
-        decimal=_decimal(sample),
+        decimal=decimal_mark(str(path), names, best.rows),
         names=names,
         units=best.units(),
         first_row=best.first + 1,
@@ -202,12 +202,6 @@ def _is_units(row: list[str], width: int) -> bool:
     filled = [cell for cell in row if cell.strip()]
     known = sum(find_unit(cell) is not None for cell in filled)
     return abs(len(row) - width) <= 1 and known >= 2 and known >= 0.4 * len(filled)
-
-
-def _decimal(sample: tuple[tuple[str, ...], ...]) -> str:
-    cells = [cell for row in sample for cell in row]
-    dots, commas = (sum(pattern.fullmatch(cell) is not None for cell in cells) for pattern in (_DOT, _COMMA))
-    return "," if commas > dots else "."
 
 
 def _why_none(lines: list[str], found: list[_Table]) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.cyclers import GENERIC, CyclerMap, cycler_maps
+from bench_service.exchange.foreign.decimals import group_marks, grouped
 from bench_service.exchange.foreign.mapping import ROLES, Column, Mapping, check_column, quantity_of
 from bench_service.exchange.foreign.times import EXCEL_DAYS, date_order, kind_of_times
 from bench_service.exchange.foreign.units import CLOCK, DURATION, EXCEL, Unit, find_unit, split_name
@@ -36,6 +37,11 @@ class Table(Protocol):
     @property
     def units(self) -> tuple[str, ...]:
         """Units from a row of their own, or fewer than there are columns."""
+        ...
+
+    @property
+    def decimal(self) -> str:
+        """Mark of the decimals."""
         ...
 
     @property
@@ -138,12 +144,11 @@ def cells_of(table: Table, name: str) -> list[str]:
 
 def numbers_of(table: Table, name: str) -> np.ndarray:
     """(n,) first numbers of a column; what is none is left out."""
-    values = []
+    values, groups = [], re.compile(grouped(table.decimal))
     for cell in cells_of(table, name):
-        # The last mark is that of the decimals; those before it group thousands.
-        head, mark, tail = cell.replace("'", "").replace(" ", "").replace(",", ".").rpartition(".")
+        bare = re.sub(group_marks(table.decimal), "", cell) if groups.match(cell) else cell
         try:
-            values.append(float(head.replace(".", "") + mark + tail))
+            values.append(float(bare.replace(",", ".")))
         except ValueError:
             continue
     return np.array(values)

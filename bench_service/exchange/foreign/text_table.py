@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.byte_source import Progress, TextBytes, read_head
+from bench_service.exchange.foreign.decimals import MISSING, cleaned
 from bench_service.exchange.foreign.dialect import Dialect, find_dialect
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-MISSING = ("", "NaN", "nan", "NAN", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "-", "--", "---", "#DIV/0!")
 _BLOCK_BYTES = 8 << 20
 _COMMENTS = ("~", "#", "%")
 
@@ -47,6 +48,11 @@ class TextTable:
     def sample(self) -> tuple[tuple[str, ...], ...]:
         """First rows as text."""
         return self.dialect.sample
+
+    @property
+    def decimal(self) -> str:
+        """Mark of the decimals."""
+        return self.dialect.decimal
 
     @property
     def first_row(self) -> int:
@@ -181,7 +187,9 @@ class TextTable:
                     try:
                         cleaned(pa.array([cells[k]], pa.string()), self.dialect.decimal)
                     except pa.ArrowInvalid:
-                        return f"line {row}, column {self.names[k]!r}: {cells[k][:40]!r} is not a number"
+                        mark = "comma" if self.dialect.decimal == "," else "point"
+                        also = f" with a decimal {mark}, as others are" if re.search("[.,]", cells[k]) else ""
+                        return f"line {row}, column {self.names[k]!r}: {cells[k][:40]!r} is not a number{also}"
         return f"cannot be read: {str(cause).splitlines()[0]}"
 
 
@@ -189,17 +197,3 @@ def open_text(path: Path) -> TextTable:
     """Look at a text file and find its table; raises RunFileError where there is none."""
     text, encoding, whole = read_head(path)
     return TextTable(path, find_dialect(path, text, encoding, whole))
-
-
-def cleaned(array: pa.Array, decimal: str) -> pa.Array:
-    """Turn cells into float64: blanks, a unit's apostrophes and groups of thousands go, missing ones become null."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    text = pc.utf8_trim_whitespace(array)  # pyright: ignore[reportAttributeAccessIssue]
-    text = pc.if_else(pc.is_in(text, value_set=pa.array(MISSING)), None, text)  # pyright: ignore[reportAttributeAccessIssue]
-    group = "," if decimal == "." else r"\."
-    text = pc.replace_substring_regex(text, pattern=rf"(\d)(?:{group}|'| | )(\d\d\d)", replacement=r"\1\2")  # pyright: ignore[reportAttributeAccessIssue]
-    if decimal == ",":
-        text = pc.replace_substring(text, pattern=",", replacement=".")  # pyright: ignore[reportAttributeAccessIssue]
-    return text.cast(pa.float64())
