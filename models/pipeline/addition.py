@@ -102,10 +102,13 @@ def add_effect(
     check_training(own.runs)
     if chosen.regressors is not None and not visible(chosen, own.runs):
         raise ModelError(f"{name}: the training runs cannot show it, their temperature is missing or hardly moves")
+    given, known = train, is_own(network, train)
     train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))
-    task = _Task(network, chosen, train, train_soc, own, progress)
+    # From here on the runs are as the network reads them: it must not correct them once more.
+    bare = replace(network, record=replace(network.record, effects=()))
+    task = _Task(bare, chosen, train, train_soc, own, progress, known)
     if chosen.extend is None:
-        ages = chosen.fault_V is not None and chosen.life is not None and is_own(network, train)
+        ages = chosen.fault_V is not None and chosen.life is not None and known
         values = missing(network, chosen, own) if ages else changed(chosen, own, network)
         task, validate, made = _without_fault(task, values, validate, before)
         validate_soc, made = _starting(task, values, validate_soc, made)
@@ -114,12 +117,16 @@ def add_effect(
         made, values = _in_structure(task)
     after_mV = free_run_metrics(made.network, validate, validate_soc)["rmse_mV"]
     remark = made.remark + (_ROSE if after_mV > _CLEARLY * before_mV else "")
-    return _addition(network, made.network, chosen, values, (before_mV, after_mV), remark, train)
+    return _addition(network, made.network, chosen, values, (before_mV, after_mV), remark, given)
 
 
 @dataclass(frozen=True)
 class _Task:
-    """An effect to be put into a network's structure, and the runs to refit to; `freed` where it is out of these."""
+    """An effect to be put into a network's structure, and the runs to refit to, as the network reads them.
+
+    The network corrects nothing; `known` says whether it was made from these runs, `freed` whether the effect is out of
+    them.
+    """
 
     network: LocalModelNetwork
     chosen: Effect
@@ -127,6 +134,7 @@ class _Task:
     train_soc: list[float]
     own: Record
     progress: Progress | None
+    known: bool
     freed: bool = False
 
     def fitted(self, remark: str, **options: Unpack[Options]) -> Again:
@@ -137,7 +145,7 @@ class _Task:
     @property
     def can_be_held(self) -> bool:
         """Whether something has changed since, and what was known is there to hold the rest to."""
-        return remembers(self.network) and not is_own(self.network, self.train)
+        return remembers(self.network) and not self.known
 
     def again(self, before: str) -> Again:
         """The effect as it has become, in runs that the network was not made from."""

@@ -12,7 +12,7 @@ from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
 from models.diagnosis import memory_of, own_variant
 from models.diagnosis.known.record import known_in
-from models.network.lineage import version_of
+from models.network.lineage import run_sha256, version_of
 from models.pipeline.addition import Addition, add_effect
 from models.pipeline.bounded_refit import remembers
 from models.readouts.tables import summary
@@ -124,6 +124,31 @@ def test_a_contact_that_comes_and_goes_is_taken_out_of_the_runs_and_not_into_the
     assert made.parameters["resistance_Ohm"].value == pytest.approx(ohm, rel=0.1)
     assert made.error_after_mV < 0.6 * made.error_before_mV
     assert made.remark.startswith("the runs were freed of it")
+
+
+@cache
+def offset_and_worn(ohm: float) -> tuple[TimeSeries, TimeSeries]:
+    """What a meter with an offset reads of a cell whose contacts have become worse."""
+    learn, judge = (replace(run, voltage_V=run.voltage_V + 0.02 + ohm * run.current_A) for run in changed_cell())
+    return learn, judge
+
+
+@pytest.mark.parametrize("again", ["further", pytest.param("same", marks=pytest.mark.proof)])
+def test_runs_are_corrected_once_where_a_second_effect_is_added(again: str) -> None:
+    learn, judge = offset_and_worn(0.0)
+    first = add_effect(fitted().network, "voltage_offset", [learn], [SOC], [judge], [SOC])
+    offset_V = first.parameters["offset_V"].value
+    assert offset_V == pytest.approx(0.02, rel=0.1)
+    if again == "further":
+        learn, judge = offset_and_worn(0.01)
+    second = add_effect(first.network, "series_resistance", [learn], [SOC], [judge], [SOC])
+    assert second.error_before_mV == pytest.approx(compare(first.network, [judge], [SOC])["overall"]["rmse_mV"])
+    assert second.error_after_mV == pytest.approx(compare(second.network, [judge], [SOC])["overall"]["rmse_mV"])
+    assert second.error_after_mV < 1.05 * first.error_after_mV
+    # Runs are known by what was measured; from its own runs a model is fitted again, to others it is held.
+    version = version_of(second.network)
+    assert version is not None and version.runs[0].sha256 == run_sha256(learn)
+    assert ("held to what was known" in second.remark) is (again == "further")
 
 
 def test_the_difference_is_said_in_the_unit_of_a_bench() -> None:
