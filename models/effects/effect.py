@@ -110,6 +110,7 @@ class Warmth:
     step : small values, for derivatives
     physical : (view, values) -> what a person is told
     moved : (view, values) -> the heat balance with the effect; None: it is none of the balance but of the reading
+    least : values below which there is no such effect; none: any
     """
 
     temperature: Callable[[ThermalView, tuple[float, ...]], FloatArray]
@@ -117,6 +118,7 @@ class Warmth:
     step: tuple[float, ...]
     physical: Callable[[ThermalView, tuple[float, ...]], tuple[float, ...]]
     moved: Callable[[ThermalView, tuple[float, ...]], ThermalView] | None = None
+    least: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -78,13 +78,38 @@ def corrections_of(record: CellRecord) -> tuple[Correction, ...]:
     try:
         found = [each for each in record.effects if each.get("correction")]
         corrections = tuple(Correction(each["effect"], _values(each)) for each in found)
-        possible = [_way(each).possible(each.values) for each in corrections]
+        possible = [_sensible(_way(each), each.values) for each in corrections]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"the model's record of its corrections is damaged: {error!r}") from None
     for each, sensible in zip(corrections, possible, strict=True):
-        if not sensible or not all(math.isfinite(value) for value in each.values.values()):
+        if not sensible:
             raise ModelError(f"the model's record of its correction for {each.effect} holds {each.values}")
     return corrections
+
+
+def check_correction(effect: Effect, values: Values) -> None:
+    """Refuse values of an effect with which nothing is put right.
+
+    Raises
+    ------
+    ModelError
+        The effect is put right in a run's columns, and cannot be with these, or they are the least that there are.
+    """
+    if effect.correction is None:
+        return
+    least = zip(effect.parameters, effect.warmth.least if effect.warmth else (), strict=False)
+    if _sensible(effect.correction, values) and all(values[each.name] > low for each, low in least):
+        return
+    units = {each.name: "" if each.unit == "1" else f" {each.unit}" for each in effect.parameters}
+    told = ", ".join(f"{name} = {value:.4g}{units.get(name, '')}" for name, value in values.items())
+    raise ModelError(
+        f"{effect.name}: the training runs show {told}, which no correction of their columns puts right: look at the "
+        "sensor, or name runs that show it better"
+    )
+
+
+def _sensible(way: InputCorrection, values: Values) -> bool:
+    return way.possible(values) and all(math.isfinite(value) for value in values.values())
 
 
 def _values(entry: AddedEffect) -> Values:

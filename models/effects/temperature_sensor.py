@@ -8,11 +8,12 @@ from models.effects.expected import Expected
 from models.effects.reading import InputCorrection, Reading, Values
 from models.effects.thermal_view import ThermalView
 
-_LEAST_GAIN = 0.02
+# A reading that follows less of the rise tells hardly anything of the cell, and cannot be put right.
+_LEAST_GAIN = 0.1
 
 
 def _temperature(view: ThermalView, values: tuple[float, ...]) -> FloatArray:
-    offset_K, gain = values[0], max(values[1], _LEAST_GAIN)
+    offset_K, gain = values
     rise_K = view.simulated(initial_rise_K=(view.initial_rise_K - offset_K) / gain) - view.ambient_degC
     return view.ambient_degC + gain * rise_K + offset_K
 
@@ -33,9 +34,11 @@ EFFECT = Effect(
         Parameter("gain", "1", "reading over true rise above ambient"),
     ),
     shows_over=("temperature_degC",),
-    warmth=Warmth(_temperature, (0.0, 1.0), (0.1, 0.02), lambda _view, values: values),
+    warmth=Warmth(
+        _temperature, (0.0, 1.0), (0.1, 0.02), lambda _view, values: values, least=(float("-inf"), _LEAST_GAIN)
+    ),
     absorbed=True,
-    correction=InputCorrection(_without, needs_ambient=True, possible=lambda values: values["gain"] > 0.0),
+    correction=InputCorrection(_without, needs_ambient=True, possible=lambda values: values["gain"] >= _LEAST_GAIN),
     expected=Expected(warmth=(3.0, 0.5)),
     like=("self_discharge",),
 )

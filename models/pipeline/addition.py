@@ -16,7 +16,7 @@ from models.diagnosis.reference.record import Record, make_record
 from models.diagnosis.reference.samples import visible
 from models.diagnosis.structure.extension import ExtensionSearch
 from models.effects import Effect, effect
-from models.effects.input_correction import as_read, corrected
+from models.effects.input_correction import as_read, check_correction, corrected
 from models.effects.reading import Assumption
 from models.identification.progress import Progress, silent
 from models.identification.search.search import Search
@@ -110,9 +110,10 @@ def add_effect(
     if chosen.extend is None:
         ages = chosen.fault_V is not None and chosen.life is not None and known
         values = missing(network, chosen, own) if ages else changed(chosen, own, network)
+        check_correction(chosen, _plain(values))
         task, validate, made = _without_fault(task, values, validate, before)
         validate_soc, made = _starting(task, values, validate_soc, made)
-        validate = [corrected(run, chosen, {key: each.value for key, each in values.items()}) for run in validate]
+        validate = [corrected(run, chosen, _plain(values)) for run in validate]
     else:
         made, values = _in_structure(task)
     after_mV = free_run_metrics(made.network, validate, validate_soc)["rmse_mV"]
@@ -191,11 +192,15 @@ def _extended(
 ) -> tuple[Structure, str] | None:
     """The structure with an effect in it, and how it was put in; None: it has the effect already."""
     search = ExtensionSearch(Search(own.runs, own.soc, network.cell, silent), _SIZES)
-    extension = search.extended(search.own(network), chosen, {key: each.value for key, each in values.items()})
+    extension = search.extended(search.own(network), chosen, _plain(values))
     if extension is None:
         return None
     before, structure = network.structure, extension.choice.given
     return structure, f"structure extended from {', '.join(before.signals)} to {', '.join(structure.signals)}"
+
+
+def _plain(values: dict[str, Value]) -> dict[str, float]:
+    return {key: each.value for key, each in values.items()}
 
 
 def _without_fault(
@@ -222,7 +227,7 @@ def _without_fault(
 def _by_correction(task: _Task, values: dict[str, Value]) -> Again:
     """The network refitted to runs that are put right, or with its assumptions put right."""
     network, chosen, own = task.network, task.chosen, task.own
-    plain = {key: each.value for key, each in values.items()}
+    plain = _plain(values)
     told = chosen.assumption or Assumption()
     capacity_Ah = network.cell.capacity_Ah if told.capacity_Ah is None else told.capacity_Ah(plain)
     moved = 0.0 if told.soc_moved is None else told.soc_moved(plain, own.soc[0])
@@ -241,7 +246,7 @@ def _by_correction(task: _Task, values: dict[str, Value]) -> Again:
 
 def _starting(task: _Task, values: dict[str, Value], stated: list[float], made: Again) -> tuple[list[float], Again]:
     """States of charge at which the judged runs start once it is known how to count, and the remark that says so."""
-    plain, own, cell = {key: each.value for key, each in values.items()}, task.own, task.network.cell
+    plain, own, cell = _plain(values), task.own, task.network.cell
     told = task.chosen.assumption or Assumption()
     moved = 0.0 if told.soc_moved is None else told.soc_moved(plain, own.soc[0])
     right = cell if told.capacity_Ah is None else replace(cell, capacity_Ah=told.capacity_Ah(plain))

@@ -236,9 +236,10 @@ def _loss_W(sight: Sight, view: View, current_A: FloatArray, soc: FloatArray) ->
 def _warm(sight: Sight, one: Effect, warmth: Warmth, usual: tuple[float, ...]) -> Moving:
     """An effect on the temperature, or on its reading, which the voltage's resistances follow."""
     start, width = np.array(warmth.start), np.array(usual)
+    least = np.array(warmth.least or np.full(len(start), -np.inf))
 
     def values_of(sizes: FloatArray) -> tuple[float, ...]:
-        return tuple((start + width * sizes).tolist())
+        return tuple(np.maximum(start + width * sizes, least).tolist())
 
     def voltage(sizes: FloatArray, view: View) -> FloatArray:
         return _misread_V(view, one, values_of(sizes))
@@ -263,7 +264,8 @@ def _warm(sight: Sight, one: Effect, warmth: Warmth, usual: tuple[float, ...]) -
     starts = [zero] + [
         tuple(sign * (i == j) for j in range(len(usual))) for i in range(len(usual)) for sign in (-1.0, 1.0)
     ]
-    limits = np.outer([-one.expected.furthest, one.expected.furthest], np.ones(len(usual)))
+    furthest = np.full(len(usual), one.expected.furthest)
+    limits = np.stack([np.maximum(-furthest, (least - start) / width), furthest])
     return Moving(simulate, len(usual), tuple(starts), limits, physical, voltage)
 
 

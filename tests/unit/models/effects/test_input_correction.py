@@ -9,7 +9,14 @@ import pytest
 from models.comparison.figures import compare
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
-from models.effects.input_correction import Correction, LiveCorrection, as_read, corrections_of
+from models.effects import effect
+from models.effects.input_correction import (
+    Correction,
+    LiveCorrection,
+    as_read,
+    check_correction,
+    corrections_of,
+)
 from models.effects.reading import Reading
 from models.network.model_record import ModelRecord
 from models.network.signals import soc_by_counting
@@ -106,6 +113,15 @@ def test_a_missing_voltage_stays_missing() -> None:
 def test_a_damaged_record_is_refused(effects: list) -> None:
     with pytest.raises(ModelError, match="correction"):
         as_read(ModelRecord(effects=tuple(effects)), run_of())
+
+
+@pytest.mark.parametrize("gain", [-0.3, 0.1, math.nan])
+def test_what_a_model_could_not_be_read_with_is_refused(gain: float) -> None:
+    sensor, values = effect("temperature_sensor"), {"offset_K": 1.5, "gain": gain}
+    with pytest.raises(ModelError, match=rf"temperature_sensor: .* offset_K = 1.5 K, gain = {gain:g}, .* the sensor"):
+        check_correction(sensor, values)
+    check_correction(sensor, values | {"gain": 0.5})
+    check_correction(effect("hysteresis"), {"amplitude_V": math.nan})
 
 
 def test_a_gain_against_ambient_needs_ambient() -> None:

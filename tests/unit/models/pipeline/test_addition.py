@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from models.comparison import compare
+from models.data.errors import ModelError
 from models.data.resampling import to_grid
 from models.data.timeseries import TimeSeries
 from models.diagnosis import memory_of, own_variant
@@ -149,6 +150,15 @@ def test_runs_are_corrected_once_where_a_second_effect_is_added(again: str) -> N
     version = version_of(second.network)
     assert version is not None and version.runs[0].sha256 == run_sha256(learn)
     assert ("held to what was known" in second.remark) is (again == "further")
+
+
+def test_a_temperature_that_stands_still_is_no_sensor_that_a_model_could_correct() -> None:
+    learn, judge = (
+        replace(run, temperature_degC=np.full(len(run), 25.0), ambient_degC=np.full(len(run), 25.0))
+        for run in changed_cell()
+    )
+    with pytest.raises(ModelError, match="temperature_sensor: the training runs show .* look at the sensor"):
+        add_effect(fitted().network, "temperature_sensor", [learn], [SOC], [judge], [SOC])
 
 
 def test_the_difference_is_said_in_the_unit_of_a_bench() -> None:

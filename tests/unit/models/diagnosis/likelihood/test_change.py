@@ -209,6 +209,14 @@ def test_a_wrong_temperature_reading_is_seen_in_the_temperature(memory: KnownRun
     assert first.evidence["error_after_K"] < 0.3 * first.evidence["error_before_K"]
 
 
+def test_a_reading_that_stands_still_has_no_gain_below_that_of_any_sensor(memory: KnownRuns) -> None:
+    after = measured(CELL, 2)
+    still = replace(after, temperature_degC=np.full(len(after), 25.0), ambient_degC=np.full(len(after), 25.0))
+    found = analyse(memory, [to_grid(still, 1.0)], [SOC], None, [effect("temperature_sensor")])
+    (tried,) = found.tried
+    assert values_of(found, tried)["gain"].value >= 0.1
+
+
 @pytest.mark.proof
 def test_a_heat_that_turns_with_the_current_is_told_with_the_cause_that_it_may_have(memory: KnownRuns) -> None:
     answer = diagnosed(memory, measured(replace(CELL, reversible_heat_V_per_K=3e-4), 2))
