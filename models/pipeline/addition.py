@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Unpack
 
+import numpy as np
+
 from models.comparison.placed_runs import free_run_metrics
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
-from models.data.run_order import in_order
+from models.data.run_order import run_order
 from models.data.timeseries import TimeSeries
 from models.diagnosis.diagnosis import check_training
 from models.diagnosis.evidence.parameters import Value
@@ -84,7 +86,7 @@ def add_effect(
     ----------
     network : the parent
     name : of the effect
-    train, train_soc : runs to refit to, with their SoC at the start
+    train, train_soc : runs to refit to, with their SoC at the start; one that was counted on from another comes later
     validate, validate_soc : runs that only judge
     progress : called with a share 0..1 and a short text
 
@@ -94,7 +96,8 @@ def add_effect(
         Unknown effect, or one that the training runs cannot show.
     """
     chosen = effect(name)
-    train, train_soc = in_order(train, train_soc)
+    order = run_order(train)
+    train, train_soc = [train[k] for k in order], [train_soc[k] for k in order]
     before = make_record(network, validate, validate_soc)
     # The user compares the same model with the same run on the next page: one figure for both.
     before_mV = free_run_metrics(network, validate, validate_soc)["rmse_mV"]
@@ -106,7 +109,7 @@ def add_effect(
     train, validate = ([as_read(network.record, run) for run in runs] for runs in (train, validate))
     # From here on the runs are as the network reads them: it must not correct them once more.
     bare = replace(network, record=replace(network.record, effects=()))
-    task = _Task(bare, chosen, train, train_soc, own, progress, known)
+    task = _Task(bare, chosen, train, train_soc, own, progress, known, order)
     if chosen.extend is None:
         ages = chosen.fault_V is not None and chosen.life is not None and known
         values = missing(network, chosen, own) if ages else changed(chosen, own, network)
@@ -125,8 +128,8 @@ def add_effect(
 class _Task:
     """An effect to be put into a network's structure, and the runs to refit to, as the network reads them.
 
-    The network corrects nothing; `known` says whether it was made from these runs, `freed` whether the effect is out of
-    them.
+    The network corrects nothing; `known` says whether it was made from these runs, `order` at which place of time's
+    order each was given, `freed` whether the effect is out of them.
     """
 
     network: LocalModelNetwork
@@ -136,6 +139,7 @@ class _Task:
     own: Record
     progress: Progress | None
     known: bool
+    order: list[int]
     freed: bool = False
 
     def fitted(self, remark: str, **options: Unpack[Options]) -> Again:
@@ -210,7 +214,9 @@ def _without_fault(
     network, chosen = task.network, task.chosen
     if chosen.fault_V is None:
         return task, validate, _by_correction(task, values)
-    train, judged, passed_Ah = freed(chosen, values, network, Logs(task.train, task.own), Logs(validate, before))
+    learned = Logs(task.train, task.own).placed(np.argsort(task.order).tolist())
+    in_time, judged, passed_Ah = freed(chosen, values, network, learned, Logs(validate, before))
+    train = [in_time[k] for k in task.order]
     clean = replace(task, train=train, freed=True)
     made = _by_correction(clean, values)
     left_mV = free_run_metrics(made.network, train, task.train_soc)["rmse_mV"]

@@ -23,6 +23,12 @@ class Logs:
     runs: list[TimeSeries]
     record: Record
 
+    def placed(self, order: list[int]) -> Logs:
+        """The same in another order."""
+        record = self.record
+        runs, soc, error_V = ([each[k] for k in order] for each in (record.runs, record.soc, record.error_V))
+        return Logs([self.runs[k] for k in order], replace(record, runs=runs, soc=soc, error_V=error_V))
+
 
 def freed(
     chosen: Effect, values: dict[str, Value], network: LocalModelNetwork, train: Logs, judged: Logs

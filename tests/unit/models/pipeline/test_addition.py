@@ -10,6 +10,7 @@ import pytest
 from models.comparison import compare
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
+from models.data.run_order import run_order
 from models.data.timeseries import TimeSeries
 from models.diagnosis import memory_of, own_variant
 from models.diagnosis.known.record import known_in
@@ -223,6 +224,22 @@ def test_a_resistance_has_grown_by_the_end_of_the_run_that_the_judged_one_was_co
     alone = add_effect(fitted().network, "resistance_growth", [train], [SOC], [validate], [left + 0.001])
     assert "had passed" not in alone.remark
     assert made.error_after_mV < 0.5 * alone.error_after_mV
+
+
+def test_what_has_grown_goes_by_the_order_in_which_runs_were_given() -> None:
+    whole = measured(replace(CELL, resistance_growth_per_Ah=0.06), 12, 4500)
+    runs = [part(whole, first, first + 1500) for first in (0, 1500, 3000)]
+    soc = [SOC]
+    for before in runs[:2]:
+        soc.append(soc[-1] + float(before.current_A[1:].sum()) / 3600.0 / CELL.capacity_Ah)
+    # The later of the two to learn from is the cooler one.
+    runs[1] = replace(runs[1], temperature_degC=runs[1].temperature_degC - 2.0)
+    assert run_order(runs[:2]) == [1, 0]
+    made = add_effect(fitted().network, "resistance_growth", runs[:2], soc[:2], runs[2:], soc[2:])
+    assert "the runs were freed of it" in made.remark
+    passed = re.search(r"; (\S+) Ah had passed before the judged run", made.remark)
+    assert passed is not None
+    assert float(passed[1]) == pytest.approx(np.abs(whole.current_A[:3000]).sum() / 3600.0, rel=0.01)
 
 
 @pytest.mark.proof
