@@ -187,7 +187,7 @@ def _in_structure(task: _Task) -> tuple[Again, dict[str, Value]]:
         values = sized(chosen, own, network)
         told = difference(chosen, values) or "it was in the network already"
         return task.again(f"{told}: that part was estimated again from the training runs"), values
-    finer = tuple({*choices.get("finer", ()), chosen.name})
+    finer = tuple(dict.fromkeys((*choices.get("finer", ()), chosen.name)))
     return task.fitted(_FINER, finer=finer), sized(chosen, own, network)
 
 
