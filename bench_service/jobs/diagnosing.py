@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from bench_service.jobs.modelling import plain
 from bench_service.jobs.progress import Reporter
+from bench_service.jobs.refitting import version_errors
 from bench_service.jobs.results import DesignResult, Document, VersionResult
 from bench_service.jobs.series import RunInput, noise_floor_mV, read_series
 from bench_service.store.records import Json
@@ -61,8 +62,9 @@ def add_effect_to(
     -------
     dict
         ``document`` (MODEL.json of the new version), ``structure`` and ``capacity_Ah`` of it, and ``metrics``:
-        ``effect``, ``error_before_mV`` and ``error_after_mV`` over the validation runs, ``parameters``, ``remark``,
-        ``noise_floor_mV`` (null where it cannot be told).
+        ``effect``, ``error_before_mV`` and ``error_after_mV`` over the validation runs, the same apart ``inside`` and
+        ``outside`` of the ranges that the model was trained in, ``parameters``, ``remark``, ``noise_floor_mV`` (null
+        where it cannot be told).
     """
     # Lazy: numba and scipy take 1.0 s.
     from models.network.local_model_network import LocalModelNetwork
@@ -89,8 +91,7 @@ def add_effect_to(
     }
     metrics = {
         "effect": added.effect,
-        "error_before_mV": added.error_before_mV,
-        "error_after_mV": added.error_after_mV,
+        **version_errors(added.before, added.after),
         "parameters": parameters,
         "remark": added.remark,
         "usability": network.record.usability,

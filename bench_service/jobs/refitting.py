@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench_service.jobs.modelling import plain
 from bench_service.jobs.progress import Reporter
@@ -15,6 +15,7 @@ from bench_service.jobs.series import RunInput, noise_floor_mV, read_series
 from models.data.seal import sealed
 
 if TYPE_CHECKING:
+    from models.comparison.placed_runs import ErrorsApart
     from models.data.timeseries import TimeSeries
     from models.network.local_model_network import LocalModelNetwork
 
@@ -50,6 +51,16 @@ def refitted(
     return replace(network, record=replace(network.record, tables=dict(read_out(network))))
 
 
+def version_errors(before: ErrorsApart, after: ErrorsApart) -> dict[str, Any]:
+    """Give the errors of two versions as `jobs.results.VersionMetrics` has them."""
+    return {
+        "error_before_mV": before.overall_mV,
+        "error_after_mV": after.overall_mV,
+        "inside": {"before_mV": before.inside_mV, "after_mV": after.inside_mV},
+        "outside": {"before_mV": before.outside_mV, "after_mV": after.outside_mV},
+    }
+
+
 def refit_to(
     report: Reporter,
     data_dir: Path,
@@ -65,7 +76,7 @@ def refit_to(
         As `jobs.diagnosing.add_effect_to`, without an effect and parameters.
     """
     # Lazy: numba and scipy take 1.1 s.
-    from models.comparison.placed_runs import free_run_metrics
+    from models.comparison.placed_runs import errors_apart
     from models.network.local_model_network import LocalModelNetwork
 
     report(0.02, "reading samples")
@@ -74,10 +85,10 @@ def refit_to(
     parent = LocalModelNetwork.from_json(document)
     report(0.1, "refitting to the training runs")
     network = refitted(parent, learned, learned_soc, None)
+    errors = (errors_apart(each, judged, judged_soc, parent) for each in (parent, network))
     metrics = {
         "effect": None,
-        "error_before_mV": free_run_metrics(parent, judged, judged_soc)["rmse_mV"],
-        "error_after_mV": free_run_metrics(network, judged, judged_soc)["rmse_mV"],
+        **version_errors(*errors),
         "parameters": {},
         "remark": "structure and partition stay; the parameters were fitted again",
         "usability": network.record.usability,

@@ -57,12 +57,24 @@ class FitAnswer(TypedDict):
     metrics: FitMetrics
 
 
+class ErrorPair(TypedDict):
+    """Errors of two versions on the same samples; None where there are none."""
+
+    before_mV: float | None
+    after_mV: float | None
+
+
 class VersionMetrics(TypedDict):
-    """What a further version of a model is worth on runs that it never saw; ``effect`` is None after a mere refit."""
+    """What a further version of a model is worth on runs that it never saw; ``effect`` is None after a mere refit.
+
+    ``inside`` and ``outside``: the errors apart, by the ranges that the version before it was trained in.
+    """
 
     effect: str | None
     error_before_mV: float
     error_after_mV: float
+    inside: ErrorPair
+    outside: ErrorPair
     parameters: dict[str, Any]
     remark: str
     usability: dict[str, Any] | None

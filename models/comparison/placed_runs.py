@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from models.comparison.simulated_runs import RunComparison, beside, on_grid
+from models.comparison.simulated_runs import RunComparison, beside, inside_domain, on_grid
 from models.comparison.start import Start
 from models.comparison.start_fit import start_from_head, start_from_run
 from models.data.metrics import Metrics, metrics
@@ -31,9 +32,42 @@ def place_runs(network: CellModel, runs: list[TimeSeries], initial_soc: list[flo
 
 def free_run_metrics(network: CellModel, runs: list[TimeSeries], initial_soc: list[float]) -> Metrics:
     """Figures of the free run over all runs together, as a comparison has them."""
-    compared = place_runs(network, runs, initial_soc)
+    return _metrics(place_runs(network, runs, initial_soc))
+
+
+def _metrics(compared: list[RunComparison]) -> Metrics:
     measured = np.concatenate([each.run.voltage_V for each in compared])
     return metrics(measured, np.concatenate([each.simulated_V for each in compared]))
+
+
+class ErrorsApart(NamedTuple):
+    """Free-run RMSE in mV over all runs together, and apart inside and outside of trained ranges.
+
+    None where no measured sample lies there.
+    """
+
+    overall_mV: float
+    inside_mV: float | None
+    outside_mV: float | None
+
+
+def errors_apart(
+    network: CellModel, runs: list[TimeSeries], initial_soc: list[float], trained: CellModel
+) -> ErrorsApart:
+    """Free-run errors of a model, parted by the ranges that another one was trained in.
+
+    Parameters
+    ----------
+    network : what is simulated
+    runs, initial_soc : what it is held against
+    trained : whose ranges part the samples, so that two versions are judged on the same ones
+    """
+    compared = place_runs(network, runs, initial_soc)
+    squares_V2 = np.concatenate([each.residual_V**2 for each in compared])
+    inside = np.concatenate([inside_domain(trained, each.run, each.soc, each.start) for each in compared])
+    parts = [squares_V2[chosen & ~np.isnan(squares_V2)] for chosen in (inside, ~inside)]
+    inside_mV, outside_mV = (1e3 * float(np.sqrt(part.mean())) if len(part) else None for part in parts)
+    return ErrorsApart(_metrics(compared)["rmse_mV"], inside_mV, outside_mV)
 
 
 def fit_starts(

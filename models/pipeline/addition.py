@@ -7,7 +7,7 @@ from typing import Unpack
 
 import numpy as np
 
-from models.comparison.placed_runs import free_run_metrics
+from models.comparison.placed_runs import ErrorsApart, errors_apart, free_run_metrics
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
 from models.data.run_order import run_order
@@ -59,16 +59,27 @@ class Addition:
     network : the new model; its record names the parent's effects and this one
     effect : name
     parameters : of the effect, as the training runs show it
-    error_before_mV, error_after_mV : free-run RMSE over the validation runs of the parent and of the new model
+    before, after : free-run errors over the validation runs of the parent and of the new model, parted by the ranges
+        that the parent was trained in
     remark : how it was put in
     """
 
     network: LocalModelNetwork
     effect: str
     parameters: dict[str, Value]
-    error_before_mV: float
-    error_after_mV: float
+    before: ErrorsApart
+    after: ErrorsApart
     remark: str
+
+    @property
+    def error_before_mV(self) -> float:
+        """Free-run RMSE of the parent over the validation runs."""
+        return self.before.overall_mV
+
+    @property
+    def error_after_mV(self) -> float:
+        """Free-run RMSE of the new model over the validation runs."""
+        return self.after.overall_mV
 
 
 def add_effect(
@@ -100,7 +111,7 @@ def add_effect(
     train, train_soc = [train[k] for k in order], [train_soc[k] for k in order]
     before = make_record(network, validate, validate_soc)
     # The user compares the same model with the same run on the next page: one figure for both.
-    before_mV = free_run_metrics(network, validate, validate_soc)["rmse_mV"]
+    was = errors_apart(network, validate, validate_soc, network)
     own = make_record(network, train, train_soc)
     check_training(own.runs)
     if chosen.regressors is not None and not visible(chosen, own.runs):
@@ -119,9 +130,9 @@ def add_effect(
         validate = [corrected(run, chosen, _plain(values)) for run in validate]
     else:
         made, values = _in_structure(task)
-    after_mV = free_run_metrics(made.network, validate, validate_soc)["rmse_mV"]
-    remark = made.remark + (_ROSE if after_mV > _CLEARLY * before_mV else "")
-    return _addition(network, made.network, chosen, values, (before_mV, after_mV), remark, given)
+    now = errors_apart(made.network, validate, validate_soc, network)
+    remark = made.remark + (_ROSE if now.overall_mV > _CLEARLY * was.overall_mV else "")
+    return _addition(network, made.network, chosen, values, (was, now), remark, given)
 
 
 @dataclass(frozen=True)
@@ -271,7 +282,7 @@ def _addition(
     network: LocalModelNetwork,
     chosen: Effect,
     values: dict[str, Value],
-    error_mV: tuple[float, float],
+    errors: tuple[ErrorsApart, ErrorsApart],
     remark: str,
     train: list[TimeSeries],
 ) -> Addition:
@@ -279,8 +290,8 @@ def _addition(
         "effect": chosen.name,
         "parameters": {key: {"value": v.value, "std": v.std, "unit": v.unit} for key, v in values.items()},
         "correction": chosen.correction is not None,
-        "error_before_mV": error_mV[0],
-        "error_after_mV": error_mV[1],
+        "error_before_mV": errors[0].overall_mV,
+        "error_after_mV": errors[1].overall_mV,
     }
     record = replace(network.record, effects=(*parent.record.effects, entry))
     made_by = version_of(network)
@@ -290,8 +301,8 @@ def _addition(
         train,
         parent=parent,
         settings={"effect": chosen.name},
-        errors={"parent_rmse_mV": error_mV[0], "rmse_mV": error_mV[1]},
+        errors={"parent_rmse_mV": errors[0].overall_mV, "rmse_mV": errors[1].overall_mV},
         code_version="unknown" if made_by is None else made_by.code_version,
         sums_sha256=None if made_by is None else made_by.sums_sha256,
     )
-    return Addition(versioned, chosen.name, values, *error_mV, remark)
+    return Addition(versioned, chosen.name, values, *errors, remark)

@@ -89,6 +89,8 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
     expect(step(page, "which").locator(".verdict")).to_contain_text("hysteresis", timeout=_LONG_MS)
     finding = step(page, "which").locator(".finding[data-effect=hysteresis]")
     expect(finding).to_contain_text("Confidence")
+    expect(finding.locator(".promise")).to_contain_text("forecast by the training runs")
+    expect(finding).to_contain_text("The same refit without the effect")
     expect(finding.locator(".parameter", has_text="amplitude")).to_contain_text("mV")
     # The sealed game: what was hidden is told now, and beside it what was found.
     seal = page.locator(".seal[data-seal=sim]")
@@ -121,7 +123,11 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
         assert record["parent_id"] == campaign["model_id"] and record["metrics"]["effect"] == "hysteresis"
         judged = client.compare(str(child), [campaign["runs"][1]["run_id"]])["result"]["overall"]["rmse_mV"]
     assert judged == pytest.approx(after, abs=0.006)
+    expect(added).to_have_attribute("data-tone", "good")
+    expect(added.locator(".outcome")).to_contain_text("the forecast held")
+    expect(added.get_by_role("list", name="Error inside and outside")).to_contain_text("Inside of the trained ranges")
     looked_at(page, "improved")
+    a_promise_that_was_not_kept(page, str(child), before)
     page.reload()
     expect(added).to_contain_text("is in the model")
     expect(rows).to_have_count(2)
@@ -131,6 +137,30 @@ def test_the_path_from_a_model_that_is_off_to_a_better_one(
     step(page, "watch").get_by_role("button", name="Back to this one").click()
     expect(step(page, "compare").locator(".figure strong").first).to_contain_text(f"{before:.2f}")
     expect(page.get_by_label("Model", exact=True)).to_have_value(campaign["model_id"])
+
+
+def a_promise_that_was_not_kept(page: Page, child: str, before_mV: float) -> None:
+    """What fell by next to nothing, or rose where the model should know, is told as such, and in no green."""
+    address = f"**/api/v1/models/{child}"
+
+    def with_little_of_it(route: Route) -> None:
+        told = route.fetch().json()
+        told["metrics"] |= {
+            "error_after_mV": 0.998 * before_mV,
+            "inside": {"before_mV": before_mV, "after_mV": 1.3 * before_mV},
+            "outside": {"before_mV": 9.0 * before_mV, "after_mV": 8.0 * before_mV},
+        }
+        route.fulfill(json=told)
+
+    page.route(address, with_little_of_it)
+    page.reload()
+    added = step(page, "add").locator(".notice")
+    expect(added).to_have_attribute("data-tone", "warn")
+    expect(added.locator(".outcome")).to_contain_text("the forecast did not hold")
+    expect(added.locator(".outcome")).to_contain_text("Inside of what the model was trained on the error rose")
+    expect(added.locator("[data-side=outside]")).to_contain_text(f"{9.0 * before_mV:.1f}")
+    looked_at(page, "improve-not-as-promised")
+    page.unroute(address)
 
 
 def test_a_model_from_a_file_and_a_choice_that_cannot_be(

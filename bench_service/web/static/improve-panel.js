@@ -4,6 +4,7 @@ import { chip, el, renderKeyed } from "./dom.js";
 import { readAddress, writeAddress } from "./improve-address.js";
 import { chooseForm } from "./improve-choose.js";
 import { compareStep, whereStep } from "./improve-compare.js";
+import { promise } from "./improve-forecast.js";
 import { playBox } from "./improve-play.js";
 import { ownRuns, rolesOf, usedRuns } from "./improve-roles.js";
 import { sealBox } from "./improve-seal.js";
@@ -248,6 +249,7 @@ class Improve {
   }
 
   showDiagnosis(found) {
+    this.diagnosis = found;
     const named = namedBy(found.result);
     if (named) this.named = [...this.named.filter(({ effect }) => effect !== named.effect), named];
     this.seals.draw();
@@ -286,7 +288,9 @@ class Improve {
   }
 
   showAdded(added) {
-    this.fill("add", addedStep(added, this.titleOf, { next: (id) => this.goOn(id) }));
+    const record = this.diagnosis;
+    const finding = record && this.found.diagnosis === record.id && record.result.findings.find(({ effect }) => effect === added.effect);
+    this.fill("add", addedStep(added, this.titleOf, finding ? promise(finding, record) : null, { next: (id) => this.goOn(id) }));
   }
 
   /** A model that is being made: when it is there it is the one that is looked at. */

@@ -2,6 +2,7 @@
 import { el } from "./dom.js";
 import { waterfall } from "./error-charts.js";
 import { quantity, timeElement } from "./format.js";
+import { apart, outcome } from "./improve-forecast.js";
 import { inText, parameterText } from "./improve-which.js";
 
 // Signals of a structure, as in "low_pass:60/3000", in the words of a laboratory.
@@ -9,14 +10,18 @@ const SIGNALS = [[/\bsurface_soc(:\S*\d)?/g, "state of charge at the particles' 
   [/:[\d./+-]*\d/g, ""], [/_/g, " "]];
 const inWords = (text) => SIGNALS.reduce((said, [signal, words]) => said.replace(signal, words), text);
 
-export function addedStep(added, titleOf, { next }) {
+/** `told`: what the diagnosis promised, see `promise`; null where none is at hand. */
+export function addedStep(added, titleOf, told, { next }) {
   const fell = added.error_after_mV < added.error_before_mV;
-  return el("div", { class: "notice", role: "status", data: { tone: fell ? "good" : "warn", effect: added.effect } },
+  const { good, words } = outcome(added, told);
+  return el("div", { class: "notice", role: "status", data: { tone: good ? "good" : "warn", effect: added.effect } },
     el("strong", { text: `${titleOf(added.effect)} is in the model: held-out error ${quantity(added.error_before_mV, 2, "mV")} → ${quantity(added.error_after_mV, 2, "mV")}` }),
+    words.length ? el("p", { class: "outcome", text: words.join(" ") }) : null,
+    apart(added),
     fell ? null : el("span", { text: "It did not help on the runs that judge. Go on from the parent below, and try another finding." }),
     el("span", { class: "parameters" }, Object.entries(added.parameters ?? {}).map(([name, value]) => el("span", { class: "parameter", text: parameterText(name, value) }))),
     added.remark ? el("span", { class: "about", text: `${inWords(added.remark)}.` }) : null,
-    el("button", { type: "button", class: fell ? "primary" : "", text: "Go on with the new version", on: { click: () => next(added.model) } }));
+    el("button", { type: "button", class: good ? "primary" : "", text: "Go on with the new version", on: { click: () => next(added.model) } }));
 }
 
 /** The chain in its order, each version followed by what was tried from its parent and not kept. */

@@ -4,6 +4,7 @@ import { legend } from "./charts.js";
 import { errorLeft, profileChart, variableName } from "./error-charts.js";
 import { reportLinks } from "./report-links.js";
 import { confidence, duration, fixed, percent, quantity } from "./format.js";
+import { promise, promiseWords } from "./improve-forecast.js";
 
 // An error that is larger than so many times the noise is more than noise to anybody.
 const FAR_ABOVE_NOISE = 2;
@@ -15,16 +16,16 @@ export const inText = (title) => (/^[A-Z][a-z]/.test(title) ? title[0].toLowerCa
 
 /** `titleOf(effect)` names an effect for people; `shownOver(effect)` names the variables it shows best over: the first that the runs have. */
 export function whichStep(record, titleOf, keep, { add, addNote, play, profiles, shownOver }) {
-  const { verdict, findings, noise_floor_mV: floor, unexplained_mV: left, depends_on: depends, next_experiment: next, remarks = [] } = record.result;
+  const { verdict, findings, depends_on: depends, next_experiment: next, remarks = [] } = record.result;
   return [
     el("div", { class: "notice verdict", role: "status", data: { tone: TONE[verdict] ?? "neutral", verdict } },
       el("strong", { text: verdictWords(record, titleOf) }),
-      el("span", { text: leftWords(record.result) }),
+      el("span", { text: leftWords(record) }),
       remarks.map((text) => el("span", { class: "about", text: `Note: ${text}.` }))),
     reportLinks("diagnoses", record.id, "the diagnosis"),
     depends.length ? el("div", {}, el("h4", { text: "What the rest depends on" }), el("ul", { class: "regions" }, depends.map(dependence))) : null,
-    findings.length ? el("div", { class: "which" }, el("ol", { class: "findings", "aria-label": "Findings" }, findings.map((each) => finding(each, titleOf, add, addNote, picture(shownOver(each.effect), profiles, keep)))),
-      leftChart(findings, titleOf, floor, keep)) : null,
+    findings.length ? el("div", { class: "which" }, el("ol", { class: "findings", "aria-label": "Findings" }, findings.map((each) => finding(each, record, titleOf, add, addNote, picture(shownOver(each.effect), profiles, keep)))),
+      leftChart(record, titleOf, keep)) : null,
     next ? experiment(next, titleOf, play()) : null,
   ];
 }
@@ -32,9 +33,10 @@ export function whichStep(record, titleOf, keep, { add, addNote, play, profiles,
 const above = ({ unexplained_mV: left, noise_floor_mV: floor }) => (Number.isFinite(floor) && left > FAR_ABOVE_NOISE * floor ? 1 - (floor / left) ** 2 : 0);
 
 /** What nothing in the answer explains; where that is much more than noise, "nothing is missing" is not all there is to say. */
-function leftWords(result) {
-  const { verdict, mode, unexplained_mV: left, noise_floor_mV: floor } = result;
-  const words = `Left unexplained: ${quantity(left, 2, "mV")}${Number.isFinite(floor) ? `, noise floor ${quantity(floor, 2, "mV")}` : ""}.`;
+function leftWords(record) {
+  const { result } = record;
+  const { verdict, mode, unexplained_mV: left, noise_floor_mV: floor, findings: [first] } = result;
+  const words = `Left unexplained${first && promise(first, record).within ? " within the trained state of charge" : ""}: ${quantity(left, 2, "mV")}${Number.isFinite(floor) ? `, noise floor ${quantity(floor, 2, "mV")}` : ""}.`;
   if (verdict !== "nothing_missing" || !above(result)) return words;
   return `${words} ${percent(above(result), 0)} of its square is more than noise: ${mode === "change"
     ? "no more than this model is off by from one run of the cell to another. A change is told where it is larger than what these runs would have shown of it (power)."
@@ -93,7 +95,7 @@ function picture(variables, profiles, keep) {
   return el("div", {}, legend([["voltage", "after charge"], ["current", "after discharge"]]), plot);
 }
 
-function finding(each, titleOf, add, addNote, shown) {
+function finding(each, record, titleOf, add, addNote, shown) {
   const bar = el("span", { class: "share-bar" });
   bar.style.width = `${100 * Math.max(0, Math.min(1, each.confidence))}%`;
   const rivals = each.confounded_with.length
@@ -103,8 +105,7 @@ function finding(each, titleOf, add, addNote, shown) {
   return el("li", { class: "finding", data: { effect: each.effect } },
     el("h4", { text: `${each.rank}. ${titleOf(each.effect)}` }),
     el("div", { class: "confidence" }, el("span", { text: "Confidence" }), el("span", { class: "share-track" }, bar), el("strong", { text: confidence(each.confidence) })),
-    el("p", {}, el("strong", { text: `${quantity(each.error_before_mV, 2, "mV")} → ${quantity(each.error_after_mV, 2, "mV")}` }),
-      ` on these runs, ${percent(Math.max(0, each.explained_share), 0)} of the squared error`),
+    promiseWords(each, record),
     el("p", { class: "parameters" }, Object.entries(each.parameters).map(([name, value]) => el("span", { class: "parameter", text: parameterText(name, value) }))),
     el("p", { class: "about", text: each.explanation.replaceAll("+-", "±") }), shown, rivals, evidence(each.evidence), el("div", { class: "form-end" }, button, addNote ? el("span", { class: "about", text: addNote }) : null));
 }
@@ -116,12 +117,14 @@ function evidence(facts) {
     el("div", {}, el("dt", { text: name.replace(/_mV$/, " / mV").replace(/_K$/, " / K").replaceAll("_", " ") }), el("dd", { class: "number", text: fixed(value, Math.abs(value) < 10 ? 3 : 1) })))));
 }
 
-function leftChart(findings, titleOf, floor, keep) {
+function leftChart(record, titleOf, keep) {
+  const { findings, noise_floor_mV: floor } = record.result;
+  const { before_mV: before, within } = promise(findings[0], record);
   const plot = el("div", { class: "plot small", role: "img", "aria-label": "Error as it is and with each finding" });
   requestAnimationFrame(() => {
-    if (plot.isConnected) keep(errorLeft(plot, findings[0].error_before_mV, findings.slice(0, 4).map((each) => ({ label: inText(titleOf(each.effect)), after: each.error_after_mV })), floor));
+    if (plot.isConnected) keep(errorLeft(plot, before, findings.slice(0, 4).map((each) => ({ label: inText(titleOf(each.effect)), after: each.error_after_mV })), floor));
   });
-  return el("div", { class: "left-box" }, el("h4", { text: "What would be left" }), plot);
+  return el("div", { class: "left-box" }, el("h4", { text: within ? "What would be left within the trained state of charge" : "What would be left" }), plot);
 }
 
 function experiment(next, titleOf, play) {

@@ -118,12 +118,30 @@ def _findings(analysis: StructureAnalysis, record: Record) -> list[Finding]:
             _finding(named, each, names, (record.rms_mV, min(left_mV, 1e3 * float(np.sqrt(mse)))), values, findings)
             for each, mse, values in zip(shown, left, read, strict=True)
         ]
+        figures = _forecast_figures(analysis, named)
+        tried = [replace(each, evidence=each.evidence | figures) for each in tried]
         rivals += tried[1:]
         findings.append(tried[0])
         left_mV = tried[0].error_after_mV
     told = {each.effect for each in findings}
     every = findings + [each for each in rivals if each.effect not in told]
     return [replace(each, rank=number + 1) for number, each in enumerate(every)]
+
+
+def _forecast_figures(analysis: StructureAnalysis, named: Named) -> dict[str, float]:
+    """What the samples of a forecast say without the effect: the network as it is, and refitted likewise.
+
+    The forecast is of the diagnosed samples within the trained SoC, with the training runs' parameters, an open-circuit
+    curve as fine as these ask for and each run's start of its own. Without training runs there is none.
+    """
+    n = analysis.n_train
+    error_V = analysis.comparison.evidence.error_V[n:]
+    if n == 0 or not len(error_V):
+        return {}
+    return {
+        "forecast_samples_before_mV": 1e3 * float(np.sqrt(np.mean(error_V**2))),
+        "forecast_without_mV": 1e3 * float(np.sqrt(held_out_mse(named.comparison, n))),
+    }
 
 
 def _finding(

@@ -11,6 +11,7 @@ import pytest
 
 from bench_service.jobs import diagnosing, refitting
 from bench_service.jobs.series import RunInput
+from models.comparison import compare
 from models.network.local_model_network import LocalModelNetwork
 from models.pipeline.fit import fit_network
 from simulators.catalogue import CELLS
@@ -73,6 +74,11 @@ def test_an_effect_is_added_with_its_figures(document: dict[str, Any]) -> None:
     assert metrics["effect"] == "relaxation" and metrics["parameters"]["time_constant_s"]["unit"] == "s"
     assert 0.3 < metrics["noise_floor_mV"] < 3.0  # the simulated sensor has 1 mV
     assert metrics["error_before_mV"] > 0 and metrics["error_after_mV"] > 0
+    # Apart by the trained ranges; the parts of the parent's error are those of a comparison with it.
+    compared = compare(LocalModelNetwork.from_json(document), [series("judged")], [SOC])
+    for part, figures in (("inside", compared["inside_training"]), ("outside", compared["outside"])):
+        assert metrics[part]["before_mV"] == (None if figures is None else pytest.approx(figures["rmse_mV"]))
+        assert (metrics[part]["after_mV"] is None) == (figures is None)
     assert max(reports.shares) > 0.9 and "relaxation" in " ".join(reports.texts)
 
 
@@ -111,5 +117,6 @@ def test_a_refit_keeps_the_structure_and_carries_what_a_model_carries(document: 
     network = LocalModelNetwork.from_json(found["document"])
     assert network.structure == LocalModelNetwork.from_json(document).structure
     assert found["metrics"]["effect"] is None and found["metrics"]["error_after_mV"] > 0
+    assert found["metrics"]["inside"]["after_mV"] > 0
     assert {"tables", "sums", "observer", "version"} <= set(network.to_json()["record"])
     assert network.record.sums["n_samples"] > document["record"]["sums"]["n_samples"]

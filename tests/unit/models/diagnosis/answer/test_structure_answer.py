@@ -41,7 +41,8 @@ def transfer_V(amplitude_V: float = 0.02) -> np.ndarray:
 
 
 def test_a_named_effect_is_missing_and_leaves_what_a_refit_would() -> None:
-    answer = answered(*analysed(transfer_V(), "charge_transfer"))
+    analysis, record = analysed(transfer_V(), "charge_transfer")
+    answer = answered(analysis, record)
     (first,) = answer.findings
     assert (answer.verdict, answer.mode, first.effect) == ("missing", "structure", "charge_transfer")
     # Held out after the first half: the noise.
@@ -50,6 +51,17 @@ def test_a_named_effect_is_missing_and_leaves_what_a_refit_would() -> None:
     assert "is missing in the model" in first.explanation
     assert first.parameters["amplitude_V"].value == pytest.approx(0.02, rel=0.05)
     assert first.evidence["refitted_after_mV"] == pytest.approx(1e3 * NOISE_V, rel=0.1)
+    # What the same samples say without it, and that a refit alone does not do it.
+    second_half = analysis.comparison.evidence.error_V[N_TRAIN:]
+    before_mV = 1e3 * float(np.sqrt(np.mean(second_half**2)))
+    assert first.evidence["forecast_samples_before_mV"] == pytest.approx(before_mV)
+    assert first.error_after_mV < 0.5 * first.evidence["forecast_without_mV"] <= before_mV
+
+
+def test_without_training_runs_nothing_is_forecast() -> None:
+    analysis, record = analysed(transfer_V(), "charge_transfer")
+    (first,) = answered(replace(analysis, n_train=0), record).findings
+    assert not [name for name in first.evidence if name.startswith("forecast")]
 
 
 def test_nothing_is_missing_where_only_noise_is_left() -> None:
