@@ -71,16 +71,6 @@ class Addition:
     after: ErrorsApart
     remark: str
 
-    @property
-    def error_before_mV(self) -> float:
-        """Free-run RMSE of the parent over the validation runs."""
-        return self.before.overall_mV
-
-    @property
-    def error_after_mV(self) -> float:
-        """Free-run RMSE of the new model over the validation runs."""
-        return self.after.overall_mV
-
 
 def add_effect(
     network: LocalModelNetwork,

@@ -70,8 +70,8 @@ def _answer(added: Addition, out: Path, parent: Path) -> dict[str, Any]:
         "effect": added.effect,
         "model": str(out),
         "parent": str(parent),
-        "error_before_mV": added.error_before_mV,
-        "error_after_mV": added.error_after_mV,
+        "error_before_mV": added.before.overall_mV,
+        "error_after_mV": added.after.overall_mV,
         "parameters": {
             name: {"value": each.value, "std": each.std, "unit": each.unit} for name, each in added.parameters.items()
         },

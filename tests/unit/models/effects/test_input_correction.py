@@ -138,14 +138,14 @@ def test_a_model_with_a_sensors_offset_compares_and_observes_with_the_true_curre
     added = add_effect(network, "current_offset", [wrong[0]], [SOC], [wrong[1]], [SOC])
     found = compare(added.network, [wrong[1]], [SOC])
     # The error that `compare` tells is the one that the addition was judged by.
-    assert found["overall"]["rmse_mV"] == pytest.approx(added.error_after_mV, rel=1e-9)
+    assert found["overall"]["rmse_mV"] == pytest.approx(added.after.overall_mV, rel=1e-9)
     assert [each["effect"] for each in found["corrections"]] == ["current_offset"]
     before = compare(network, [wrong[1]], [SOC])
     assert found["overall"]["rmse_mV"] < 0.5 * before["overall"]["rmse_mV"]
     # A second version begins with what the first has put right.
     again = add_effect(added.network, "voltage_offset", [wrong[0]], [SOC], [wrong[1]], [SOC])
-    assert again.error_before_mV == pytest.approx(added.error_after_mV, rel=1e-9)
-    assert again.error_after_mV < 1.1 * added.error_after_mV
+    assert again.before.overall_mV == pytest.approx(added.after.overall_mV, rel=1e-9)
+    assert again.after.overall_mV < 1.1 * added.after.overall_mV
     # The observer's state of charge does not drift away with the offset.
     charge_Ah = np.concatenate([[0.0], np.cumsum(run.current_A[1:])]) / 3600.0
     judged = replace(wrong[1], soc_ref=soc_by_counting(charge_Ah, SOC, CELL.capacity_Ah, 1.0))

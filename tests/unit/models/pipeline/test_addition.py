@@ -36,7 +36,7 @@ def added(name: str, without: tuple[str, ...]) -> Addition:
 
 def test_an_effect_that_was_left_out_is_put_in_with_bounds() -> None:
     made = added("hysteresis", ("hysteresis",))
-    assert made.error_after_mV < 0.5 * made.error_before_mV
+    assert made.after.overall_mV < 0.5 * made.before.overall_mV
     network = made.network
     assert network.structure.name == "bounded+hysteresis" and network.structure.kernel == "hat"
     choices, version = network.record.choices, version_of(network)
@@ -57,7 +57,7 @@ def test_its_errors_are_those_of_a_comparison_wherever_the_judged_run_begins() -
     late = part(whole, first, 3000)
     parent = fitted(without=("hysteresis",)).network
     made = add_effect(parent, "hysteresis", [run(2), run(4)], [SOC, SOC], [late], [soc])
-    for network, error_mV in ((parent, made.error_before_mV), (made.network, made.error_after_mV)):
+    for network, error_mV in ((parent, made.before.overall_mV), (made.network, made.after.overall_mV)):
         assert compare(network, [late], [soc])["overall"]["rmse_mV"] == pytest.approx(error_mV, rel=1e-9)
 
 
@@ -106,7 +106,7 @@ def test_what_a_network_has_is_estimated_again_as_a_difference(
 ) -> None:
     made = renewed(name, **changes)
     assert made.parameters[parameter].value == pytest.approx(size, rel=0.1)
-    assert made.error_after_mV < 0.85 * made.error_before_mV
+    assert made.after.overall_mV < 0.85 * made.before.overall_mV
     network = made.network
     assert network.structure.name == f"bounded+{name}" and network.record.tables is not None
     assert made.remark.endswith("the rest was held to what was known")
@@ -124,7 +124,7 @@ def test_a_contact_that_comes_and_goes_is_taken_out_of_the_runs_and_not_into_the
         runs.append(replace(each, voltage_V=each.voltage_V + ohm * bad * each.current_A))
     made = add_effect(fitted().network, "intermittent_contact", [runs[0]], [SOC], [runs[1]], [SOC])
     assert made.parameters["resistance_Ohm"].value == pytest.approx(ohm, rel=0.1)
-    assert made.error_after_mV < 0.6 * made.error_before_mV
+    assert made.after.overall_mV < 0.6 * made.before.overall_mV
     assert made.remark.startswith("the runs were freed of it")
 
 
@@ -144,9 +144,9 @@ def test_runs_are_corrected_once_where_a_second_effect_is_added(again: str) -> N
     if again == "further":
         learn, judge = offset_and_worn(0.01)
     second = add_effect(first.network, "series_resistance", [learn], [SOC], [judge], [SOC])
-    assert second.error_before_mV == pytest.approx(compare(first.network, [judge], [SOC])["overall"]["rmse_mV"])
-    assert second.error_after_mV == pytest.approx(compare(second.network, [judge], [SOC])["overall"]["rmse_mV"])
-    assert second.error_after_mV < 1.05 * first.error_after_mV
+    assert second.before.overall_mV == pytest.approx(compare(first.network, [judge], [SOC])["overall"]["rmse_mV"])
+    assert second.after.overall_mV == pytest.approx(compare(second.network, [judge], [SOC])["overall"]["rmse_mV"])
+    assert second.after.overall_mV < 1.05 * first.after.overall_mV
     # Runs are known by what was measured; from its own runs a model is fitted again, to others it is held.
     version = version_of(second.network)
     assert version is not None and version.runs[0].sha256 == run_sha256(learn)
@@ -182,7 +182,7 @@ def test_a_diagnosis_remembers_of_the_new_runs_what_it_would_learn_of_them_now()
 def test_a_wrong_effect_moves_the_rest_as_well_and_says_so() -> None:
     made = renewed("hysteresis", capacity_Ah=0.93 * CELL.capacity_Ah)
     assert "more than that has changed" in made.remark
-    assert made.error_after_mV < made.error_before_mV
+    assert made.after.overall_mV < made.before.overall_mV
 
 
 @pytest.mark.proof
@@ -193,7 +193,7 @@ def test_charge_is_counted_on_a_new_capacity(share: float, learn: int) -> None:
     train, validate = changed_cell(capacity_Ah=share * CELL.capacity_Ah)[:: 1 - 2 * learn]
     made = add_effect(fitted().network, "capacity", [train], [SOC], [validate], [SOC])
     assert made.network.cell.capacity_Ah == pytest.approx(share * CELL.capacity_Ah, rel=0.01)
-    assert made.error_after_mV < 0.7 * made.error_before_mV
+    assert made.after.overall_mV < 0.7 * made.before.overall_mV
 
 
 @pytest.mark.proof
@@ -208,8 +208,8 @@ def test_a_run_that_was_counted_on_from_the_one_before_is_judged_from_where_it_d
     assert "counted on from a training run" in made.remark
     own = add_effect(fitted().network, "capacity", [train], [SOC], [validate], [true])
     assert "counted on" not in own.remark
-    assert made.error_after_mV < 1.5 * own.error_after_mV
-    assert compare(made.network, [validate], [stated])["overall"]["rmse_mV"] > 2.0 * made.error_after_mV
+    assert made.after.overall_mV < 1.5 * own.after.overall_mV
+    assert compare(made.network, [validate], [stated])["overall"]["rmse_mV"] > 2.0 * made.after.overall_mV
 
 
 @pytest.mark.proof
@@ -223,7 +223,7 @@ def test_a_resistance_has_grown_by_the_end_of_the_run_that_the_judged_one_was_co
     # A thousandth beside the end of the other run nobody knows what has passed.
     alone = add_effect(fitted().network, "resistance_growth", [train], [SOC], [validate], [left + 0.001])
     assert "had passed" not in alone.remark
-    assert made.error_after_mV < 0.5 * alone.error_after_mV
+    assert made.after.overall_mV < 0.5 * alone.after.overall_mV
 
 
 def test_what_has_grown_goes_by_the_order_in_which_runs_were_given() -> None:
@@ -248,7 +248,7 @@ def test_a_resistance_that_has_grown_and_stopped_is_taken_in_by_the_refit() -> N
     train, validate = measured(grown, 12, 3000), measured(grown, 14, 3000)
     made = add_effect(fitted().network, "resistance_growth", [train], [SOC], [validate], [SOC])
     assert "takes it in" in made.remark
-    assert made.error_after_mV < 0.5 * made.error_before_mV
+    assert made.after.overall_mV < 0.5 * made.before.overall_mV
 
 
 @pytest.mark.proof
@@ -256,7 +256,7 @@ def test_on_its_own_runs_an_effect_gets_more_resolution() -> None:
     made = added("hysteresis", ())
     choices = made.network.record.choices
     assert choices is not None and choices["finer"] == ["hysteresis"]
-    assert made.error_after_mV < 1.02 * made.error_before_mV
+    assert made.after.overall_mV < 1.02 * made.before.overall_mV
     assert "more resolution" in made.remark
 
 
@@ -266,7 +266,7 @@ def test_what_charge_and_discharge_lose_apart_gets_more_resolution_in_a_bounded_
     choices = made.network.record.choices
     assert choices is not None and choices["finer"] == ["charge_discharge_asymmetry"]
     assert made.network.structure.kernel == "hat"
-    assert made.error_after_mV < 1.05 * made.error_before_mV
+    assert made.after.overall_mV < 1.05 * made.before.overall_mV
 
 
 @pytest.mark.proof
@@ -274,6 +274,6 @@ def test_an_error_that_rises_on_the_judged_run_is_said() -> None:
     aged = measured(replace(CELL, capacity_Ah=0.9 * CELL.capacity_Ah), 14, 3000)
     other = measured(replace(CELL, capacity_Ah=1.1 * CELL.capacity_Ah), 12, 3000)
     made = add_effect(fitted().network, "capacity", [other], [SOC], [aged], [SOC])
-    assert made.error_after_mV > 1.02 * made.error_before_mV
+    assert made.after.overall_mV > 1.02 * made.before.overall_mV
     assert "the error rose" in made.remark
     assert "the error rose" not in renewed("capacity", capacity_Ah=0.93 * CELL.capacity_Ah).remark

@@ -47,8 +47,8 @@ def test_an_effect_that_the_structure_lacks_is_named_added_and_pays() -> None:
 
     added = add_effect(network, "hysteresis", [train], [SOC], [run], [SOC])
     assert any(signal.startswith("hysteresis_state") for signal in added.network.structure.signals)
-    assert added.error_before_mV == pytest.approx(first.error_before_mV)
-    assert added.error_after_mV < 0.75 * added.error_before_mV
+    assert added.before.overall_mV == pytest.approx(first.error_before_mV)
+    assert added.after.overall_mV < 0.75 * added.before.overall_mV
     assert [each["effect"] for each in added.network.record.effects] == ["hysteresis"]
     # The extended model lacks nothing any more.
     again = diagnose(added.network, [run], [SOC], train=[train], train_soc=[SOC], mode="structure")
@@ -64,7 +64,7 @@ def test_growth_is_named_and_taken_out_of_the_runs() -> None:
     # It is told relative to the resistance that the network has, which is that of the middle of the run.
     assert added.parameters["growth_per_Ah"].value == pytest.approx(0.063, rel=0.1)
     # A network of the cell without growth leaves 6.2 mV, this one 6.3 of 9.4.
-    assert added.error_after_mV < 0.75 * added.error_before_mV
+    assert added.after.overall_mV < 0.75 * added.before.overall_mV
     assert added.network.structure.signals == network.structure.signals
     assert added.remark.startswith("the runs were freed of it") and "as each run began" in added.remark
 
@@ -99,7 +99,7 @@ def test_a_sensor_error_is_added_as_a_correction() -> None:
     wrong = [replace(each, current_A=each.current_A + 0.02) for each in (train, run)]
     added = add_effect(network, "current_offset", [wrong[0]], [SOC], [wrong[1]], [SOC])
     assert added.parameters["offset_A"].value == pytest.approx(0.02, rel=0.1)
-    assert added.error_after_mV < 0.75 * added.error_before_mV
+    assert added.after.overall_mV < 0.75 * added.before.overall_mV
     assert added.network.structure.signals == network.structure.signals
     assert added.network.record.effects[0]["correction"] is True
 
@@ -116,7 +116,7 @@ def test_an_effect_on_the_temperature_alone_is_added_as_a_correction() -> None:
     added = add_effect(network, "temperature_sensor", [misread(train)], [SOC], [misread(run)], [SOC])
     assert [each["correction"] for each in added.network.record.effects] == [True]
     assert added.parameters["offset_K"].value == pytest.approx(2.0, abs=0.25)
-    assert added.error_after_mV == pytest.approx(added.error_before_mV, rel=0.05)
+    assert added.after.overall_mV == pytest.approx(added.before.overall_mV, rel=0.05)
 
 
 def test_what_the_runs_cannot_show_is_not_added() -> None:
@@ -138,7 +138,7 @@ def test_what_is_there_already_is_fitted_again() -> None:
     runs = [measured(CELL, 3, n=1200)]
     made = add_effect(network, "charge_discharge_asymmetry", runs, [SOC], runs, [SOC])
     assert "had it already" in made.remark
-    assert made.error_after_mV < made.error_before_mV
+    assert made.after.overall_mV < made.before.overall_mV
 
 
 @pytest.mark.parametrize("order", [0, pytest.param(1, marks=pytest.mark.proof), 2])
@@ -171,4 +171,4 @@ def test_an_effect_is_sized_although_the_structure_lacks_much_besides(order: int
     added = add_effect(fit.network, "hysteresis", [train], [SOC], [run], [SOC])
     assert added.parameters["amplitude_V"].value == pytest.approx(0.03, rel=0.15)
     before_mV = [each.error_before_mV for each in answer.findings]
-    assert before_mV == pytest.approx([added.error_before_mV] * len(before_mV))
+    assert before_mV == pytest.approx([added.before.overall_mV] * len(before_mV))

@@ -37,7 +37,7 @@ def test_an_effect_that_is_added_keeps_how_runs_are_read() -> None:
     parent = fit_network(train, structure="bounded", without=("hysteresis",), **asked).network
     made = add_effect(parent, "hysteresis", train, [SOC, SOC], [late(run(9), 2.0)], [SOC])
     assert [each["effect"] for each in made.network.record.effects] == ["dead_time", "hysteresis"]
-    assert made.error_after_mV < 0.5 * made.error_before_mV
+    assert made.after.overall_mV < 0.5 * made.before.overall_mV
 
 
 @pytest.mark.parametrize("delay_s", [2.0, pytest.param(-1.0, marks=pytest.mark.proof)])
