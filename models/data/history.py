@@ -132,6 +132,9 @@ def _in_front(run: GridRun, before_A: FloatArray, charge_Ah: FloatArray) -> Grid
         soc_ref=None if run.soc_ref is None else padded(run.soc_ref, np.nan),
         segment_starts=(0, *(n + start for start in run.segment_starts if start > 0)),
         measured=np.concatenate([np.zeros(n, dtype=bool), run.measured]),
+        current_known=None
+        if run.current_known is None
+        else np.concatenate([np.ones(n, dtype=bool), run.current_known]),
     )
 
 
@@ -150,4 +153,5 @@ def first_part(run: GridRun, n: int) -> GridRun:
         soc_ref=None if run.soc_ref is None else run.soc_ref[:n],
         segment_starts=tuple(start for start in run.segment_starts if start < n),
         measured=run.measured[:n],
+        current_known=None if run.current_known is None else run.current_known[:n],
     )

@@ -21,6 +21,8 @@ _GAP_FACTOR = 30.0
 _REST_FRACTION = 0.01
 # More rows without a voltage than this are no accident.
 _HELD_SHARE = 0.05
+# Without a current for longer than so many steps of the grid, or usual intervals of the current: it is not known.
+_LOST_FACTOR = 1.5
 # Most that the voltage of a slow log may be off at the grid point next to a sample: as a converter resolves it.
 _MOVED_V = 5e-4
 
@@ -39,6 +41,8 @@ class GridRun:
     measured : (n,) True where voltage is known
     without_temperature_s : longest time over which it was not logged while the voltage was
     n_missing : grid points without voltage
+    current_known : (n,) False where the log has no current over the interval, and `current_A` is the last one before;
+        None where it has one everywhere
     """
 
     name: str
@@ -53,6 +57,12 @@ class GridRun:
     segment_starts: tuple[int, ...]
     measured: np.ndarray
     without_temperature_s: float = 0.0
+    current_known: np.ndarray | None = None
+
+    @property
+    def logged_current_A(self) -> FloatArray:
+        """(n,) the current, NaN where the log has none."""
+        return self.current_A if self.current_known is None else np.where(self.current_known, self.current_A, np.nan)
 
     @property
     def n_missing(self) -> int:
@@ -98,7 +108,7 @@ def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
     """
     run = with_lost_samples(run)
     t = run.time_s - run.time_s[0]
-    current = _fill_hold(run.current_A)
+    current = fill_hold(run.current_A)
     n = int(np.floor(t[-1] / dt_s + 1e-6)) + 1
     grid = np.arange(n) * dt_s
     charge_As = np.concatenate([[0.0], np.cumsum(current[1:] * np.diff(t))])
@@ -121,16 +131,39 @@ def to_grid(run: TimeSeries, dt_s: float) -> GridRun:
         segment_starts=_segments(grid, t, current),
         measured=~np.isnan(voltage),
         without_temperature_s=without_temperature_s(run),
+        current_known=_current_known(grid, t, run.current_A, dt_s),
     )
 
 
-def _fill_hold(values: FloatArray) -> FloatArray:
+def fill_hold(values: FloatArray) -> FloatArray:
     """Carry the last known value over missing ones (leading ones become 0: nothing flowed before the first value)."""
     known = ~np.isnan(values)
     if known.all():
         return values
     index = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
     return np.where(index >= 0, values[np.maximum(index, 0)], 0.0)
+
+
+def _current_known(grid: FloatArray, t: FloatArray, current_A: FloatArray, dt_s: float) -> np.ndarray | None:
+    """(n,) True where the current over a grid interval was logged; None where it was everywhere.
+
+    A sample here and there without a current is none that was lost, and neither are those of a log that has currents
+    less often than other values.
+    """
+    missing = np.isnan(current_A)
+    if not missing.any():
+        return None
+    steps = np.diff(t[~missing])
+    longest_s = _LOST_FACTOR * max(dt_s, float(np.median(steps)) if len(steps) else dt_s)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
+    lost_s = np.zeros(len(t))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if t[end - 1] - t[max(begin - 1, 0)] > longest_s:
+            lost_s[begin:end] = np.diff(t, prepend=t[0])[begin:end]
+    counted_s = np.interp(grid, t, np.cumsum(lost_s))
+    known = np.diff(counted_s, prepend=counted_s[0]) <= 0.5 * dt_s
+    known[0] = not (missing[0] and lost_s[1] > 0.0)
+    return None if known.all() else known
 
 
 def _reference(grid: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:

@@ -96,7 +96,7 @@ def observe(
     temperature_degC = grid.temperature_degC
     known = temperature_degC[~np.isnan(temperature_degC)]
     state = observer.initial(soc, soc_std, float(known[0]) if len(known) else 25.0)
-    arrays = (grid.current_A, grid.voltage_V, temperature_degC)
+    arrays = (grid.logged_current_A, grid.voltage_V, temperature_degC)
     observer.replay(state, *(values[:1] for values in arrays))  # the first call may compile
     started = time.perf_counter()
     end, rows = observer.replay(state, *arrays)
@@ -105,7 +105,7 @@ def observe(
     figures = soc_figures(grid.time_s, rows[:, 0], rows[:, 1], grid.soc_ref)
     whole = isinstance(observer, FuzzyObserver)
     cell, as_cell = (observer, grid) if whole else (observer.cell, observer.mean_cell_grid(grid))
-    smoothed = smoothed_soc(cell, as_cell, end)
+    smoothed = smoothed_soc(cell, as_cell, end, rows)
     return Observation(
         run.name,
         grid.time_s,

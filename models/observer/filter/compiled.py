@@ -19,7 +19,9 @@ from models.observer.filter import hypotheses
 from models.observer.filter.blending import Prepared
 from models.observer.filter.correction import correct
 from models.observer.filter.places import (
+    AT_OFFSET,
     BAND,
+    BLENDED_ROW,
     CAPACITY_AH,
     CAPACITY_OUT,
     CAPACITY_STD_OUT,
@@ -36,11 +38,14 @@ from models.observer.filter.places import (
     INNOVATION_ROW,
     INNOVATION_STD_OUT,
     LIKELIHOOD_ROW,
+    LOST,
+    LOST_LEFT,
     MORE_A,
     NET,
     NET_SHARE,
     OFFSET_OUT,
     OFFSET_STD_OUT,
+    OUTPUT_ROW,
     Q_SOC,
     R_JUDGED_MORE,
     RESISTANCE_STD,
@@ -51,15 +56,16 @@ from models.observer.filter.places import (
     SOC_STD_OUT,
     TRAINED_HIGH,
     TRAINED_LOW,
+    UNKNOWN_CURRENT,
     VOLTAGE_OUT,
 )
 from models.observer.filter.prediction import predict
 from models.observer.filter.running_inputs import move_on
 
-# Of a current that is not known, in multiples of the network's rest current: about 1C.
-_UNKNOWN_CURRENT = 200.0
 # Standard deviations of the current sensor's offset up to which a current is as good as none.
 _TOLD_SIGMA = 2.0
+# Share of what a missing current did to the voltage that counts as nothing.
+_GONE = 0.01
 
 
 # Arguments one by one: from Python a named tuple of seven arrays costs 0.5 to 0.8 us more at each live sample.
@@ -129,9 +135,10 @@ def step(
     held[NET] += constants[NET_SHARE] * (moved - held[NET])
     keep_slow = np.exp(-constants[SLOW_RATE] - constants[SLOW_CHARGE] * abs(held[NET]))
     q_soc = 0.0 if first else constants[Q_SOC]
-    if missing_current:
-        # Nothing is known of the charge that flows: as if it were 1C either way, in each sample anew.
-        q_soc += (net.soc_per_A * net.rest_A * _UNKNOWN_CURRENT) ** 2
+    unknown = _unknown(constants, held, missing_current, first)
+    if held[LOST] > 0.0:
+        # As if it were 1C either way for as long as it is missing: the error of the charge grows with the samples.
+        q_soc += (2.0 * held[LOST] - 1.0) * (net.soc_per_A * net.rest_A * UNKNOWN_CURRENT) ** 2
     # Colder or warmer than any run that the model was made from, it is off by more.
     times = 1.0
     if temperature_degC < constants[TRAINED_LOW]:
@@ -146,12 +153,14 @@ def step(
         )  # fmt: skip
         quick, slow = times * quick, times * slow
         more = times * constants[RESISTANCE_STD] * overpotential + constants[SERIES_STD] * current_A
+        blind = unknown * unknown * _blind(net, constants, scratch, n) if unknown > 0.0 else 0.0
         correct(
-            n, constants, x[j], covariance[j], scratch, quick, slow, more, times, voltage, first and net.order > 0, out
-        )
+            n, constants, x[j], covariance[j], scratch, quick, slow, more, times, voltage, first and net.order > 0,
+            blind, out,
+        )  # fmt: skip
         scratch[EXPECTED_ROW, j], scratch[INNOVATION_ROW, j] = out[VOLTAGE_OUT], out[INNOVATION_OUT]
         scratch[LIKELIHOOD_ROW, j] = out[INNOVATION_STD_OUT]
-    alive = hypotheses.weigh(n, x, covariance, weight, scratch, alive, voltage, out)
+    alive = hypotheses.weigh(n, x, covariance, weight, scratch, alive, np.nan if unknown > 0.0 else voltage, out)
     hypotheses.sum_up(n, x, covariance, weight, alive, out)
     _to_physical(net, constants, out)
     held[HELD_OFFSET], held[HELD_OFFSET_STD] = out[OFFSET_OUT], out[OFFSET_STD_OUT]
@@ -159,6 +168,34 @@ def step(
     held[HELD_TEMPERATURE] = temperature_degC
     held[SEEN] += 1.0
     held[COUNTED] = counted + moved
+
+
+@njit(**COMPILED)
+def _unknown(constants: np.ndarray, held: np.ndarray, missing_current: bool, first: bool) -> float:
+    """Count a sample without a current; return how much of an unknown current is in the voltage, 0 to 1."""
+    if missing_current:
+        held[LOST] += 0.0 if first else 1.0
+        # A sample here and there leaves nothing.
+        if held[LOST] > 1.0:
+            held[LOST_LEFT] += constants[NET_SHARE] * (1.0 - held[LOST_LEFT])
+        return 1.0
+    held[LOST] = 0.0
+    held[LOST_LEFT] *= 1.0 - constants[NET_SHARE]
+    if held[LOST_LEFT] < _GONE:
+        held[LOST_LEFT] = 0.0
+    return held[LOST_LEFT]
+
+
+@njit(**COMPILED)
+def _blind(net: FlatNetwork, constants: np.ndarray, scratch: np.ndarray, n: int) -> float:
+    """Variance of the output (normalised) by 1C that flows or does not, for as long as the model remembers it."""
+    if constants[MORE_A] == 0.0:
+        # What a current does was not worked out: as far as the voltage ever goes.
+        return 1.0
+    kept = 0.0
+    for p in range(net.order):
+        kept += scratch[BLENDED_ROW, p]
+    return (net.rest_A * UNKNOWN_CURRENT * scratch[OUTPUT_ROW, n + AT_OFFSET] / (1.0 - kept)) ** 2
 
 
 @njit(**COMPILED)

@@ -9,7 +9,9 @@ import numpy as np
 from numba import njit
 
 from models.observer.filter.places import (
+    AT_CAPACITY,
     AT_LOOP,
+    AT_OFFSET,
     AT_QUICK,
     AT_RESISTANCE,
     AT_SLOW,
@@ -43,13 +45,15 @@ def correct(
     times: float,
     voltage: float,
     started: bool,
+    blind: float,
     out: np.ndarray,
 ) -> None:
     """Correct one hypothesis by the measured voltage, if there is one.
 
     `n` past outputs stand first in the state. `quick`, `slow` and `more` are what one standard deviation of quick
     error, slow error and resistance error does to the output, `times` how far off the model is here beside where it was
-    trained. Expected voltage, innovation and the innovation's variance (all normalised) go to `out`.
+    trained, `blind` the variance of the output by a current that is or was missing, 0 where none is. Expected voltage,
+    innovation and the innovation's variance (all normalised) go to `out`.
     """
     size = x.shape[0]
     gain, seen = scratch[GAIN_ROW], scratch[OUTPUT_ROW]
@@ -62,9 +66,11 @@ def correct(
     variance += times * times * constants[R_VOLTAGE]
     expected = x[0] + x[at_voltage] + quick * x[at_quick] + slow * x[at_slow] + more * x[at_more]
     innovation = voltage - expected
-    out[VOLTAGE_OUT], out[INNOVATION_OUT], out[INNOVATION_STD_OUT] = expected, innovation, variance
+    out[VOLTAGE_OUT], out[INNOVATION_OUT], out[INNOVATION_STD_OUT] = expected, innovation, variance + blind
     if not np.isnan(voltage) and not started:
-        if constants[STEADY] == 0.0 or covariance[n, n] > _START_UP_RATIO * gain[size]:
+        if blind > 0.0:
+            _update_blind(n, x, covariance, gain, seen, variance, innovation, blind)
+        elif constants[STEADY] == 0.0 or covariance[n, n] > _START_UP_RATIO * gain[size]:
             # Far less is known than in the steady state that the gains were designed for: the same filter's gain for
             # what is known now, until the two meet.
             _update_best(x, covariance, seen, variance, innovation)
@@ -103,6 +109,34 @@ def _update(
     for a in range(size):
         for b in range(size):
             covariance[a, b] += gain[a] * gain[b] - seen[a] * seen[b]
+
+
+@njit(**COMPILED)
+def _update_blind(
+    n: int,
+    x: np.ndarray,
+    covariance: np.ndarray,
+    gain: np.ndarray,
+    seen: np.ndarray,
+    variance: float,
+    innovation: float,
+    blind: float,
+) -> None:
+    """Move the state by a voltage under a current that nobody knows.
+
+    What the current makes of the voltage is alike in many samples, so that they do not tell more than one. Nothing is
+    taken from a voltage that is less sure than what is known, and no more than one such voltage tells: covariance
+    intersection of the two, whose errors may be the same (Julier and Uhlmann, American Control Conference 1997).
+    Sensors, capacity and resistances are not told by it (Schmidt, Advances in Control Systems 3, 1966).
+    """
+    if variance <= blind:
+        return
+    total = variance * variance / (variance - blind)
+    for a in range(x.shape[0]):
+        gain[a] = seen[a] / total
+    for place in (AT_OFFSET, AT_CAPACITY, AT_VOLTAGE, AT_RESISTANCE):
+        gain[n + place] = 0.0
+    _update(x, covariance, gain, seen, total, innovation)
 
 
 @njit(**COMPILED)

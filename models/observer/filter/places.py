@@ -25,11 +25,15 @@ N_CONSTANTS = 17
 # Rows of the sizes that the model's error has near each local model.
 QUICK_SIZE, SLOW_SIZE, N_ERRORS = range(3)
 # Memory besides the filters: last current, direction, last temperature, samples seen, charge counted since the start,
-# how the state of charge moves on average over `NET_S`, and what the current sensor reads too much with its standard
-# deviation.
+# how the state of charge moves on average over `NET_S`, what the current sensor reads too much with its standard
+# deviation, for how many samples in a row the current has been missing, and how much of what a missing current did is
+# still in the voltage (0 to 1).
 HELD_CURRENT, HELD_DIRECTION, HELD_TEMPERATURE, SEEN, COUNTED, NET, HELD_OFFSET, HELD_OFFSET_STD = range(8)
-N_HELD = 8
-# A load that only swings does not leave the place on the open-circuit curve at which the model is wrong.
+LOST, LOST_LEFT, N_HELD = 8, 9, 10
+# Of a current that is not known, in multiples of the network's rest current: about 1C.
+UNKNOWN_CURRENT = 200.0
+# A load that only swings does not leave the place on the open-circuit curve at which the model is wrong; and what a
+# current has left behind in the voltage is gone after a few times as long.
 NET_S = 600.0
 # Columns of the output row, in physical units.
 SOC_OUT, SOC_STD_OUT, VOLTAGE_OUT, INNOVATION_OUT, INNOVATION_STD_OUT = range(5)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -104,3 +106,37 @@ def test_an_even_log_beside_the_grid_stays_a_straight_line() -> None:
     straight_V = np.interp(grid.time_s, run.time_s, run.voltage_V)
     np.testing.assert_allclose(grid.voltage_V, straight_V, atol=1e-12)
     np.testing.assert_allclose(straight_V, 3.7 + 0.05 * grid.current_A, atol=1e-9)
+
+
+def test_a_current_that_was_lost_is_told_apart_from_a_sample_here_and_there() -> None:
+    t = np.arange(100.0)
+    whole = TimeSeries(t, np.sin(t), np.full(100, 3.7), np.full(100, 25.0))
+    assert to_grid(whole, 1.0).current_known is None
+    current_A = whole.current_A.copy()
+    current_A[20] = current_A[50:70] = np.nan
+    for dt_s, lost in ((1.0, slice(50, 70)), (2.0, slice(26, 35))):
+        grid = to_grid(replace(whole, current_A=current_A), dt_s)
+        known = np.ones(len(grid), dtype=bool)
+        known[lost] = False
+        assert grid.current_known is not None
+        np.testing.assert_array_equal(grid.current_known, known)
+        np.testing.assert_array_equal(np.isnan(grid.logged_current_A), ~known)
+        # To others it is the last one, as ever.
+        np.testing.assert_allclose(grid.current_A[lost][1:], current_A[49])
+
+
+def test_a_current_is_not_lost_where_the_log_has_it_less_often() -> None:
+    t = np.arange(100.0)
+    run = TimeSeries(t, np.where(t % 10.0 == 0.0, 1.0, np.nan), np.full(100, 3.7), np.full(100, 25.0))
+    assert to_grid(run, 1.0).current_known is None
+
+
+def test_before_the_first_current_none_is_known() -> None:
+    current_A = np.ones(50)
+    current_A[:10] = np.nan
+    known = to_grid(TimeSeries(np.arange(50.0), current_A, np.full(50, 3.7), np.full(50, 25.0)), 1.0).current_known
+    assert known is not None
+    np.testing.assert_array_equal(np.flatnonzero(~known), np.arange(10))
+    nothing = TimeSeries(np.arange(50.0), np.full(50, np.nan), np.full(50, 3.7), np.full(50, 25.0))
+    known = to_grid(nothing, 1.0).current_known
+    assert known is not None and not known.any()
