@@ -71,6 +71,28 @@ def test_idle_bench_is_shown_with_state_in_words_and_live_values(open_page: Open
     looked_at(page, "bench-idle")
 
 
+def test_every_page_has_the_same_menu(open_page: OpenPage) -> None:
+    menu = ["Benches", "Runs", "Cells", "Import", "Improve", "Life"]
+    for path in ("/", "/cells", "/import", "/improve", "/life", "/reference", "/runs/none", "/cells/none"):
+        page = open_page("fast", path=path)
+        links = page.get_by_role("navigation", name="Pages").get_by_role("link")
+        assert links.all_inner_texts() == menu
+        assert links.evaluate_all("(all) => all.filter((each) => each.ariaCurrent).map((each) => each.pathname)") == (
+            [path] if path in ("/", "/cells", "/import", "/improve", "/life") else []
+        )
+
+
+def test_the_length_of_a_campaign_is_that_of_the_bench_that_is_looked_at(open_page: OpenPage) -> None:
+    page = open_page("fast")
+    told = page.locator("#campaign-length")
+    expect(told).to_contain_text("of test time")
+    page.locator("#card-slow").click()
+    expect(page.locator("#campaign-bench")).to_have_value("slow")
+    expect(told).to_contain_text("of real time")
+    page.locator("#card-fast").click()
+    expect(told).not_to_contain_text("of real time")
+
+
 def test_stop_ends_a_run_at_once_and_shows_the_answer_on_a_phone(open_page: OpenPage) -> None:
     page = open_page("slow", PHONE)
     stop = page.get_by_role("button", name="STOP slow")

@@ -53,7 +53,7 @@ function chooseBench(name) {
   const chooser = document.getElementById("campaign-bench");
   if (!chooser) return;
   chooser.value = name;
-  chooser.dispatchEvent(new Event("change"));
+  chooser.dispatchEvent(new Event("change", { bubbles: true })); // the form tells the length anew
 }
 
 function drawTools(state, tools, view, draw) {
