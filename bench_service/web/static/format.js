@@ -13,6 +13,11 @@ export function fixed(value, digits) {
   return (value < 0 && Number(text) !== 0 ? MINUS : "") + text;
 }
 
+/** So many significant digits at the most, without trailing zeros and with a true minus sign. */
+export function rounded(value, digits) {
+  return String(Number(value.toPrecision(digits))).replace("-", MINUS);
+}
+
 export function quantity(value, digits, unit) {
   return Number.isFinite(value) ? `${fixed(value, digits)}${THIN}${unit}` : MISSING;
 }
@@ -61,14 +66,23 @@ const DAY_TIME = new Intl.DateTimeFormat(undefined, {
 const MOMENT = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
 const DAY_MOMENT = new Intl.DateTimeFormat(undefined, { weekday: "short", month: "short", day: "2-digit", hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
 
-/** A <time> element: local on the page, UTC on hover. Text without a zone is UTC: records are. */
-export function timeElement(iso) {
+/** A <time> element: local on the page, UTC on hover; of today the time alone, unless `dated`. Text without a zone is UTC: records are. */
+export function timeElement(iso, dated = false) {
   if (!iso) return el("span", { text: MISSING });
   const date = new Date(/Z|[+-]\d\d:?\d\d$/.test(iso) ? iso : `${iso}Z`);
   if (Number.isNaN(date.getTime())) return el("span", { text: String(iso) });
-  const today = date.toDateString() === new Date().toDateString();
+  const today = !dated && date.toDateString() === new Date().toDateString();
   const utc = `${date.toISOString().replace("T", " ").slice(0, 19)} UTC`;
   return el("time", { datetime: date.toISOString(), title: utc, text: (today ? TIME : DAY_TIME).format(date) });
+}
+
+// Where a run that was brought in from a file stands in place of a bench.
+export const IMPORTED = "import";
+
+/** When a run began; of one that came from a file the service only knows when it was brought in. */
+export function startElement(run) {
+  const at = run.started_utc ?? run.created_utc;
+  return run.bench === IMPORTED ? el("span", {}, "brought in ", timeElement(at, true)) : timeElement(at);
 }
 
 export function localTime(date) {

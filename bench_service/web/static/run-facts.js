@@ -2,38 +2,40 @@
 import { api } from "./api.js";
 import { cellHref } from "./cell-fields.js";
 import { chip, el, renderKeyed } from "./dom.js";
-import { MISSING, count, duration, fixed, percent, quantity, timeElement } from "./format.js";
+import { IMPORTED, MISSING, count, duration, fixed, percent, quantity, startElement } from "./format.js";
+import { currentFormats, exportLinks } from "./run-exports.js";
 import { reportLinks } from "./report-links.js";
 import { wordFor } from "./words.js";
 
-// Where a run that was brought in from a file stands in place of a bench; what it was limited to nobody knows.
-const IMPORTED = "import";
-
 export function factsPanel(of) {
   const node = el("div");
+  let formats = [];
   const show = () => {
     const { run, samples, end_s: end, damage, name } = of();
     const totals = ["charge_Ah", "energy_Wh"].map((key) => samples[key]?.at(-1));
-    renderKeyed(node, JSON.stringify([run, end, damage, totals]), () => [
+    renderKeyed(node, JSON.stringify([run, end, damage, totals, formats]), () => [
       el("header", { class: "run-head" }, el("h1", { text: name }), chip(...wordFor("run", run.state)),
         damage ? chip("bad", "damaged") : null, run.bench === IMPORTED ? el("span", { class: "about", text: "brought in from a file" }) : el("a", { href: `/?bench=${encodeURIComponent(run.bench)}`, text: `Bench ${run.bench}` })),
       run.reason ? el("p", { class: "about", text: run.reason }) : null,
       damage ? el("p", { class: "form-message", text: `What is left of it is shown: ${damage}` }) : null,
-      el("dl", { class: "run-facts" }, rows(run, end).map(([title, value]) => el("div", {}, el("dt", { text: title }), el("dd", {}, value)))),
+      el("dl", { class: "run-facts" }, rows({ ...run, damage }, end, formats).map(([title, value]) => el("div", {}, el("dt", { text: title }), el("dd", {}, value)))),
     ]);
   };
+  currentFormats().then((found) => { formats = found; show(); }, () => {}); // Without them the run is shown all the same.
   return { node, show };
 }
 
-function rows(run, end) {
+// What an imported run was limited to nobody knows.
+function rows(run, end, formats) {
   const stored = run.n_samples ?? null;
   return [
-    ["Started", timeElement(run.started_utc ?? run.created_utc)], ["Test time", end ? duration(end) : MISSING],
+    ["Started", startElement(run)], ["Test time", end ? duration(end) : MISSING],
     ["Samples", stored === null ? "being recorded" : count(stored)], ...(run.bench === IMPORTED ? [] : [["Missed ticks", count(run.missed_ticks)]]),
     ["Sample period", quantity(run.dt_s, run.dt_s < 1 ? 3 : 0, "s")], ["SoC at the start", percent(run.initial_soc)],
     ["Capacity", quantity(run.capacity_Ah, run.capacity_Ah < 0.1 ? 5 : 2, "Ah")],
     ...(run.bench === IMPORTED ? [] : [["Current limits", limits(run.limits?.current_A, 1, "A")], ["Voltage limits", limits(run.limits?.voltage_V, 2, "V")]]),
-    ["To share", stored ? reportLinks("runs", run.id, "the run") : MISSING],
+    ["To share", stored ? reportLinks("runs", run.id, "the run") : MISSING], ["Data", exportLinks(run, formats)],
+    ["Go on", stored && run.ended_utc ? el("a", { href: "/improve", text: "Improve a model with it" }) : MISSING],
     ["Operator", run.operator ?? MISSING], ["Cell", run.cell_id ? el("a", { href: cellHref(run.cell_id), text: run.cell_id }) : MISSING],
   ];
 }

@@ -1,8 +1,8 @@
 // The list of runs, newest first: searched, filtered, each with its page and its data to take away.
-import { api } from "./api.js";
 import { cellHref } from "./cell-fields.js";
 import { chip, el, renderKeyed } from "./dom.js";
-import { MISSING, count, duration, timeElement } from "./format.js";
+import { MISSING, count, duration, startElement } from "./format.js";
+import { currentFormats, exportLinks } from "./run-exports.js";
 import { isUnverified, wordFor } from "./words.js";
 
 const HEADS = ["Together", "Run", "Bench", "State", "Started", "Length", "Samples", "Missed ticks", "Data"];
@@ -40,8 +40,7 @@ export function runsPanel(state, { more, look }) {
   };
   state.on("runs", render);
   state.on("benches-listed", filter.benches);
-  // Names of an older version are for programs.
-  api.formats().then((found) => { formats = found.filter((format) => !/-0\.1\.0$/.test(format.name)); render(); }, () => {}); // Without them the runs are shown all the same.
+  currentFormats().then((found) => { formats = found; render(); }, () => {}); // Without them the runs are shown all the same.
 }
 
 function searchTools(state, tools, together, look) {
@@ -84,16 +83,9 @@ function row(run, formats, chosen, pick) {
     el("span", {}, chip(tone, word), run.reason ? el("span", { class: "about block", text: run.reason }) : null,
       isUnverified(run.commissioning) ? el("span", { class: "block" }, chip("warn", "unverified hardware")) : null,
       run.damage ? el("span", { class: "block" }, chip("bad", "damaged"), el("span", { class: "about block", text: run.damage })) : null),
-    timeElement(run.started_utc ?? run.created_utc),
+    startElement(run),
     el("span", { title: Number.isFinite(length_s(run)) ? `took ${duration(length_s(run))}` : null, text: duration(test_s) }),
-    count(run.n_samples), count(run.missed_ticks), links(run, formats),
+    count(run.n_samples), count(run.missed_ticks), exportLinks(run, formats),
   ];
   return el("tr", {}, cells.map((cell, index) => el("td", { data: { label: HEADS[index], kind: NUMBERS.includes(index) ? "number" : "" } }, cell)));
-}
-
-function links(run, formats) {
-  if (!run.n_samples) return el("span", { text: MISSING });
-  const name = run.damage ? `what is left of ${run.name ?? run.id}` : run.name ?? run.id;
-  return el("span", { class: "links" }, formats.map((format) =>
-    el("a", { href: api.exportUrl(run.id, format.name, run.damage), download: "", title: format.title, "aria-label": `${format.name.toUpperCase()} of ${name}` }, format.name.toUpperCase())));
 }
