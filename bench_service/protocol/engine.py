@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bench_service.durations import in_words
 from bench_service.protocol.counters import ENDINGS, Counters, Ending
 from bench_service.protocol.guard import broken_limit, careful, leaves, near_end, ramped
 from bench_service.protocol.laws import Law, Seen
@@ -171,7 +172,7 @@ class Engine:
             flows_A = seen.current_A if law.device_rules else wanted_A
             out = leaves(self.program, play, self._cell, seen, (self._set_A, flows_A), self._dt_s, self.standing)
             if out is None and self._run_s + (1 - _NEAREST) * self._dt_s > self.program.window.duration_s:
-                out = "duration_s", f"the run would last longer than {self.program.window.duration_s:g} s"
+                out = "duration_s", f"the run would last longer than {in_words(self.program.window.duration_s)}"
             if out is None:
                 if abs(wanted_A - self._set_A) > 0.05 * self.program.capacity_Ah:
                     self._cell.forget_drift()

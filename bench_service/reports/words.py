@@ -8,13 +8,14 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from bench_service.durations import in_words
+
 NOTHING = "–"
 _UNITS = {"Ohm": "Ω", "degC": "°C", "1": "", "sign": "", "1/Ah": "per Ah"}
 # Units of which a thousandth has a name that a laboratory uses.
 _SCALED = ("V", "A", "Ohm", "Ah", "V/K", "Wh", "W", "W/K", "K/W")
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_MINUTE_S, _HOUR_S, _DAY_S = 60.0, 3600.0, 86400.0
 _VARIABLES = {
     "soc": "state of charge",
     "current_A": "current",
@@ -97,14 +98,7 @@ def duration(seconds: float | None) -> str:
     """Write a time as a person says it."""
     if seconds is None or not math.isfinite(seconds):
         return NOTHING
-    if seconds < 2 * _MINUTE_S:
-        return f"{seconds:.3g} s" if seconds < 10.0 else f"{seconds:.0f} s"
-    if seconds < 2 * _HOUR_S:
-        return f"{seconds / _MINUTE_S:.0f} min"
-    if seconds < 3 * _DAY_S:
-        hours, minutes = divmod(round(seconds / _MINUTE_S), 60)
-        return f"{hours} h {minutes} min" if minutes else f"{hours} h"
-    return f"{seconds / _DAY_S:.1f} days"
+    return in_words(seconds)
 
 
 def moment(utc: str | None) -> str:

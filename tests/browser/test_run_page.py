@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -196,6 +197,29 @@ def test_a_run_is_started_held_and_stopped_from_the_page_and_looked_at_meanwhile
     page.get_by_role("button", name="STOP slow").click()
     expect(page.locator("#run-facts .chip").first).to_have_text("stopped")
     looked_at(page, "two-runs")
+
+
+def test_what_is_proposed_can_run_and_what_would_stop_at_once_cannot_start(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page("fast")
+    page.get_by_text("Start a test", exact=True).click()
+    expect(page.locator("#start-source")).to_have_value("test:pulse_resistance")
+    page.locator("#start-initial_soc").fill("50")
+    expect(page.locator("#start-told")).to_contain_text("of test time")
+    expect(page.locator("#start-wrong")).to_be_empty()
+    expect(page.locator("#start-submit")).to_be_enabled()
+    # Longer than the bench allows: said in days, before it starts.
+    page.locator("#start-source").select_option("test:ageing")
+    expect(page.locator("#start-wrong")).to_contain_text("the run would last longer than 14 days")
+    # Its first step may only be played where the cell does not stand.
+    step = {"step": "constant_current", "rate_C": -0.5, "limits": {"soc": [0.1, 0.2]}, "until": {"time_s": 600}}
+    file = tmp_path / "elsewhere.json"
+    file.write_text(json.dumps({"schema": "bench-protocol-1", "name": "elsewhere", "steps": [step]}))
+    page.locator("#start-file").set_input_files(file)
+    expect(page.locator("#start-wrong")).to_contain_text("It would be stopped at once: step 1")
+    expect(page.locator("#start-submit")).to_be_disabled()
+    page.locator("#start-initial_soc").fill("19")
+    expect(page.locator("#start-wrong")).not_to_contain_text("at once")
+    expect(page.locator("#start-submit")).to_be_enabled()
 
 
 def test_a_first_cycle_from_the_library_to_its_capacity(open_page: OpenPage) -> None:

@@ -5,6 +5,7 @@ Comparisons are written ``not (low <= value <= high)``, so that NaN violates eve
 
 from bench_service.bench.safety.rules import CURRENT_GAIN_TOLERANCE, SOC_TOLERANCE
 from bench_service.bench.safety.trip import Context, Trip, outside, trip
+from bench_service.durations import in_words
 from drivers.cycler import Reading
 
 MISMATCH_LIMIT = 3
@@ -65,7 +66,7 @@ def _check_values(reading: Reading, context: Context) -> Trip | None:
         return trip(
             context,
             "duration_limit",
-            f"the run lasts longer than its limit of {limits.duration_s:g} s",
+            f"the run lasts longer than its limit of {in_words(limits.duration_s)}",
             "shorten the profile or widen the limit",
         )
     return None

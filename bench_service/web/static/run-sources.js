@@ -1,15 +1,21 @@
 // What a run can be made of: a standard test with its parameters, a stored protocol, a stored profile.
 import { api } from "./api.js";
 import { el } from "./dom.js";
-import { duration, fixed, quantity } from "./format.js";
+import { duration, fixed, quantity, rounded } from "./format.js";
 import { QUANTITIES } from "./protocol-model.js";
 import { lengthWords } from "./run-preview.js";
+
+// What is proposed is short and runs on any bench.
+const PROPOSED = "test:pulse_resistance";
+
+// A run that ends before is not worth starting.
+const AT_ONCE_S = 60;
 
 /** Fill the chooser; a value is "test:NAME", "protocol:ID", "profile:ID", "edit:" or "manual:". `known` is given the standard tests by name. */
 export async function fillSources(select, chosen, known) {
   const [tests, protocols, profiles] = await Promise.all([api.standardTests().catch(() => []), api.protocols().catch(() => []), api.profiles().catch(() => [])]);
   // What somebody has chosen while this was loading stays chosen.
-  const kept = chosen ?? select.value;
+  const kept = chosen ?? (select.value || PROPOSED);
   const group = (label, options) => (options.length ? el("optgroup", { label }, options) : null);
   const option = (value, text) => el("option", { value, text, selected: value === kept });
   const groups = [
@@ -53,12 +59,13 @@ export async function lookAtProfile(profileId, bench, initial) {
   };
 }
 
-/** What a protocol would do on a nominal cell; what the service refuses stands in `against`. */
+/** What a protocol would do on a nominal cell; what the service refuses stands in `against`, `atOnce` where it would hardly begin. */
 export async function lookAtProtocol(what, bench, initial, dt_s) {
   try {
     const seen = await api.previewProtocol({ ...what, bench: bench.name, initial_soc: Number.isFinite(initial) ? initial : undefined, dt_s: dt_s > 0 ? dt_s : undefined });
     const told = `${lengthWords(bench, seen.duration_s ?? NaN, "about ")} Voltages are those of a nominal cell between the limits; steps that end by a voltage take some ten percent more or less.`;
-    return { told, against: seen.stopped ? [`It would be stopped: ${seen.stopped}`] : [], series: seen.series, steps: seen.steps };
+    const atOnce = Boolean(seen.stopped) && seen.duration_s < AT_ONCE_S;
+    return { told, atOnce, against: seen.stopped ? [`It would be stopped${atOnce ? " at once" : ""}: ${seen.stopped}`] : [], series: seen.series, steps: seen.steps };
   } catch (error) {
     return { told: "", against: [error.message], where: error.where, unanswered: error.unanswered, series: null, steps: [] };
   }
@@ -86,10 +93,10 @@ export function stepTable(steps) {
   if (!steps.length) return [];
   const end = ({ quantity, above, value }) => {
     const [name, unit, scale] = QUANTITIES.get(quantity) ?? [quantity, "", 1];
-    return `${name} ${above ? "≥" : "≤"} ${Number((scale * value).toPrecision(5))} ${unit}`.trim();
+    return `${name} ${above ? "≥" : "≤"} ${rounded(scale * value, 5)} ${unit}`.trim();
   };
   const unit = { current: "A", cc_cv: "A", voltage: "A", power: "W", resistance: "Ohm" };
-  const level = ({ law, level: size, voltage_V: held }) => [Number.isFinite(size) && law !== "rest" ? `${Number(size.toPrecision(5))} ${unit[law] ?? ""}` : "", held ? `held at ${Number(held.toPrecision(5))} V` : ""].filter(Boolean).join(", ");
+  const level = ({ law, level: size, voltage_V: held }) => [Number.isFinite(size) && law !== "rest" ? `${rounded(size, 5)} ${unit[law] ?? ""}` : "", held ? `held at ${rounded(held, 5)} V` : ""].filter(Boolean).join(", ");
   return [el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Steps" }, el("table", {}, el("caption", { text: "Steps" }),
     el("thead", {}, el("tr", {}, ["", "Step", "Kind", "Level", "Ends by", "Times"].map((text) => (text ? el("th", { scope: "col", text }) : el("td", {}))))),
     el("tbody", {}, steps.map((step) => el("tr", {}, [step.step_index, step.name, LAWS[step.law] ?? step.law, level(step), [...new Set(step.ends.map(end))].join(" or "), step.most_times > 1 ? `at most ${step.most_times}` : ""].map((cell) => el("td", {}, String(cell ?? "")))))))) ];

@@ -12,7 +12,7 @@ const AGAIN_MS = 2000; // after a question that the service was too busy for
 
 /** `started(run)` after the service took it. */
 export function runStart(state, root, started) {
-  const view = { tests: new Map(), fields: null, asked: 0, timer: 0, saved: null, chosen: null, bench: null, unseen: false };
+  const view = { tests: new Map(), fields: null, asked: 0, timer: 0, saved: null, chosen: null, bench: null, unseen: false, atOnce: false };
   const message = el("p", { class: "form-message", role: "alert" });
   const told = el("p", { class: "hint", id: "start-told", role: "status" });
   const about = el("p", { class: "about", id: "start-about" });
@@ -53,8 +53,8 @@ export function runStart(state, root, started) {
   const title = () => (["edit:", "manual:"].includes(source.value) ? what().body.document?.name : source.selectedOptions[0]?.textContent.split(", ")[0].trim()) || undefined;
   const allow = () => {
     const idle = state.bench?.state === "idle";
-    submit.disabled = !source.value || !idle;
-    submit.title = state.bench && !idle ? `${state.bench.name} is ${state.bench.state}` : "";
+    submit.disabled = !source.value || !idle || view.atOnce;
+    submit.title = state.bench && !idle ? `${state.bench.name} is ${state.bench.state}` : view.atOnce ? "It would be stopped at once" : "";
   };
   const look = async () => {
     const bench = state.bench;
@@ -69,6 +69,8 @@ export function runStart(state, root, started) {
     const seen = typed.length ? { told: "", against: typed, series: null, steps: [] }
       : await (kind === "profile" ? lookAtProfile(id, bench, initial) : lookAtProtocol(body, bench, initial, dt.valueAsNumber)).catch((error) => ({ told: "", against: [error.message], unanswered: error.unanswered, series: null, steps: [] }));
     if (asked !== view.asked) return; // something else was typed meanwhile
+    view.atOnce = Boolean(seen.atOnce);
+    allow();
     if (seen.unanswered) lookSoon(AGAIN_MS);
     const atStep = kind === "edit" && editor.object(seen.where ?? [], seen.against[0] ?? "");
     setText(told, atStep ? "It cannot be played like this: see the step." : seen.told);

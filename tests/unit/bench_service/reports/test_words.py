@@ -46,7 +46,7 @@ def test_a_range_is_rounded_to_what_tells_its_ends_apart(
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [(0.06, "0.06 s"), (1.0, "1 s"), (65.0, "65 s"), (1800.0, "30 min"), (15000.0, "4 h 10 min"), (10800.0, "3 h"),
-     (1209600.0, "14.0 days"), (None, "–")],
+     (1209600.0, "14 days"), (302400.0, "3.5 days"), (None, "–")],
 )  # fmt: skip
 def test_a_time_is_as_a_person_says_it(seconds: float | None, text: str) -> None:
     assert words.duration(seconds) == text
