@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import httpx
 import pytest
 from browser_rig import PHONE, OpenPage, looked_at, served
-from playwright.sync_api import expect
+from playwright.sync_api import Page, Route, expect
 
 from tests.patience import PATIENCE_S
 
@@ -96,6 +97,19 @@ def test_cells_are_found_by_words_on_a_phone(open_page: OpenPage, address: str) 
     expect(page.locator("#cell-facts")).to_contain_text("unknown cell 'C99'")
 
 
+def held(page: Page, address: str) -> Callable[[], None]:
+    """Keep back the answers to an address until the function that is given is called."""
+    waiting: list[Route] = []
+    page.route(address, waiting.append)
+
+    def release() -> None:
+        page.unroute(address)
+        for route in waiting:
+            route.continue_()
+
+    return release
+
+
 def test_a_file_is_brought_in_for_a_cell(open_page: OpenPage, address: str, tmp_path: Path) -> None:
     body = {"id": "old-1", "capacity_Ah": 2.5}
     httpx.post(f"{address}/api/v1/cells", json=body).raise_for_status()
@@ -108,9 +122,30 @@ def test_a_file_is_brought_in_for_a_cell(open_page: OpenPage, address: str, tmp_
     page.locator("#import-file").set_input_files(file)
     expect(page.locator("#import-of-cell")).to_have_value("old-1")
     expect(page.locator("#import-capacity")).to_have_value("2.5")
+    # The same for a cell that is typed, the cursor already in its capacity; and one that there is not.
+    page.locator("#import-of-cell").fill("C99")
+    page.locator("#import-of-cell").press("Tab")
+    told = page.locator("#import-store .hint")
+    expect(told).to_contain_text("unknown cell C99")
     page.locator("#import-soc").fill("50")
     page.locator("#import-store-button").click()
+    expect(told).to_contain_text("unknown cell C99")
+    page.locator("#import-capacity").fill("")
+    page.locator("#import-of-cell").fill("old-1")
+    page.locator("#import-of-cell").press("Tab")
+    expect(page.locator("#import-capacity")).to_be_focused()
+    expect(page.locator("#import-capacity")).to_have_value("2.5")
+    expect(told).to_be_empty()
+    release = held(page, "**/api/v1/jobs/*")
+    page.locator("#import-store-button").click()
+    # The work is shown beside the button.
+    expect(page.locator("#import-storing").get_by_role("progressbar", name="Storing the run")).to_be_in_viewport()
+    release()
     page.wait_for_url("**/runs/*")
-    expect(page.locator("#run-facts").get_by_role("link", name="old-1")).to_be_visible()
+    facts = page.locator("#run-facts")
+    expect(facts.get_by_role("link", name="old-1")).to_be_visible()
+    expect(facts).to_contain_text(re.compile(r"brought in .*\d{4}"))
+    expect(facts.get_by_role("link", name="PARQUET of old.csv", exact=True)).to_be_visible()
+    expect(facts.get_by_role("link", name="Improve a model with it")).to_have_attribute("href", "/improve")
     page.goto(f"{address}/life?cell=OLD-1")
     expect(page.locator("#life-choose")).to_contain_text("A model of the cell as it was is needed")

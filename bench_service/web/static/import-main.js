@@ -28,14 +28,16 @@ function stored(runId) {
   location.href = `/runs/${encodeURIComponent(runId)}`;
 }
 
-async function work(title, task) {
+/** `place`: where the bar stands, and what went wrong. */
+async function work(title, place, task) {
   const busy = busyBox(title);
-  byId("import-busy").replaceChildren(busy.node);
+  place.replaceChildren(busy.node);
   byId("import-message").textContent = "";
   try {
     return await task(busy.update);
   } catch (error) {
-    byId("import-message").textContent = error.message;
+    if (place === byId("import-busy")) byId("import-message").textContent = error.message;
+    else place.append(el("p", { class: "form-message", role: "alert", text: error.message }));
     return null;
   } finally {
     busy.end();
@@ -44,7 +46,7 @@ async function work(title, task) {
 
 async function take(file) {
   byId("import-seen").hidden = byId("import-store").hidden = true;
-  const seen = await work(`Uploading ${file.name}`, async (update) => {
+  const seen = await work(`Uploading ${file.name}`, byId("import-busy"), async (update) => {
     view.upload = await api.addImport(file.name);
     await api.putImport(view.upload.id, file);
     table.take();
@@ -60,13 +62,13 @@ async function goBack() {
   const said = new URLSearchParams(location.search);
   if (!said.has("upload")) return;
   const job = said.get("job");
-  const done = job && await work("Storing the run", (update) => follow({ id: job }, update));
+  const done = job && await work("Storing the run", byId("import-busy"), (update) => follow({ id: job }, update));
   if (done) {
     stored(done.run);
     return;
   }
   const told = byId("import-message").textContent;
-  const seen = await work("Reading the file", async (update) => {
+  const seen = await work("Reading the file", byId("import-busy"), async (update) => {
     [view.upload, view.mappings] = await Promise.all([api.importOf(said.get("upload")), api.mappings().catch(() => [])]);
     table.take(settled(said.get("choices")));
     return follow(await api.lookImport(view.upload.id, table.choices()), update);
@@ -87,7 +89,7 @@ function settled(text) {
 
 async function lookAgain() {
   remember({ choices: JSON.stringify(table.choices()) });
-  const seen = await work(`Reading ${view.upload.name}`, async (update) => follow(await api.lookImport(view.upload.id, table.choices()), update));
+  const seen = await work(`Reading ${view.upload.name}`, byId("import-busy"), async (update) => follow(await api.lookImport(view.upload.id, table.choices()), update));
   if (seen) show(seen);
 }
 
@@ -101,7 +103,7 @@ function show(seen) {
 
 function dropZone() {
   const input = el("input", { id: "import-file", type: "file", on: { change: () => input.files[0] && take(input.files[0]) } });
-  const zone = el("div", { class: "drop" }, el("strong", { text: "Drop a file here" }), el("span", { text: "as the cycler's program wrote it: CSV or text of any kind, Neware .ndax, Parquet" }),
+  const zone = el("div", { class: "drop" }, el("strong", { text: "Drop a file here" }), el("span", { text: "as the cycler's program wrote it: CSV or text of any kind (gzipped too), Parquet, MATLAB .mat, Neware .ndax and .nda, MDF .mf4 and .mdf" }),
     el("label", { for: "import-file", text: "or choose one" }), input);
   const over = (on) => (event) => { event.preventDefault(); zone.dataset.over = String(on); };
   zone.addEventListener("dragover", over(true));
