@@ -222,6 +222,12 @@ def test_news_wipe_neither_a_message_nor_what_was_set(
 
     def hold_all_but_the_first(page: Page) -> None:
         seen = 0
+    expect(page.locator("[data-stage=choose] .chip")).to_have_text("running")
+    page.get_by_role("button", name="Cancel: Fitting the model").click()
+    expect(page.get_by_text("Fitting the model: cancelled")).to_be_visible()
+    expect(page.locator("[data-stage=choose] .chip")).not_to_have_text("running")
+    form.get_by_role("button", name="Fit a model").click()
+    expect(page.get_by_role("progressbar", name="Fitting the model")).to_be_visible()
 
         def answer(route: Route) -> None:
             nonlocal seen

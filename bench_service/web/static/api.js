@@ -145,5 +145,6 @@ export const api = {
   startRun: (body) => post("/runs", body, 60),
   diagnosis: (diagnosisId) => get(`/diagnoses/${id(diagnosisId)}`),
   job: (jobId) => get(`/jobs/${id(jobId)}`),
+  cancelJob: (jobId) => post(`/jobs/${id(jobId)}/cancel`, {}),
   events: async (limit) => list(await get(`/events?${query({ limit })}`), "events"),
 };

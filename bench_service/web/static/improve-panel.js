@@ -299,8 +299,12 @@ class Improve {
     const box = busyBox("Fitting the model");
     this.remember({ ...this.found, doing: "fit", job: job.id });
     this.form.place.replaceChildren(box.node);
+    this.busy = { step: "choose" };
+    this.drawTrack();
     const made = await follow(job, box.update).catch((error) => error);
     box.end();
+    if (this.busy?.step === "choose") this.busy = null;
+    this.drawTrack();
     if (made instanceof Error) {
       this.form.place.replaceChildren(el("p", { class: "form-message", role: "alert", text: `Fitting the model: ${made.message}` }));
       return this.remember({});
