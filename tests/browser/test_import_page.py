@@ -41,6 +41,9 @@ def test_a_file_is_dropped_corrected_and_stored(open_page: OpenPage, address: st
     expect(question).not_to_contain_text("--")
     expect(page.locator("tr[data-asked=true] th")).to_have_text("Voltage")
     expect(page.locator("#import-store")).to_be_hidden()
+    # Names of columns and units are read in full.
+    for select in page.locator(".import-columns select").all():
+        assert select.evaluate("(node) => node.clientWidth") >= 84
     looked_at(page, "import-question")
     page.locator("#column-voltage_V").select_option("Klemme")
     expect(question).to_contain_text("the current has the wrong sign")
@@ -59,6 +62,11 @@ def test_a_file_is_dropped_corrected_and_stored(open_page: OpenPage, address: st
     expect(page.locator("#run-facts")).to_contain_text("cell 7.txt")
     expect(page.locator("#run-notes")).to_contain_text("Imported from cell 7.txt")
     looked_at(page, "import-run")
+    # On to a model of it: where there is none yet, making one is the way on.
+    page.locator("#run-facts").get_by_role("link", name="Improve a model with it").click()
+    page.wait_for_url("**/improve")
+    expect(page.get_by_role("button", name="Fit a model")).to_have_class("primary")
+    expect(page.get_by_role("button", name="Compare model and runs")).not_to_have_class("primary")
     # The next one is dropped, and read by what was remembered; there is nothing to ask.
     page.goto(f"{address}/import")
     held = "(text) => { const held = new DataTransfer(); held.items.add(new File([text], 'cell 8.txt')); return held; }"

@@ -152,15 +152,28 @@ def a_promise_that_was_not_kept(page: Page, child: str, before_mV: float) -> Non
         }
         route.fulfill(json=told)
 
+    def with_much_outside(route: Route) -> None:
+        told = route.fetch().json()
+        if "result" in told:
+            overall = told["result"]["overall"]
+            told["result"]["outside"] = {"rmse_mV": 3.0 * overall["rmse_mV"], "n_samples": overall["n_samples"] / 10}
+        else:
+            told["outside_training"] = 0.1
+        route.fulfill(json=told)
+
     page.route(address, with_little_of_it)
+    page.route("**/api/v1/comparisons/**", with_much_outside)
     page.reload()
+    # What the regions leave out is said before them.
+    said = "90\u202f% of the squared error lies outside what the model was trained on, in 10.0\u202f% of the samples"
+    expect(step(page, "where").locator(".outside")).to_contain_text(said)
     added = step(page, "add").locator(".notice")
     expect(added).to_have_attribute("data-tone", "warn")
     expect(added.locator(".outcome")).to_contain_text("the forecast did not hold")
     expect(added.locator(".outcome")).to_contain_text("Inside of what the model was trained on the error rose")
     expect(added.locator("[data-side=outside]")).to_contain_text(f"{9.0 * before_mV:.1f}")
     looked_at(page, "improve-not-as-promised")
-    page.unroute(address)
+    page.unroute_all()
 
 
 def test_a_model_from_a_file_and_a_choice_that_cannot_be(
@@ -181,6 +194,10 @@ def test_a_model_from_a_file_and_a_choice_that_cannot_be(
     expect(page.get_by_label("Model", exact=True).locator("option:checked")).to_contain_text("mine")
     # Nobody knows what it was made from: no run is proposed.
     expect(page.get_by_label("Use of hidden: validate")).to_have_value("")
+    # The card of a run is headed by its name.
+    card = page.locator(".run-choice tbody tr").first.locator("td")
+    assert card.nth(0).evaluate("(cell) => getComputedStyle(cell).fontWeight") == "600"
+    assert card.nth(1).evaluate("(cell) => getComputedStyle(cell).fontWeight") != "600"
     page.get_by_role("button", name="Compare model and runs").click()
     expect(complaint(page)).to_contain_text("at least one run")
     page.get_by_label("Use of hidden: validate").select_option("judge")
@@ -205,6 +222,12 @@ def test_a_model_is_made_from_runs_that_are_there(open_page: OpenPage, address: 
     form.get_by_label("SoC at the start known within / %").fill("1")
     form.get_by_role("button", name="Fit a model").click()
     expect(page.get_by_role("progressbar", name="Fitting the model")).to_be_visible()
+    expect(page.locator("[data-stage=choose] .chip")).to_have_text("running")
+    page.get_by_role("button", name="Cancel: Fitting the model").click()
+    expect(page.get_by_text("Fitting the model: cancelled")).to_be_visible()
+    expect(page.locator("[data-stage=choose] .chip")).not_to_have_text("running")
+    form.get_by_role("button", name="Fit a model").click()
+    expect(page.get_by_role("progressbar", name="Fitting the model")).to_be_visible()
     page.reload()
     # A reload follows the work; in the end the new model is compared with the run that it has not seen.
     expect(page.get_by_label("Model", exact=True).locator("option:checked")).to_contain_text(
@@ -222,12 +245,6 @@ def test_news_wipe_neither_a_message_nor_what_was_set(
 
     def hold_all_but_the_first(page: Page) -> None:
         seen = 0
-    expect(page.locator("[data-stage=choose] .chip")).to_have_text("running")
-    page.get_by_role("button", name="Cancel: Fitting the model").click()
-    expect(page.get_by_text("Fitting the model: cancelled")).to_be_visible()
-    expect(page.locator("[data-stage=choose] .chip")).not_to_have_text("running")
-    form.get_by_role("button", name="Fit a model").click()
-    expect(page.get_by_role("progressbar", name="Fitting the model")).to_be_visible()
 
         def answer(route: Route) -> None:
             nonlocal seen

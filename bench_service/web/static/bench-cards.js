@@ -7,7 +7,8 @@ export function benchCards(state, { select }) {
   const box = document.getElementById("bench-cards");
   const readings = new Map();
   const draw = () => {
-    const benches = state.benchesWorstFirst;
+    // A card keeps its place, so that a hand finds it; what is wrong is told by its colour and word.
+    const benches = [...state.benches.values()];
     box.hidden = benches.length < 2;
     const key = JSON.stringify([state.selected, state.connected, benches.map((bench) => [bench.name, bench.state])]);
     renderKeyed(box, key, () => benches.map((bench) => card(state, bench, readings, select)));

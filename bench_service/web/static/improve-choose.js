@@ -1,7 +1,7 @@
 // Step 1: which model, which runs, and what one wants to know.
 import { api } from "./api.js";
 import { el, renderKeyed } from "./dom.js";
-import { duration, timeElement } from "./format.js";
+import { duration, startElement } from "./format.js";
 import { fitForm } from "./improve-fit.js";
 import { ROLES, ownRuns, usedRuns } from "./improve-roles.js";
 
@@ -20,9 +20,10 @@ export function chooseForm(view, { changed, chosen, said, fit }) {
   const message = el("p", { class: "form-message", role: "alert" });
   const models = el("div", { class: "field" });
   const runs = el("div", { class: "run-list" });
+  const compare = el("button", { class: "primary", type: "submit", text: "Compare model and runs" });
   const form = el("form", { class: "improve-form", "aria-label": "Choose model and runs" },
     el("div", { class: "choose-model" }, el("div", {}, models, fileField(view, changed, message)), questions(view, changed)),
-    runs, el("div", { class: "form-end" }, el("button", { class: "primary", type: "submit", text: "Compare model and runs" }), message));
+    runs, el("div", { class: "form-end" }, compare, message));
   form.addEventListener("change", () => { message.textContent = ""; });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -32,6 +33,8 @@ export function chooseForm(view, { changed, chosen, said, fit }) {
   const draw = () => {
     renderKeyed(models, JSON.stringify([view.modelId, view.models.map((model) => [model.id, modelText(model)])]), () => modelField(view, changed));
     renderKeyed(runs, JSON.stringify([ownRuns(view), [...view.roles], view.runs.map(({ id, name }) => [id, name])]), () => runTable(view, () => { said(); making.draw(); }));
+    // Without a model the way on is to make one.
+    compare.className = view.models.length ? "primary" : "";
     making.draw();
   };
   return { node: [form, making.node], place: making.place, draw };
@@ -101,7 +104,7 @@ function runTable(view, said) {
   if (!view.runs.length) return el("p", { class: "empty" }, "No finished run yet. ", el("a", { href: "/import", text: "Import a measured one" }), ", or run a campaign, which makes two.");
   const own = new Set(ownRuns(view));
   const heads = ["Run", "Bench", "Started", "Length", "Use"];
-  return el("div", { class: "table-scroll run-choice" }, el("table", { class: "rows" }, el("caption", { text: "Runs" }),
+  return el("div", { class: "table-scroll run-choice" }, el("table", { class: "rows named" }, el("caption", { text: "Runs" }),
     el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col", text: head })))),
     el("tbody", {}, view.runs.map((run) => {
       const name = run.name ?? `run ${String(run.id).slice(0, 8)}`;
@@ -109,7 +112,7 @@ function runTable(view, said) {
       const role = el("select", { id: `use-of-${run.id}`, "aria-label": `Use of ${name}`, on: { change: say } },
         ROLES.map(([value, text]) => el("option", { value, text, selected: (view.roles.get(run.id) ?? "") === value })));
       const note = own.has(run.id) ? el("span", { class: "about block", text: "the model was made from it" }) : null;
-      return el("tr", {}, [el("span", { title: run.id }, name, note), run.bench, timeElement(run.started_utc ?? run.created_utc),
+      return el("tr", {}, [el("span", { title: run.id }, name, note), run.bench, startElement(run),
         duration(run.n_samples * run.dt_s), role].map((cell, k) => el("td", { data: { label: heads[k] } }, cell)));
     }))));
 }

@@ -74,8 +74,9 @@ const WHITE = 0.9;
 const AXES = { current_A: "current", temperature_degC: "temperature" };
 const KINDS = [["rmse_mV", "size of the error"], ["bias_mV", "mean error with its sign"]];
 
-export function whereStep(where, keep) {
-  return el("div", { class: "where" }, regionList(where), maps(where.maps, keep));
+/** `result`: of the comparison, which says how much of the error the regions are of. */
+export function whereStep(where, result, keep) {
+  return el("div", { class: "where" }, regionList(where, result), maps(where.maps, keep));
 }
 
 /** The service's words in the units of the page. */
@@ -84,15 +85,20 @@ function spoken(text) {
   return text.replaceAll(" degC", " °C").replace(/SoC (above |below |)(\d\.\d+)(?: to (\d\.\d+))?/g, (_, side, low, high) => `SoC ${side}${percent(low)}${high ? ` to ${percent(high)}` : ""} %`);
 }
 
-function regionList({ regions, outside_training: outside }) {
-  const apart = outside > 0.001 ? el("p", { class: "about", text: `${percent(outside, 1)} of the samples lie outside what the model was trained on; they are not counted here.` }) : null;
-  if (!regions.length) return el("div", {}, el("p", { text: "No region stands out: the error is spread evenly." }), apart);
-  return el("div", {}, el("ol", { class: "regions", "aria-label": "Where the error is" }, regions.map((region) => {
+/** Share of the squared error that lies outside of what the model was trained on. */
+function shareOutside({ overall, outside }) {
+  return outside ? (outside.n_samples * outside.rmse_mV ** 2) / (overall.n_samples * overall.rmse_mV ** 2) : 0;
+}
+
+function regionList({ regions, outside_training: outside }, result) {
+  const apart = outside > 0.001 ? el("p", { class: "outside", text: `${percent(shareOutside(result), 0)} of the squared error lies outside what the model was trained on, in ${percent(outside, 1)} of the samples. What follows is of the rest.` }) : null;
+  if (!regions.length) return el("div", {}, apart, el("p", { text: "No region stands out: the error is spread evenly." }));
+  return el("div", {}, apart, el("ol", { class: "regions", "aria-label": "Where the error is" }, regions.map((region) => {
     const bar = el("span", { class: "share-bar" });
     bar.style.width = `${100 * region.share_of_squared_error}%`;
     const [share, place] = spoken(region.text).split(/: (.*)/s);
     return el("li", {}, el("strong", { text: place }), el("span", { class: "share-track" }, bar), el("span", { class: "about", text: `${share}, ${quantity(region.rmse_mV, 1, "mV")} there` }));
-  })), apart);
+  })));
 }
 
 function maps(all, keep) {

@@ -64,6 +64,7 @@ export function fitForm(view, { fit }) {
     const first = view.runs.find((run) => train.includes(run.id));
     if (first?.capacity_Ah && !capacity.dataset.said) capacity.value = String(Number(first.capacity_Ah.toPrecision(6)));
     // Before there is any model, making one is the way on.
+    button.className = view.models.length ? "" : "primary";
     if (!view.models.length && view.runs.length && !box.dataset.opened) { box.open = true; box.dataset.opened = "1"; }
   };
   return { node: box, place, draw };

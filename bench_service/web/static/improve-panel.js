@@ -221,7 +221,7 @@ class Improve {
     const where = await this.work("where", "Looking where the error is", () => api.where(found.id));
     const ask = found.result.module ? el("p", { class: "about", text: "A diagnosis is of one cell's model: what a module's cells lack is found on tests of a cell." }) : el("button", { type: "button", class: "primary", text: this.view.mode === "change" ? "Find out what has changed" : "Find out what is missing", on: { click: () => this.diagnose() } });
     this.profiles = where?.profiles ?? [];
-    if (where) this.fill("where", [whereStep(where, this.keep("where")), el("div", { class: "form-end" }, ask)]);
+    if (where) this.fill("where", [whereStep(where, found.result, this.keep("where")), el("div", { class: "form-end" }, ask)]);
   }
 
   async diagnose() {

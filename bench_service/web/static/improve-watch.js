@@ -55,7 +55,7 @@ export function watchStep(chain, titleOf, keep, { goOn }) {
 function table(chain, models, titleOf, goOn) {
   const heads = ["Version", "Effect added", "Held-out error", "Made", ""];
   const now = chain.model_id;
-  return el("div", { class: "table-scroll" }, el("table", { class: "rows" }, el("caption", { text: "Versions" }),
+  return el("div", { class: "table-scroll" }, el("table", { class: "rows named" }, el("caption", { text: "Versions" }),
     el("thead", {}, el("tr", {}, heads.map((head) => (head ? el("th", { scope: "col", text: head }) : el("td", {}))))),
     el("tbody", {}, models.map((each) => {
       const name = each.effect ? titleOf(each.effect) : each.parent_id ? "none, refitted" : "none, first model";

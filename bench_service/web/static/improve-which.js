@@ -3,7 +3,7 @@ import { chip, el } from "./dom.js";
 import { legend } from "./charts.js";
 import { errorLeft, profileChart, variableName } from "./error-charts.js";
 import { reportLinks } from "./report-links.js";
-import { confidence, duration, fixed, percent, quantity } from "./format.js";
+import { confidence, duration, fixed, percent, quantity, rounded } from "./format.js";
 import { promise, promiseWords } from "./improve-forecast.js";
 
 // An error that is larger than so many times the noise is more than noise to anybody.
@@ -83,7 +83,7 @@ export function parameterText(name, { value, std, unit }) {
 /** A size to three digits, its unit in front of small numbers. */
 export function sizeText(value, unit) {
   const [scale, shown] = PREFIX[unit] ?? [1, unit === "1" ? "" : unit];
-  return `${Number((value * scale).toPrecision(3))} ${shown}`.trim();
+  return `${rounded(value * scale, 3)} ${shown}`.trim();
 }
 
 /** The error of the model as it is, over the variable by which one tells the effect. */
@@ -110,11 +110,33 @@ function finding(each, record, titleOf, add, addNote, shown) {
     el("p", { class: "about", text: each.explanation.replaceAll("+-", "±") }), shown, rivals, evidence(each.evidence), el("div", { class: "form-end" }, button, addNote ? el("span", { class: "about", text: addNote }) : null));
 }
 
+// Figures that decide, in words; one that is not here is told by its name.
+const FACTS = {
+  forecast_samples_before_mV: "Samples of the forecast, model as it is", forecast_without_mV: "Same refit without the effect",
+  refitted_before_mV: "Fitted to all runs, without the effect", refitted_after_mV: "Fitted to all runs, with the effect",
+  explained_share_of_new: "Explained of what goes beyond the model's own error", margin: "Lead over the best rival (1 and more tells them apart)",
+  size_mV: "Size of the effect in these runs", least_mV: "Least size that would be named", held_out_share: "Explained in blocks that were held out",
+  ratio: "Squared error over the model's own in training", n_rivals: "Rivals",
+  held_out_before_mV: "Held-out training runs, without the effect", held_out_after_mV: "Held-out training runs, with the effect",
+  log_likelihood_over_nothing: "Log-likelihood above “nothing is new”", probability_of_nothing: "Probability that nothing is new",
+  reference_before_mV: "Against a finer model of the training runs, without the effect", reference_after_mV: "The same, with the effect",
+  error_before_K: "Temperature error without the effect", error_after_K: "Temperature error with the effect",
+};
+const SHARES = ["explained_share_of_new", "held_out_share", "probability_of_nothing"];
+
+const factWords = (name) => FACTS[name] ?? inText(name.replace(/_(mV|K)$/, "").replaceAll("_", " "));
+
+function factText(name, value) {
+  if (SHARES.includes(name)) return name === "probability_of_nothing" ? confidence(value) : percent(value, 0);
+  const unit = name.match(/_(mV|K)$/)?.[1];
+  return unit ? quantity(value, unit === "K" ? 2 : 1, unit) : fixed(value, Number.isInteger(value) ? 0 : 1);
+}
+
 function evidence(facts) {
   const rows = Object.entries(facts ?? {}).filter(([, value]) => Number.isFinite(value));
   if (!rows.length) return null;
   return el("details", { class: "more" }, el("summary", { text: "Evidence" }), el("dl", { class: "facts" }, rows.map(([name, value]) =>
-    el("div", {}, el("dt", { text: name.replace(/_mV$/, " / mV").replace(/_K$/, " / K").replaceAll("_", " ") }), el("dd", { class: "number", text: fixed(value, Math.abs(value) < 10 ? 3 : 1) })))));
+    el("div", {}, el("dt", { text: factWords(name) }), el("dd", { class: "number", text: factText(name, value) })))));
 }
 
 function leftChart(record, titleOf, keep) {

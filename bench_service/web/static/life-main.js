@@ -2,6 +2,7 @@
 import { api } from "./api.js";
 import { cellName } from "./cell-fields.js";
 import { el, setText } from "./dom.js";
+import { percent } from "./format.js";
 import { busyBox, follow } from "./jobs.js";
 import { drawLife } from "./life-charts.js";
 import { reportLinks } from "./report-links.js";
@@ -54,7 +55,7 @@ async function choose() {
       el("label", { class: "field", for: "life-end" }, el("span", { text: "End of life / %" }), end)),
     el("div", { class: "table-scroll", tabindex: "0", role: "region", "aria-label": "Runs, the oldest first" }, el("table", {},
       el("thead", {}, el("tr", {}, ["Follow", "Run, the oldest first", "Cycle", "SoC at the start"].map((text) => el("th", { scope: "col", text })))),
-      el("tbody", {}, runs.map((run, k) => el("tr", {}, el("td", {}, boxes[k]), el("td", { text: nameOf(run) }), el("td", {}, cycles[k]), el("td", { text: Number.isFinite(run.initial_soc) ? run.initial_soc.toFixed(2) : "–" })))))),
+      el("tbody", {}, runs.map((run, k) => el("tr", {}, el("td", {}, boxes[k]), el("td", { text: nameOf(run) }), el("td", {}, cycles[k]), el("td", { text: percent(run.initial_soc, 0) })))))),
     el("div", { class: "form-end" }, start, message));
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
