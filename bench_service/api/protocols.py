@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import asdict
 from typing import Any
 
@@ -62,7 +61,7 @@ async def add(body: ProtocolBody, services: ServicesOf) -> Answer:
 )
 async def preview(body: LookAheadBody, services: ServicesOf) -> Answer:
     """Say what a protocol would do on a bench: its steps, its length, current and voltage of a nominal cell."""
-    return await asyncio.to_thread(look_ahead, services, body.model_dump())
+    return await services.aside.call(look_ahead, services, body.model_dump())
 
 
 @router.get("", openapi_extra=paged("protocols", "Protocol"))

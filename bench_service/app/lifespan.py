@@ -8,6 +8,7 @@ from contextlib import AsyncExitStack, asynccontextmanager, closing
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import TypeVar
 
 from bench_service.app.recorder import RecorderKeeper
 from bench_service.app.simulated import SimulatedCycler, simulator_arguments
@@ -16,6 +17,7 @@ from bench_service.bench.limits import Limits
 from bench_service.bench.messages import EventMessage
 from bench_service.bench.settings import BenchSettings
 from bench_service.bench.supervisor import BenchSupervisor
+from bench_service.campaign.aside import Aside
 from bench_service.campaign.benches import Bench, Benches
 from bench_service.campaign.campaigns import CampaignRunner
 from bench_service.campaign.cell_on_bench import settings_with, with_cell
@@ -54,6 +56,7 @@ from bench_service.store.views import Views
 from bench_service.store.watch import MEGABYTE
 
 _SEALS = "seals"  # in the data directory
+ClosingT = TypeVar("ClosingT", Runs, CampaignRunner, Learning)
 
 
 @asynccontextmanager
@@ -81,8 +84,8 @@ async def running_services(
         storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
         jobs = await _jobs(stack, config)
-        runs, devices = Runs(store, samples, journal, storage, code_version), Devices(store, journal)
-        stack.push_async_callback(runs.close)
+        runs = _closed_by(stack, Runs(store, samples, journal, storage, code_version))
+        devices = Devices(store, journal)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_stop, runs.on_state, devices.on_state)
         stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
         await _add_benches(stack, config, store, (samples, recorder, benches, devices, config.data_dir / _SEALS, stop))
@@ -102,6 +105,7 @@ async def running_services(
             runs=runs,
             jobs=jobs,
             screen=stack.enter_context(closing(Screen())),
+            aside=stack.enter_context(closing(Aside())),
             modelling=workshop.modelling,
             observing=Observing(store, jobs, workshop.modelling, config.data_dir),
             learning=_learning(stack, workshop, journal, (config.data_dir, code_version)),
@@ -119,12 +123,15 @@ async def running_services(
         )
 
 
+def _closed_by(stack: AsyncExitStack, part: ClosingT) -> ClosingT:
+    stack.push_async_callback(part.close)
+    return part
+
+
 def _campaigns(
     stack: AsyncExitStack, workshop: Workshop, journal: Journal, live: Broadcaster, code_version: str
 ) -> CampaignRunner:
-    campaigns = CampaignRunner(workshop, journal, live, code_version)
-    stack.push_async_callback(campaigns.close)
-    return campaigns
+    return _closed_by(stack, CampaignRunner(workshop, journal, live, code_version))
 
 
 def _reporting(workshop: Workshop, trending: Trending, made: tuple[Path, str]) -> Reporting:
@@ -132,9 +139,7 @@ def _reporting(workshop: Workshop, trending: Trending, made: tuple[Path, str]) -
 
 
 def _learning(stack: AsyncExitStack, workshop: Workshop, journal: Journal, made: tuple[Path, str]) -> Learning:
-    learning = Learning(workshop.store, workshop.jobs, workshop.modelling, workshop.runs, journal, made)
-    stack.push_async_callback(learning.close)
-    return learning
+    return _closed_by(stack, Learning(workshop.store, workshop.jobs, workshop.modelling, workshop.runs, journal, made))
 
 
 async def _resume_protocols(

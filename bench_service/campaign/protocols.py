@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from dataclasses import asdict
 from typing import Any
@@ -24,7 +23,7 @@ from bench_service.store.records import Json, ProtocolRecord
 
 async def add_protocol(services: Services, body: Json) -> ProtocolRecord:
     """Check a protocol and store it; raises `BadRequestError`."""
-    document = await asyncio.to_thread(document_of, services, body)
+    document = await services.aside.call(document_of, services, body)
     protocol = read_protocol(document)
     n_steps = len(protocol.steps)
     return await services.journal.write(services.store.protocols.add, protocol.name, n_steps, document)

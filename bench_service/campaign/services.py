@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from bench_service.campaign.aside import Aside
 from bench_service.campaign.benches import Benches
 from bench_service.campaign.campaigns import CampaignRunner
 from bench_service.campaign.cells import Cells
@@ -46,6 +47,7 @@ class Services:
     runs: Runs
     jobs: JobRunner
     screen: Screen
+    aside: Aside
     modelling: Modelling
     observing: Observing
     learning: Learning

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,10 +12,12 @@ import pytest
 
 from bench_service.api import protocols, run_steps, runs
 from bench_service.bench.limits import Limits
+from bench_service.campaign.aside import Aside
 from bench_service.errors import NotFoundError
 from bench_service.store.reading import StreamData
 from bench_service.store.records import ProtocolRecord
 from bench_service.streams import STEPS, STREAMS
+from tests.patience import PATIENCE_S
 from tests.unit.bench_service.api.route_rig import MOMENT, AsyncPart, Store, client_of, error_of
 
 RECORD = ProtocolRecord(id="p1", name="test", sha256="abc", n_steps=1, created_utc=MOMENT)
@@ -32,7 +36,8 @@ class Benches:
 def client() -> tuple[Any, AsyncPart]:
     journal = AsyncPart(write=RECORD)
     answers = {"add": RECORD, "get": RECORD, "document": DOCUMENT, "page": [RECORD]}
-    return client_of(protocols.router, journal=journal, store=Store(protocols=answers), benches=Benches()), journal
+    parts = {"journal": journal, "store": Store(protocols=answers), "benches": Benches(), "aside": Aside()}
+    return client_of(protocols.router, **parts), journal
 
 
 def written(journal: AsyncPart) -> dict[str, Any]:
@@ -96,6 +101,44 @@ def test_a_preview_says_what_to_expect() -> None:
     hot = {**DOCUMENT, "steps": [{"step": "constant_current", "rate_C": 4, "until": {"time_s": 9}}]}
     refused = service.post("/protocols/preview", json={"document": hot, "bench": "sim"})
     assert refused.status_code == 422 and error_of(refused)["where"] == ["steps", 0, "rate_C"]
+
+
+@pytest.mark.parametrize(("duration_s", "times"), [(1e9, 1), (4e5, 3)])
+def test_a_design_longer_than_the_bench_runs_is_refused_before_it_is_made(
+    monkeypatch: pytest.MonkeyPatch, duration_s: float, times: int
+) -> None:
+    made: list[float] = []
+
+    def design(request: Any, _rng: Any) -> SimpleNamespace:
+        made.append(request.duration_s)
+        return SimpleNamespace(time_s=np.array([0.0, 1.0]), current_A=np.array([0.0, 0.0]))
+
+    monkeypatch.setattr("models.design.step_profile", design)
+    service, _ = client()
+    design_step = {"step": "design", "request": {"initial_soc": 0.5, "duration_s": duration_s}}
+    body = {"document": {**DOCUMENT, "steps": [design_step] * times}, "bench": "sim"}
+    for address in ("/protocols", "/protocols/preview"):
+        answer = service.post(address, json=body)
+        assert answer.status_code == 422 and "longer than a run may be" in error_of(answer)["message"]
+        assert error_of(answer)["where"] == ["steps", times - 1, "request", "duration_s"]
+    assert made == [duration_s] * 2 * (times - 1)
+
+
+def test_no_preview_is_in_front_of_a_stop() -> None:
+    """More previews than there are threads, none of which ends: what needs a thread gets one."""
+    aside, open_again = Aside(), threading.Event()
+
+    async def stop() -> str:
+        previews = [asyncio.create_task(aside.call(open_again.wait)) for _ in range(100)]
+        await asyncio.sleep(0)
+        try:
+            return await asyncio.wait_for(asyncio.to_thread(lambda: "stopped"), PATIENCE_S)
+        finally:
+            aside.close()
+            open_again.set()
+            await asyncio.gather(*previews, return_exceptions=True)
+
+    assert asyncio.run(stop()) == "stopped"
 
 
 def test_what_is_stored_is_listed() -> None:
