@@ -74,6 +74,8 @@ class JobRunner:
         self._jobs: dict[str, Job] = {}
         self._tasks: dict[str, asyncio.Task[Job]] = {}
         self._pids: dict[str, int] = {}
+        self._at_work: set[str] = set()  # in a worker now
+        self._storing: set[str] = set()  # what was made is being stored
         self._free: asyncio.Queue[ProcessPoolExecutor] = asyncio.Queue()
         self._free_quick: asyncio.Queue[ProcessPoolExecutor] = asyncio.Queue()
         self._directory: Path | None = None
@@ -143,9 +145,12 @@ class JobRunner:
         return job if task is None else await asyncio.shield(task)
 
     def cancel(self, job_id: str) -> None:
-        """End a job: a queued one is dropped, a running one's worker is killed. Harmless when it has ended."""
+        """End a job: a queued one is dropped, a running one's worker is killed.
+
+        Nothing happens when it has ended, and while what it made is being stored: that is done to its end.
+        """
         job = self.get(job_id)
-        if job.ended:
+        if job.ended or job_id in self._storing:
             return
         self._set(replace(job, state="failed", error="cancelled"))
         if (pid := self._pids.get(job_id)) is not None:
@@ -169,7 +174,11 @@ class JobRunner:
         try:
             if not self._jobs[job_id].ended:
                 result = await self._work(worker, job_id, function, arguments)
-                if not self._jobs[job_id].ended:
+                if self._jobs[job_id].ended:  # cancelled in its last moment: the kill may hit the worker later
+                    worker.shutdown(wait=False)
+                    worker = _new_worker(self._nice)
+                else:
+                    self._storing.add(job_id)
                     result = result if store is None else await asyncio.to_thread(store, result)
                     self._set(replace(self._jobs[job_id], state="done", progress=1.0, result=result))
         except BrokenProcessPool:
@@ -182,7 +191,7 @@ class JobRunner:
             self._fail(job_id, str(error) or type(error).__name__)
         finally:
             free.put_nowait(worker)
-            self._pids.pop(job_id, None)
+            self._storing.discard(job_id)
             self._tasks.pop(job_id, None)
         return self._jobs[job_id]
 
@@ -191,7 +200,12 @@ class JobRunner:
     ) -> Mapping[str, Any]:
         self._set(replace(self._jobs[job_id], state="running"))
         reporter = Reporter(self._path, job_id)
-        return await asyncio.wrap_future(worker.submit(_call, function, reporter, arguments))
+        self._at_work.add(job_id)
+        try:
+            return await asyncio.wrap_future(worker.submit(_call, function, reporter, arguments))
+        finally:
+            self._at_work.discard(job_id)
+            self._pids.pop(job_id, None)
 
     def _fail(self, job_id: str, error: str) -> None:
         if not self._jobs[job_id].ended:
@@ -201,9 +215,11 @@ class JobRunner:
         job = self._jobs.get(report["job"])
         if job is None or job.id not in self._tasks:
             return
-        self._pids[job.id] = int(report["pid"])
-        if job.ended:  # cancelled before its worker had told its pid
-            _kill(self._pids[job.id])
+        if job.id in self._at_work:
+            self._pids[job.id] = int(report["pid"])
+            if job.ended:  # cancelled before its worker had told its pid
+                _kill(self._pids[job.id])
+        if job.ended:
             return
         fraction = min(max(float(report["fraction"]), job.progress), 1.0)
         self._set(replace(job, progress=fraction, message=str(report["message"]) or job.message))

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import threading
 import time
 from collections.abc import AsyncIterator
 
@@ -90,6 +91,27 @@ async def test_cancelling_ends_a_running_and_a_queued_job(runner: JobRunner, cha
     async with asyncio.timeout(PATIENCE_S):
         jobs = [await runner.wait(job.id) for job in (running, queued)]
     assert [(job.state, job.error) for job in jobs] == [("failed", "cancelled")] * 2
+
+
+async def test_what_is_being_stored_is_stored_to_its_end(runner: JobRunner, changes: list[Job]) -> None:
+    """A cancellation then does nothing: the worker has gone on, to nothing or to another job."""
+    storing, go_on = threading.Event(), threading.Event()
+
+    def store(result: dict) -> dict:
+        storing.set()
+        go_on.wait(PATIENCE_S)
+        return result
+
+    job = runner.submit("fit", add, 1.0, 2.0, store=store)
+    await holds(storing.is_set, "it is being stored")
+    runner.cancel(job.id)
+    go_on.set()
+    stored = await runner.wait(job.id)
+    assert (stored.state, stored.error) == ("done", None) and stored.result is not None
+    assert "failed" not in {change.state for change in changes}
+    following = await runner.wait(runner.submit("fit", add, 2.0, 2.0).id)
+    assert following.state == "done" and following.result is not None
+    assert following.result["pid"] == stored.result["pid"]
 
 
 async def test_unknown_job(runner: JobRunner) -> None:
