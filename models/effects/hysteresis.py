@@ -16,8 +16,8 @@ from models.network.structure import InputChannel, Structure
 _RATES = (5.0, 15.0, 50.0, 150.0)
 _SHAPES = (4.0, 6.0, 9.0, 14.0, 20.0, 30.0, 45.0, 70.0, 110.0, 170.0, 400.0)
 _BUMPS = 5
-# A usual loop, and rates that it may have.
-_USUAL_V, _EXPECTED_RATES = 0.008, (10.0, 20.0, 40.0, 80.0, 160.0)
+# A usual loop, the widest of any cell, which silicon has when nearly empty, and rates that it may have.
+_USUAL_V, _MOST_V, _EXPECTED_RATES = 0.008, 0.3, (10.0, 20.0, 40.0, 80.0, 160.0)
 # Silicon beside graphite has a loop of its own, but takes part only where the cell is nearly empty (Ai et al., J. Power
 # Sources 527, 2022): how fast that fades with the state of charge, and rates that it may have there.
 _SILICON_SOC, _SILICON_RATES = 0.1, (5.0, 10.0, 20.0)
@@ -74,7 +74,7 @@ EFFECT = Effect(
     slow=True,
     regressors=_regressors,
     overpotential=True,
-    lean=Lean(_columns, lambda _view: _SHAPES),
+    lean=Lean(_columns, lambda _view: _SHAPES, possible=lambda _view: _MOST_V),
     reference_terms=("hysteresis",),
     extend=_extend,
     bounded_part="hysteresis",

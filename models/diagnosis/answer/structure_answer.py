@@ -62,7 +62,7 @@ def structure_answer(
         rivals = findings[0].confounded_with
     else:
         findings, n_named = _findings(analysis, record), len(analysis.named)
-        rivals = analysis.named[0].ranking.rivals if analysis.named else ()
+        rivals = findings[0].confounded_with if findings else ()
     request = None
     if rivals:
         voltage_V = np.concatenate([run.voltage_V[run.measured] for run in record.runs])
@@ -102,27 +102,29 @@ def _much_left(analysis: StructureAnalysis, cost_V2: float) -> bool:
 
 
 def _findings(analysis: StructureAnalysis, record: Record) -> list[Finding]:
-    """The named effects, each with what it leaves beside those before it; then the rivals."""
+    """The named effects, each with what it leaves beside those before it; then the rivals that lower the error, too."""
     findings: list[Finding] = []
     rivals: list[Finding] = []
-    readings, left_mV = Readings(analysis.named), record.rms_mV
+    readings, before_V2 = Readings(analysis.named), analysis.as_it_is_mse
     for number, named in enumerate(analysis.named):
         shown = named.ranking.candidates[: 1 + min(len(named.ranking.rivals), _SHOWN_RIVALS)]
-        names = [each.effect.name for each in shown]
         left = [held_out_mse(named.comparison, analysis.n_train, each) for each in shown]
         if number + 1 < len(analysis.named):
             # The next one's comparison has this one in the model already; its own has the next.
             left[0] = held_out_mse(analysis.named[number + 1].comparison, analysis.n_train)
-        read = [readings.parameters(named, each) for each in shown]
+        lower = [k for k, mse in enumerate(left) if k == 0 or mse < before_V2]
+        names = [shown[k].effect.name for k in lower]
+        errors_mV = [(record.rms_mV, 1e3 * float(np.sqrt(left[k]))) for k in lower]
+        read = [readings.parameters(named, shown[k]) for k in lower]
         tried = [
-            _finding(named, each, names, (record.rms_mV, min(left_mV, 1e3 * float(np.sqrt(mse)))), values, findings)
-            for each, mse, values in zip(shown, left, read, strict=True)
+            _finding(named, shown[k], names, error_mV, values, findings)
+            for k, error_mV, values in zip(lower, errors_mV, read, strict=True)
         ]
         figures = _forecast_figures(analysis, named)
         tried = [replace(each, evidence=each.evidence | figures) for each in tried]
         rivals += tried[1:]
         findings.append(tried[0])
-        left_mV = tried[0].error_after_mV
+        before_V2 = left[0]
     told = {each.effect for each in findings}
     every = findings + [each for each in rivals if each.effect not in told]
     return [replace(each, rank=number + 1) for number, each in enumerate(every)]

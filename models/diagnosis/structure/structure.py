@@ -8,6 +8,7 @@ be taken for effects; without the finer curve, its corners would.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -57,6 +58,11 @@ class StructureAnalysis:
     n_train: int
     resolution: int
 
+    @property
+    def as_it_is_mse(self) -> float:
+        """Mean squared error of the diagnosed runs with the network as it is, V^2."""
+        return float(np.mean(self.comparison.evidence.error_V[self.n_train :] ** 2))
+
 
 def analyse_structure(
     network: LocalModelNetwork,
@@ -101,12 +107,9 @@ def analyse_structure(
     named = named_effects(comparison, ranking) if ranking.something_new else ()
     # An effect that helps only the runs it was fitted to is none, a second one that does leaves the first alone;
     # without other runs there is nothing to ask.
-    if len(named) > 1 and runs and not all(_helps(each, n_train) for each in named):
+    if len(named) > 1 and runs and not _bear_out(named, n_train, error[n_train:]):
         named = (Named(comparison, ranking),)
-    if len(named) == 1 and not (ranking.significant and (not runs or _helps(named[0], n_train))):
-        named = ()
-    # With all that a refit moves beside it, an effect has to do better than the network as it is.
-    if named and 0 < n_train < len(error) and not _lowers(named[-1], n_train, float(np.mean(error[n_train:] ** 2))):
+    if len(named) == 1 and not (ranking.significant and (not runs or _bear_out(named, n_train, error[n_train:]))):
         named = ()
     return StructureAnalysis(comparison, ranking, named, n_train, resolution)
 
@@ -132,13 +135,17 @@ def _possible(comparison: Comparison, candidate: Candidate) -> bool:
     return abs(first.value) <= effect.lean.scale * effect.lean.possible(comparison.runs.views[0])
 
 
-def _helps(named: Named, n_train: int) -> bool:
-    candidate = named.ranking.candidates[0]
-    return held_out_mse(named.comparison, n_train, candidate) < held_out_mse(named.comparison, n_train)
+def _bear_out(named: tuple[Named, ...], n_train: int, error_V: FloatArray) -> bool:
+    """Whether the held-out error falls with each effect that is named, and with all that a refit moves beside it.
 
-
-def _lowers(named: Named, n_train: int, own_mse: float) -> bool:
-    return held_out_mse(named.comparison, n_train, named.ranking.candidates[0]) < own_mse
+    Below that of the network as it is: there the parameters that it has may do harm, with or without an effect.
+    """
+    without = [held_out_mse(each.comparison, n_train) for each in named]
+    left = [held_out_mse(each.comparison, n_train, each.ranking.candidates[0]) for each in named]
+    # The second one's comparison has the first in the model already.
+    steps = [float(np.mean(error_V**2)), *without[1:], left[-1]]
+    helps = all(after < before for before, after in zip(without, left, strict=True))
+    return helps and all(after < before for before, after in pairwise(steps))
 
 
 def _inside(samples: Samples, n_train: int) -> Samples:

@@ -106,6 +106,27 @@ def test_rivals_that_explain_too_little_leave_it_unexplained() -> None:
     assert not unexplained(replace(analysis, named=(replace(named, ranking=alone),)))
 
 
+def with_rival(times: float) -> tuple[StructureAnalysis, Record]:
+    """A named effect and a rival, to which so many times the error was given to explain."""
+    analysis, record = analysed(transfer_V(), "charge_transfer", "soc_dependence")
+    (named,) = analysis.named
+    first, other = named.ranking.candidates
+    other = replace(other, target_V=times * other.target_V)
+    ranking = replace(named.ranking, candidates=(first, other), rivals=(other.effect.name,))
+    return replace(analysis, named=(replace(named, ranking=ranking),)), record
+
+
+def test_a_rival_is_told_where_the_error_falls_with_it() -> None:
+    ambiguous, alone = answered(*with_rival(1.0)), answered(*with_rival(3.0))
+    assert (ambiguous.verdict, [each.effect for each in ambiguous.findings]) == (
+        "ambiguous",
+        ["charge_transfer", "soc_dependence"],
+    )
+    assert all(each.error_after_mV < each.error_before_mV for each in ambiguous.findings)
+    assert (alone.verdict, [each.effect for each in alone.findings]) == ("missing", ["charge_transfer"])
+    assert alone.findings[0].confounded_with == () and alone.next_experiment is None
+
+
 def refits(*names: str) -> Refits:
     values = {"time_constant_s": Value(900.0, None, "s")}
     return Refits(tuple(Refit(effect(name), values, 2.0 + k, 3.0 + k) for k, name in enumerate(names)), 8.0)

@@ -93,6 +93,15 @@ def test_nothing_is_missing_in_a_structure_that_has_all() -> None:
     assert answer.findings == ()
 
 
+@pytest.mark.parametrize("rms_V", [0.3, 0.1])
+def test_no_effect_is_named_with_which_the_error_rises(rms_V: float) -> None:
+    network, _, run = fitted(CELL)
+    swinging = replace(run, voltage_V=run.voltage_V + rms_V * np.sin(run.time_s / 100.0))
+    answer = diagnose(network, [swinging], [SOC], mode="structure")
+    assert (answer.verdict, answer.findings) == ("unknown_effect", ())
+    assert answer.unexplained_mV == pytest.approx(1e3 * rms_V * np.sqrt(0.5), rel=0.05)
+
+
 @pytest.mark.proof
 def test_a_sensor_error_is_added_as_a_correction() -> None:
     network, train, run = fitted(CELL)
