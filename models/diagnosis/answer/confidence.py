@@ -27,6 +27,11 @@ def confidence(ranking: Ranking) -> float:
     return sure if ranking.own_V <= AS_NOISE * ranking.noise_V else min(sure, SURE_ELSEWHERE)
 
 
+def of_rivals(sure: float, n_rivals: int) -> float:
+    """Probability of each rival of a named effect: they share what that leaves, and none is likelier than it."""
+    return min(sure, (1.0 - sure) / n_rivals) if n_rivals else 0.0
+
+
 def most_sure(factor: float) -> float:
     """How sure anything may be said of a cell whose unseen error is so many times the noise."""
     return float(np.interp(factor, [_SURELY, AS_NOISE], [1.0, SURE_ELSEWHERE]))

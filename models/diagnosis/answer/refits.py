@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from models.data.resampling import GridRun
+from models.diagnosis.answer.confidence import of_rivals
 from models.diagnosis.answer.findings import Finding
 from models.diagnosis.evidence.candidates import Candidate
 from models.diagnosis.evidence.joint import Named
@@ -189,6 +190,7 @@ def refit_findings(refits: Refits, record: Record) -> list[Finding]:
     findings = []
     for rank, each in enumerate(refits.named, 1):
         others = tuple(name for name in names if name != each.effect.name)
+        chance = sure if rank == 1 else of_rivals(sure, len(others))
         words = (
             f"{each.effect.title} is missing in the model: a refit with it lowers the error of held-out training runs "
             f"from {refits.held_out_mV:.1f} to {each.held_out_mV:.1f} mV. How to recognise it: {each.effect.recognise}."
@@ -198,7 +200,7 @@ def refit_findings(refits: Refits, record: Record) -> list[Finding]:
             words += f" These data cannot tell it from: {titles}."
         errors_mV = {"held_out_before_mV": refits.held_out_mV, "held_out_after_mV": each.held_out_mV}
         finding = Finding(
-            each.effect.name, rank, record.rms_mV, each.error_mV, sure, each.parameters, others, words, errors_mV
+            each.effect.name, rank, record.rms_mV, each.error_mV, chance, each.parameters, others, words, errors_mV
         )
         findings.append(finding)
     return findings

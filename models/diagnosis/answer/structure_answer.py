@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.diagnosis.answer.confidence import confidence
+from models.diagnosis.answer.confidence import confidence, of_rivals
 from models.diagnosis.answer.explanation import explain
 from models.diagnosis.answer.findings import Diagnosis, Finding
 from models.diagnosis.answer.next_experiment import discriminating_request
@@ -122,7 +122,8 @@ def _findings(analysis: StructureAnalysis, record: Record) -> list[Finding]:
         ]
         figures = _forecast_figures(analysis, named)
         tried = [replace(each, evidence=each.evidence | figures) for each in tried]
-        rivals += tried[1:]
+        chance = of_rivals(tried[0].confidence, len(tried) - 1)
+        rivals += [replace(each, confidence=chance) for each in tried[1:]]
         findings.append(tried[0])
         before_V2 = left[0]
     told = {each.effect for each in findings}

@@ -123,6 +123,8 @@ def test_a_rival_is_told_where_the_error_falls_with_it() -> None:
         ["charge_transfer", "soc_dependence"],
     )
     assert all(each.error_after_mV < each.error_before_mV for each in ambiguous.findings)
+    first, second = (each.confidence for each in ambiguous.findings)
+    assert second == pytest.approx(min(first, 1.0 - first)) and first == 0.6
     assert (alone.verdict, [each.effect for each in alone.findings]) == ("missing", ["charge_transfer"])
     assert alone.findings[0].confounded_with == () and alone.next_experiment is None
 
@@ -149,8 +151,10 @@ def test_refits_that_come_near_each_other_are_rivals() -> None:
     assert answer.verdict == "ambiguous"
     assert [(each.effect, each.rank, each.confidence) for each in answer.findings] == [
         ("relaxation", 1, 0.6),
-        ("hysteresis", 2, 0.6),
+        ("hysteresis", 2, 0.4),
     ]
+    three = answered(analysis, record, refits("relaxation", "hysteresis", "soc_dependence"))
+    assert [each.confidence for each in three.findings] == pytest.approx([0.6, 0.2, 0.2])
     assert answer.findings[0].confounded_with == ("hysteresis",)
     # What is unexplained is what the named one leaves, not its rival.
     assert answer.unexplained_mV == 3.0
