@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.data.errors import ModelError
 from models.data.timeseries import FloatArray, TimeSeries
 
 
@@ -31,6 +32,22 @@ def same_record(one: TimeSeries, other: TimeSeries) -> bool:
         np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
         for name in ("time_s", "current_A", "voltage_V")
     )
+
+
+def check_no_repeat(runs: list[TimeSeries], taker: str) -> None:
+    """Refuse a record that stands twice: it would count as two runs that bear each other out.
+
+    Raises
+    ------
+    ModelError
+        It says which runs they are, and that `taker`, such as "a series", takes each once.
+    """
+    if (found := first_repeat(runs)) is not None:
+        again, first = found
+        raise ModelError(
+            f"run {again + 1} ({runs[again].name}) is the same record as run {first + 1} ({runs[first].name}): "
+            f"{taker} takes each record once; leave one of them out"
+        )
 
 
 def first_repeat(runs: list[TimeSeries]) -> tuple[int, int] | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from models.data.errors import ModelError, NotIdentifiableError, StructureError
 from models.data.resampling import GridRun, to_grid
-from models.data.run_order import in_order
+from models.data.run_order import check_no_repeat, in_order
 from models.data.timeseries import TimeSeries
 from models.diagnosis.answer.beyond import beyond_remarks
 from models.diagnosis.answer.change_answer import change_answer
@@ -65,11 +65,12 @@ def diagnose(
     Raises
     ------
     ModelError
-        No run, unknown mode, or runs that the model cannot be held against.
+        No run, a record that is given twice, unknown mode, or runs that the model cannot be held against.
     """
     started = time.perf_counter()
     if not runs:
         raise ModelError("nothing to diagnose: no run was given")
+    check_no_repeat(runs, "a diagnosis")
     record = make_record(network, runs, initial_soc)
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")

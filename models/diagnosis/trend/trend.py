@@ -11,7 +11,7 @@ import numpy as np
 
 from models.data.errors import ModelError
 from models.data.resampling import to_grid
-from models.data.run_order import first_repeat, in_order
+from models.data.run_order import check_no_repeat, in_order
 from models.data.timeseries import FloatArray, TimeSeries
 from models.diagnosis.diagnosis import check_training, known_of
 from models.diagnosis.known.memory import KnownRuns
@@ -90,7 +90,9 @@ def trend(
         No run, a record that is given twice, or runs that the model cannot be held against.
     """
     started = time.perf_counter()
-    _check_runs(runs)
+    if not runs:
+        raise ModelError("no trend: no run was given")
+    check_no_repeat(runs, "a series")
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
     along = places or Places()
@@ -125,18 +127,6 @@ def _at(along: Places, n: int) -> FloatArray:
     if len(at) != n:
         raise ModelError(f"{len(at)} place(s) for {n} run(s): give one for each")
     return at
-
-
-def _check_runs(runs: list[TimeSeries]) -> None:
-    """Refuse none, and a record that stands twice: it would count as two runs that bear each other out."""
-    if not runs:
-        raise ModelError("no trend: no run was given")
-    if (found := first_repeat(runs)) is not None:
-        again, first = found
-        raise ModelError(
-            f"run {again + 1} ({runs[again].name}) is the same record as run {first + 1} ({runs[first].name}): a "
-            "series takes each record once; leave one of them out"
-        )
 
 
 def _known(

@@ -41,6 +41,13 @@ def test_calls_that_cannot_be_answered_are_refused() -> None:
             diagnose(model, [run], [SOC], train=[run], train_soc=train_soc)
 
 
+def test_a_record_given_twice_is_no_second_witness() -> None:
+    model, run = plain_network(), series()
+    other = replace(run, voltage_V=run.voltage_V + 1e-3)
+    with pytest.raises(ModelError, match=r"run 3 \(again\) is the same record as run 1 \(steps\).*leave one"):
+        diagnose(model, [run, other, replace(run, name="again")], [SOC, SOC, SOC])
+
+
 def test_without_training_runs_the_cell_was_as_the_network_has_it(record: Record) -> None:
     simulated, soc = as_simulated(record)
     run = true_run(steps_A(1200))
