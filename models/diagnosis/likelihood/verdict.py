@@ -32,6 +32,7 @@ class Verdict:
     single : of each effect alone, the likeliest first
     pairs : of two effects at once, the likeliest first
     sharper : by how much the logarithm of nothing was lowered beside those of effects
+    start_gain : by how much it was raised, before tempering, where the runs begin elsewhere within what is stated
     """
 
     nothing: float
@@ -39,6 +40,7 @@ class Verdict:
     single: tuple[tuple[float, Tried], ...]
     pairs: tuple[tuple[float, Tried, Tried], ...]
     sharper: float = 0.0
+    start_gain: float = 0.0
 
     @property
     def something(self) -> bool:
@@ -97,10 +99,16 @@ def chances_of(
     n_voltage : points of the voltage, the first ones
     """
     alone = np.log(prior_alone([*tried, *others]))[len(tried) :]
-    logs = alone + THRESHOLDS.tempering * np.array([each.weighed.log_likelihood for each in others])
-    logs += np.log(max(verdict.nothing, _LEAST)) - np.log(THRESHOLDS.nothing) + verdict.sharper
+    nothing = np.log(THRESHOLDS.nothing) + THRESHOLDS.tempering * verdict.start_gain - verdict.sharper
+    logs = _single_logs(alone, others) + np.log(max(verdict.nothing, _LEAST)) - nothing
     worse = [worsens(back, each.contribution, n_voltage) for each in others]
     return np.where(worse, 0.0, np.exp(np.minimum(logs, 0.0)))
+
+
+def _single_logs(alone: FloatArray, tried: Sequence[Tried]) -> FloatArray:
+    """(effects,) logarithm of the weight of each effect alone, by that of its prior."""
+    logs = alone + THRESHOLDS.tempering * np.array([each.weighed.log_likelihood for each in tried])
+    return logs + np.array([each.rare(each.weighed.mean) for each in tried])
 
 
 def in_other_explanations(
@@ -158,8 +166,7 @@ def judge(back: Background, tried: list[Tried], n_voltage: int, start_gain: floa
         joint = np.log(at.pairs * products / max(products.sum(), _LEAST))
     gains = pair_gains(back, [each.columns for each in tried], [each.moved for each in tried], couples)
     broken = np.array([tried[i].broken + tried[j].broken for i, j in couples])
-    single_logs = alone + at.tempering * np.array([each.weighed.log_likelihood for each in tried])
-    single_logs += np.array([each.rare(each.weighed.mean) for each in tried])
+    single_logs = _single_logs(alone, tried)
     simpler = Simpler(back, tried, n_voltage)
     single_logs[[simpler.single(i) for i in range(len(tried))]] = -np.inf
     joint_logs = joint + at.tempering * (np.array(gains) - broken)
@@ -189,4 +196,4 @@ def judge(back: Background, tried: list[Tried], n_voltage: int, start_gain: floa
         ((float(p), tried[i], tried[j]) for p, (i, j) in zip(posterior[2 + len(tried) :], couples, strict=True)),
         key=lambda each: -each[0],
     )
-    return Verdict(float(posterior[0]), float(posterior[1]), tuple(single), tuple(pairs), sharper)
+    return Verdict(float(posterior[0]), float(posterior[1]), tuple(single), tuple(pairs), sharper, start_gain)

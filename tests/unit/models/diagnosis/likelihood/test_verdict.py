@@ -9,7 +9,7 @@ from models.diagnosis.likelihood.shapes import Linear, Moving
 from models.diagnosis.likelihood.simpler import Simpler, price_of_shape
 from models.diagnosis.likelihood.thresholds import THRESHOLDS
 from models.diagnosis.likelihood.tried import Tried, together, try_shapes, weigh_both
-from models.diagnosis.likelihood.verdict import Verdict, as_whole_loss, in_other_explanations, judge
+from models.diagnosis.likelihood.verdict import Verdict, as_whole_loss, chances_of, in_other_explanations, judge
 from models.effects import effect
 
 N = 60
@@ -172,6 +172,22 @@ def test_a_size_beyond_all_usual_ones_is_rarer_than_the_tempered_likelihood_has_
     np.testing.assert_allclose(tried.rare(np.array([far])), -0.5 * (1.0 - THRESHOLDS.tempering) * 16.0)
     assert tried.rare(np.array([1.0])) > -0.1
     assert tried.rare(np.array([far, far])) == 0.0
+
+
+@pytest.mark.parametrize("start_gain", [0.0, 6.0, 12.0])
+def test_an_effect_that_was_not_weighed_has_the_odds_that_it_would_have_had(start_gain: float) -> None:
+    far = 2.0 * max(THRESHOLDS.sizes)
+    columns = {"series_resistance": 1.4e-4 * np.sin(9.0 * TIME), "current_gain": 1.4e-4 * np.cos(5.0 * TIME)}
+    back = against(1e-4 * TIME, far * columns["current_gain"])
+    weighed, left = (
+        try_shapes(back, effect(name), (Linear(each[:, None], (), (), 0),)) for name, each in columns.items()
+    )
+    assert left.rare(left.weighed.mean) < -0.5
+    verdict = judge(back, [weighed], N, start_gain)
+    (chance,) = chances_of(back, verdict, [weighed], [left], N)
+    both = judge(back, [weighed, left], N, start_gain)
+    (alone,) = (p for p, each in both.single if each is left)
+    assert chance / verdict.nothing == pytest.approx(alone / both.nothing)
 
 
 def test_a_cause_beside_the_whole_loss_of_capacity_or_what_looks_like_it_is_no_explanation() -> None:
