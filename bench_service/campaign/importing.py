@@ -58,6 +58,8 @@ class Importing:
         self._store, self._jobs, self._storage, self._attach = store, jobs, storage, attach
         self._folder, self._mappings = made[0] / _UPLOADS, made[0] / FOLDER
         self._code_version, self._readers = made[1], readers
+        # Of each upload: the request that writes to it, the latest.
+        self._writing: dict[str, object] = {}
 
     def add(self, name: str) -> Json:
         """Begin an upload; old ones that nobody stored are forgotten."""
@@ -81,18 +83,27 @@ class Importing:
         Raises
         ------
         ConflictError
-            It ends elsewhere: go on from there.
+            It ends elsewhere: go on from there. Or a later request has gone on with it while this one was waiting for
+            its next piece: a client that took this connection for lost.
         """
         content = self._of(upload_id) / _CONTENT
         there = content.stat().st_size
         if offset != there:
             raise ConflictError(f"the upload has {there} bytes: go on from offset {there}, not {offset}")
-        with content.open("ab") as stream:
-            async for piece in pieces:
-                there += len(piece)
-                if there > MOST_BYTES:
-                    raise BadRequestError("the file is too large", value=there, unit="bytes", limit=MOST_BYTES)
-                stream.write(piece)
+        mine = self._writing[upload_id] = object()
+        try:
+            with content.open("ab") as stream:
+                async for piece in pieces:
+                    if self._writing.get(upload_id) is not mine:
+                        raise ConflictError("a later request goes on with this upload: this one has ended")
+                    there += len(piece)
+                    if there > MOST_BYTES:
+                        raise BadRequestError("the file is too large", value=there, unit="bytes", limit=MOST_BYTES)
+                    stream.write(piece)
+                    stream.flush()  # what a later request goes on from is all there is
+        finally:
+            if self._writing.get(upload_id) is mine:
+                del self._writing[upload_id]
         return self.get(upload_id)
 
     def drop(self, upload_id: str) -> None:
