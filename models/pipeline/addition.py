@@ -30,7 +30,7 @@ from models.pipeline.anew import Options, name_with, refitted
 from models.pipeline.bounded_refit import remembers
 from models.pipeline.effect_sizes import changed, in_network, missing, sized
 from models.pipeline.faults import Logs, freed
-from models.pipeline.known_effect import Again, difference, estimated_again, is_own
+from models.pipeline.known_effect import Again, difference, estimated_again, holds_others, is_own
 from models.readouts.counted_on import Counting, counted_anew
 
 # Numbers of local models with which the ways to put an effect in are compared.
@@ -122,7 +122,7 @@ def add_effect(
         made, values = _in_structure(task)
     now = errors_apart(made.network, validate, validate_soc, network)
     remark = made.remark + (_ROSE if now.overall_mV > _CLEARLY * was.overall_mV else "")
-    return _addition(network, made.network, chosen, values, (was, now), remark, given)
+    return _addition(network, made, chosen, values, (was, now), remark, given)
 
 
 @dataclass(frozen=True)
@@ -151,14 +151,14 @@ class _Task:
     @property
     def can_be_held(self) -> bool:
         """Whether something has changed since, and what was known is there to hold the rest to."""
-        return remembers(self.network) and not self.known
+        return remembers(self.network) and (not self.known or holds_others(self.network))
 
     def again(self, before: str) -> Again:
         """The effect as it has become, in runs that the network was not made from."""
         network, name = self.network, name_with(self.network, self.chosen.name)
         made = estimated_again(network, self.chosen, self.train, self.train_soc, self.own)
         structure = replace(made.network.structure, name=name)
-        return Again(replace(made.network, structure=structure), f"{before}; {made.remark}")
+        return Again(replace(made.network, structure=structure), f"{before}; {made.remark}", held=True)
 
 
 def _in_structure(task: _Task) -> tuple[Again, dict[str, Value]]:
@@ -269,7 +269,7 @@ def _starting(task: _Task, values: dict[str, Value], stated: list[float], made: 
 
 def _addition(
     parent: LocalModelNetwork,
-    network: LocalModelNetwork,
+    made: Again,
     chosen: Effect,
     values: dict[str, Value],
     errors: tuple[ErrorsApart, ErrorsApart],
@@ -283,6 +283,7 @@ def _addition(
         "error_before_mV": errors[0].overall_mV,
         "error_after_mV": errors[1].overall_mV,
     }
+    network = made.network
     record = replace(network.record, effects=(*parent.record.effects, entry))
     made_by = version_of(network)
     versioned = with_version(
@@ -290,7 +291,7 @@ def _addition(
         "effect",
         train,
         parent=parent,
-        settings={"effect": chosen.name},
+        settings={"effect": chosen.name, "held": made.held},
         errors={"parent_rmse_mV": errors[0].overall_mV, "rmse_mV": errors[1].overall_mV},
         code_version="unknown" if made_by is None else made_by.code_version,
         sums_sha256=None if made_by is None else made_by.sums_sha256,

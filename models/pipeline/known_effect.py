@@ -35,10 +35,11 @@ _MILLI = {"V": "mV", "Ohm": "mOhm", "A": "mA"}
 
 @dataclass(frozen=True)
 class Again:
-    """A network with an effect estimated again, and how that was done."""
+    """A network with an effect estimated again, and how that was done; `held`: to what was known of other runs."""
 
     network: LocalModelNetwork
     remark: str
+    held: bool = False
 
 
 def is_own(network: LocalModelNetwork, train: list[TimeSeries]) -> bool:
@@ -46,6 +47,12 @@ def is_own(network: LocalModelNetwork, train: list[TimeSeries]) -> bool:
     version = version_of(network)
     known = set() if version is None else {run.sha256 for run in version.runs}
     return bool(known) and all(run_sha256(run) in known for run in train)
+
+
+def holds_others(network: LocalModelNetwork) -> bool:
+    """Whether a network holds what earlier runs said beside those of its version, which a fit to these would lose."""
+    version = version_of(network)
+    return version is not None and (version.made_by in ("refit", "update") or bool(version.settings.get("held")))
 
 
 def estimated_again(
