@@ -90,9 +90,7 @@ def trend(
         No run, a record that is given twice, or runs that the model cannot be held against.
     """
     started = time.perf_counter()
-    if not runs:
-        raise ModelError("no trend: no run was given")
-    check_no_repeat(runs, "a series")
+    _check_runs(runs)
     if train and (train_soc is None or len(train_soc) != len(train)):
         raise ModelError("each training run needs its SoC at the start")
     along = places or Places()
@@ -127,6 +125,12 @@ def _at(along: Places, n: int) -> FloatArray:
     if len(at) != n:
         raise ModelError(f"{len(at)} place(s) for {n} run(s): give one for each")
     return at
+
+
+def _check_runs(runs: list[TimeSeries]) -> None:
+    if not runs:
+        raise ModelError("no trend: no run was given")
+    check_no_repeat(runs, "a series")
 
 
 def _known(
