@@ -106,27 +106,27 @@ def test_rivals_that_explain_too_little_leave_it_unexplained() -> None:
     assert not unexplained(replace(analysis, named=(replace(named, ranking=alone),)))
 
 
-def with_rival(times: float) -> tuple[StructureAnalysis, Record]:
-    """A named effect and a rival, to which so many times the error was given to explain."""
-    analysis, record = analysed(transfer_V(), "charge_transfer", "soc_dependence")
+def with_rival(name: str) -> tuple[StructureAnalysis, Record]:
+    analysis, record = analysed(transfer_V(), "charge_transfer", name)
     (named,) = analysis.named
-    first, other = named.ranking.candidates
-    other = replace(other, target_V=times * other.target_V)
-    ranking = replace(named.ranking, candidates=(first, other), rivals=(other.effect.name,))
+    ranking = replace(named.ranking, rivals=(name,))
     return replace(analysis, named=(replace(named, ranking=ranking),)), record
 
 
 def test_a_rival_is_told_where_the_error_falls_with_it() -> None:
-    ambiguous, alone = answered(*with_rival(1.0)), answered(*with_rival(3.0))
-    assert (ambiguous.verdict, [each.effect for each in ambiguous.findings]) == (
-        "ambiguous",
-        ["charge_transfer", "soc_dependence"],
-    )
-    assert all(each.error_after_mV < each.error_before_mV for each in ambiguous.findings)
-    first, second = (each.confidence for each in ambiguous.findings)
-    assert second == pytest.approx(min(first, 1.0 - first)) and first == 0.6
-    assert (alone.verdict, [each.effect for each in alone.findings]) == ("missing", ["charge_transfer"])
-    assert alone.findings[0].confounded_with == () and alone.next_experiment is None
+    answer = answered(*with_rival("soc_dependence"))
+    assert answer.verdict == "ambiguous"
+    first, second = answer.findings
+    assert (first.effect, second.effect) == ("charge_transfer", "soc_dependence")
+    assert first.error_after_mV < second.error_after_mV < second.error_before_mV
+    assert (first.confidence, second.confidence) == (0.6, pytest.approx(0.4))
+
+
+def test_a_rival_with_which_it_rises_is_none() -> None:
+    # What it learns of the first half does harm in the second.
+    answer = answered(*with_rival("hysteresis"))
+    assert (answer.verdict, [each.effect for each in answer.findings]) == ("missing", ["charge_transfer"])
+    assert answer.findings[0].confounded_with == () and answer.next_experiment is None
 
 
 def refits(*names: str) -> Refits:
