@@ -51,6 +51,7 @@ class TextBytes(io.RawIOBase):
         self._bytes, self._unpacked = _unwrapped(self._file), 0
         self._decode = codecs.getincrementaldecoder(encoding)("replace").decode
         self._rest, self._line, self._ended = b"", b"", False
+        self.n_quotes = 0  # quotation marks that went by
 
     def readable(self) -> bool:
         """Say that it can be read."""
@@ -83,6 +84,7 @@ class TextBytes(io.RawIOBase):
         if self._progress is not None:
             self._progress(min(1.0, self._file.tell() / self._size))
         content = text.encode("utf-8", "replace")
+        self.n_quotes += content.count(b'"')
         return self._tabbed(content) if self._one_tab else content
 
     def _tabbed(self, content: bytes) -> bytes:

@@ -204,7 +204,18 @@ def _is_units(row: list[str], width: int) -> bool:
     return abs(len(row) - width) <= 1 and known >= 2 and known >= 0.4 * len(filled)
 
 
+def open_quote(line: int) -> str:
+    """Say that a cell is opened in a line and not closed there."""
+    return (
+        f"line {line}: a quotation mark opens a cell there that nothing in that line closes: the file is damaged; "
+        "remove the mark, or export it again"
+    )
+
+
 def _why_none(lines: list[str], found: list[_Table]) -> str:
+    for each in found:
+        if each.first > 0 and lines[each.first - 1].count('"') % 2:
+            return open_quote(each.first)
     candidates = [each for each in found if each.header is not None and each.separator != " "]
     for each in candidates:
         assert each.header is not None

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from bench_service.exchange.errors import RunFileError
 from bench_service.exchange.foreign.byte_source import Progress, TextBytes, read_head
 from bench_service.exchange.foreign.decimals import MISSING, cleaned
-from bench_service.exchange.foreign.dialect import Dialect, find_dialect
+from bench_service.exchange.foreign.dialect import Dialect, find_dialect, open_quote
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -83,8 +83,9 @@ class TextTable:
         import pyarrow.csv as pa_csv
 
         odd: list[Any] = []
+        raw = self._bytes(progress)
         try:
-            with self._open(progress) as stream:
+            with io.BufferedReader(raw, 1 << 20) as stream:
                 try:
                     reader = pa_csv.open_csv(stream, *self._options(numbers, texts, plain, odd))
                 except pa.ArrowInvalid as error:
@@ -102,12 +103,16 @@ class TextTable:
             if plain:
                 raise NotPlainNumberError from error
             raise RunFileError(f"{self.path}: {self._explain(error, numbers)}") from error
+        if raw.n_quotes % 2:
+            self._judge_quotes()
         self._judge_odd(odd, remarks)
 
-    def _open(self, progress: Progress) -> io.BufferedReader:
+    def _bytes(self, progress: Progress) -> TextBytes:
         dialect = self.dialect
-        raw = TextBytes(self.path, dialect.encoding, dialect.skip_chars, dialect.separator == " ", progress)
-        return io.BufferedReader(raw, 1 << 20)
+        return TextBytes(self.path, dialect.encoding, dialect.skip_chars, dialect.separator == " ", progress)
+
+    def _open(self) -> io.TextIOWrapper:
+        return io.TextIOWrapper(io.BufferedReader(self._bytes(lambda _share: None), 1 << 20), "utf-8", newline="")
 
     def _options(self, numbers: Sequence[int], texts: Sequence[int], plain: bool, odd: list[Any]) -> tuple[Any, ...]:
         import pyarrow as pa
@@ -149,6 +154,21 @@ class TextTable:
             return columns
         return {k: cleaned(array, self.dialect.decimal) if k in numbers else array for k, array in columns.items()}
 
+    def _judge_quotes(self) -> None:
+        """Refuse a cell that a quotation mark opens and nothing closes, so that all lines behind it are in it."""
+        row, more = self.first_row, True
+        with self._open() as text:
+            rows = csv.reader(text, delimiter=self._separator)
+            while more:
+                line = rows.line_num
+                try:
+                    cells = next(rows, None)
+                except csv.Error:  # more than a cell can hold
+                    cells = ["\n"]
+                if cells is not None and any("\n" in cell for cell in cells):
+                    raise RunFileError(f"{self.path}: {open_quote(row + line)}")
+                more = cells is not None
+
     def _judge_odd(self, odd: list[Any], remarks: list[str]) -> None:
         """Rows of another width: the last line of a cut file is left out, anything else is refused."""
         if not odd:
@@ -166,7 +186,7 @@ class TextTable:
         """Line of the first row of another width, and whether it is the last of the file; slow, for odd files only."""
         n = len(self.names)
         first, last = 0, 0
-        with self._open(lambda _share: None) as stream, io.TextIOWrapper(stream, "utf-8", newline="") as text:
+        with self._open() as text:
             for row, cells in enumerate(csv.reader(text, delimiter=self._separator), start=self.first_row):
                 if cells:
                     last = row
@@ -179,7 +199,7 @@ class TextTable:
         import pyarrow as pa
 
         n = len(self.names)
-        with self._open(lambda _share: None) as stream, io.TextIOWrapper(stream, "utf-8", newline="") as text:
+        with self._open() as text:
             for row, cells in enumerate(csv.reader(text, delimiter=self._separator), start=self.first_row):
                 if len(cells) != n:
                     continue

@@ -2,6 +2,7 @@
 
 import gzip
 import zipfile
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from bench_service.exchange import RunFileError
 from bench_service.exchange.foreign import byte_source
 from bench_service.exchange.foreign.importing import import_file
+from bench_service.exchange.foreign.looking import Choices
 
 
 def refused(path: Path) -> str:
@@ -80,3 +82,19 @@ def test_a_column_of_text_in_parquet(tmp_path: Path) -> None:
     table = pa.table({"time_s": [0.0, 1.0], "current_A": ["a", "b"], "voltage_V": [3.7, 3.7]})
     pq.write_table(table, tmp_path / "a.parquet")
     assert "current_A" in refused(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("at", [1, 2, 3])
+@pytest.mark.parametrize("n", [40, 40_000])
+def test_a_quotation_mark_that_is_never_closed(tmp_path: Path, at: int, n: int) -> None:
+    """In whatever column, read or not: what stands behind it would be left out."""
+    path = tmp_path / "a.csv"
+    rows = [[f"{k}.0", "1.5", "3.7", "note"] for k in range(n)]
+    rows[6][at] = '"' + rows[6][at]
+    path.write_text("\n".join(",".join(row) for row in [["time_s", "current_A", "voltage_V", "what"], *rows]) + "\n")
+    assert "line 8: a quotation mark opens a cell" in refused(path)
+    rows[6][at] = rows[6][at][1:]
+    rows[6][3] = 'at 5"'  # inches
+    path.write_text("\n".join(",".join(row) for row in [["time_s", "current_A", "voltage_V", "what"], *rows]) + "\n")
+    with closing(import_file(path, Choices(current_sign="charge-positive"))) as run:
+        assert run.n == n
