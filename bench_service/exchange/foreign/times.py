@@ -76,7 +76,8 @@ def date_order(cells: Iterable[str]) -> DateOrder | None:
 
 def has_zone(cells: Iterable[str]) -> bool:
     """Whether dates name their offset from UTC."""
-    return any((match := re.match(_ISO, cell)) is not None and match["zone"] for cell in cells)
+    patterns = (_ISO, _TEXT_MONTH, _NUMBERS)
+    return any((match := re.match(each, cell)) is not None and match["zone"] for cell in cells for each in patterns)
 
 
 def durations_s(array: pa.Array) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from bench_service.exchange.foreign.times import (
     date_order,
     durations_s,
     excel_s,
+    has_zone,
     kind_of_times,
 )
 
@@ -45,6 +46,13 @@ def test_an_offset_from_utc_is_taken_off() -> None:
         1709289000.0,
         1709294400.0,
     ]
+
+
+def test_every_form_that_names_its_offset_is_seen() -> None:
+    same = ["2024-03-01T12:00:00+01:30", "01-Mar-2024 12:00:00 +0130", "01.03.2024 12:00:00 +01:30"]
+    for text in same:
+        assert has_zone([text]) and not has_zone([text[:-6]])
+        assert clock_s(pa.array([text]), "day-first").tolist() == [1709289000.0]
 
 
 def test_excel_counts_from_its_own_day() -> None:
