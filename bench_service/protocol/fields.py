@@ -11,7 +11,7 @@ from bench_service.errors import Where
 from bench_service.protocol.errors import ProtocolError
 
 _RATE = re.compile(r"^\s*(?P<times>[0-9.]*)\s*(?P<sign>[CD])\s*(?:/\s*(?P<parts>[0-9.]+))?\s*$")
-_LARGEST = 1e9
+_LARGEST, _NEARLY_MOST = 1e9, 1e308
 
 
 class Fields:
@@ -121,8 +121,9 @@ def number(value: Any, where: Where, low: float = -_LARGEST, high: float = _LARG
     """Return a finite number within limits; raises `ProtocolError`."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ProtocolError(f"a number is needed, not {_kind(value)}", where)
-    if not (math.isfinite(value) and low <= value <= high):
-        raise ProtocolError("outside what is allowed", where, value=float(value), limit=(low, high))
+    if not low <= value <= high or math.isinf(value):  # compared first: an integer may be larger than any double
+        shown = value if isinstance(value, float) else float(max(-_NEARLY_MOST, min(_NEARLY_MOST, value)))
+        raise ProtocolError("outside what is allowed", where, value=shown, limit=(low, high))
     return float(value)
 
 

@@ -144,7 +144,7 @@ def check_name(name: str, where: str) -> str:
     return name
 
 
-def check_zone(name: str | None, where: str) -> None:
+def check_zone(name: Any, where: str) -> None:
     """Refuse a time zone that the machine does not know."""
     # Lazy: rarely used.
     import zoneinfo
@@ -152,6 +152,8 @@ def check_zone(name: str | None, where: str) -> None:
     if name is None:
         return
     try:
+        if not isinstance(name, str):
+            raise ValueError("no text")
         zoneinfo.ZoneInfo(name)
     except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError) as error:
         raise RunFileError(f"{where}: time zone {name!r} is not known; write one such as Europe/Oslo or UTC") from error
@@ -185,7 +187,10 @@ def _column(role: str, each: Any, where: str) -> Column:
 def _states(given: Any, where: str) -> dict[str, tuple[str, ...]]:
     if not isinstance(given, dict) or set(given) - set(_STATES):
         raise RunFileError(f"{where}: states must be an object with {', '.join(_STATES)}")
-    return {state: tuple(str(word) for word in words) for state, words in given.items()}
+    for state, words in given.items():
+        if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+            raise RunFileError(f"{where}: states.{state} must be an array of the words that mean it")
+    return {state: tuple(words) for state, words in given.items()}
 
 
 def _check_choice(value: Any, choices: tuple[str, ...], key: str, where: str) -> None:

@@ -188,3 +188,32 @@ def test_a_body_without_an_announced_length_is_counted() -> None:
 def test_an_announced_length_is_believed_at_once(length: str) -> None:
     answer = client().post("/either", content=b"x", headers={"content-type": CSV_TYPE, "content-length": length})
     assert answer.status_code == 413
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b'{"name": "a\\ud800b"}', "half of a pair of surrogates"),
+        (b'{"\\uDFFF": 1}', "half of a pair of surrogates"),
+        (b'{"name": "\xed\xa0\x80"}', "utf-8"),
+        ('{"name": "\\ud800"}'.encode("utf-16"), "half of a pair of surrogates"),
+        (b'{"name": "a\\u0000b"}', "a text holds NUL"),
+        (b'{"name": "a\\\\\\u0000b"}', "a text holds NUL"),
+        (b'{"number": 1%s}' % (b"0" * 400), "is larger than any number"),
+        (b'{"number": 1%s}' % (b"0" * 5000), "Exceeds the limit"),
+    ],
+)
+def test_what_nothing_behind_can_say_or_hold_is_no_json(content: bytes, told: str) -> None:
+    answer = client().post("/thing", content=content, headers={"Content-Type": JSON_TYPE})
+    assert answer.status_code == 422 and told in answer.text
+
+
+def test_what_only_looks_like_it_is_taken() -> None:
+    answer = client().post("/thing", content=b'{"name": "a\\\\u0000"}', headers={"Content-Type": JSON_TYPE})
+    assert answer.json()["name"] == "a\\u0000"
+
+
+def test_a_whole_pair_of_surrogates_is_a_character() -> None:
+    content = b'{"name": "\\ud83d\\udd0b", "seed": 9007199254740993}'
+    answer = client().post("/thing", content=content, headers={"Content-Type": JSON_TYPE})
+    assert (answer.json()["name"], answer.json()["seed"]) == ("\U0001f50b", 9007199254740993)

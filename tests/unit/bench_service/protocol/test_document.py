@@ -58,6 +58,7 @@ def test_what_is_wrong_is_told_with_its_place(step: dict[str, Any], told: str) -
         ({"schema": "other"}, "no protocol of this program"),
         ({"name": ""}, "a text is needed"),
         ({"record": {"time_s": 0}}, "must be above 0"),
+        ({"record": {"time_s": 10**400}}, "outside what is allowed at record.time_s"),
         ({"limits": {"voltage_V": [4, 3]}}, "low must be below high"),
         ({"steps": "none"}, "an array of at least one step"),
         ({"colour": "blue"}, "unknown key at colour"),

@@ -72,7 +72,10 @@ def test_a_role_can_be_taken_away(tmp_path: Path) -> None:
         ({"columns": {"current_A": "I"}}, "columns.current_A must be an object"),
         ({"current_sign": "up"}, "current_sign is 'up'"),
         ({"time_zone": "Mars/Olympus"}, "time zone 'Mars/Olympus' is not known"),
+        ({"time_zone": 5}, "time zone 5 is not known"),
         ({"states": {"on": []}}, "states must be an object"),
+        ({"states": {"charge": 5}}, "states.charge must be an array"),
+        ({"states": {"charge": "CC"}}, "states.charge must be an array"),
     ],
 )
 def test_a_damaged_mapping_is_refused(tmp_path: Path, change: dict[str, Any], says: str) -> None:
