@@ -52,10 +52,8 @@ class Engine:
         self._law: Law | None = None
         self._slope: Slope | None = None
         self._soaking: Soaking | None = None
-        self._set_A = 0.0
         self._last: Seen | None = None
-        self._run_s = 0.0
-        self._skip = False
+        self._set_A, self._run_s, self._skip = 0.0, 0.0, False
         self.step_count, self.cycle_count = max(self.standing.step_count, 1), self.standing.cycle_count
 
     @property

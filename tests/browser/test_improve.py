@@ -176,6 +176,44 @@ def a_promise_that_was_not_kept(page: Page, child: str, before_mV: float) -> Non
     page.unroute_all()
 
 
+def test_an_outcome_is_held_against_what_was_promised(open_page: OpenPage) -> None:
+    page = open_page("sim", path="/improve")
+
+    def judged(diagnosis: dict[str, Any], evidence: dict[str, float], *errors_mV: float) -> dict[str, Any]:
+        before, after, inside_before, inside_after = errors_mV
+        finding = {"evidence": evidence, "error_before_mV": 53.2, "error_after_mV": 9.0}
+        added = {
+            "error_before_mV": before,
+            "error_after_mV": after,
+            "inside": {"before_mV": inside_before, "after_mV": inside_after},
+        }
+        script = """async ([finding, diagnosis, added]) => {
+            const { outcome, promise } = await import("/static/improve-forecast.js");
+            const told = promise(finding, diagnosis);
+            const { good, words } = outcome(added, told);
+            return { good, words: words.join(" "), before_mV: told.before_mV };
+        }"""
+        return page.evaluate(script, [finding, diagnosis, added])
+
+    trained = {"mode": "structure", "train_run_ids": ["a"]}
+    own = {"forecast_samples_before_mV": 27.3, "forecast_without_mV": 9.8}
+    # Measured drives of a Panasonic cell: next to nothing came, and inside of what the model knew it got worse.
+    found = judged(trained, own, 53.15, 53.06, 26.5, 35.8)
+    assert found["good"] is False and found["before_mV"] == 27.3
+    assert "Forecast 9.0\u202fmV within the trained state of charge, got 35.8\u202fmV there" in found["words"]
+    assert "the forecast did not hold" in found["words"] and "the error rose" in found["words"]
+    found = judged(trained, own, 53.15, 46.0, 26.5, 9.5)
+    assert found["good"] is True and "the forecast held." in found["words"]
+    found = judged(trained, {}, 53.2, 33.0, 50.0, 30.0)
+    assert found["good"] is True and "held in part" in found["words"]
+    # What fell as promised over all, but rose where the model should know, is not well.
+    assert judged(trained, {}, 53.2, 10.0, 8.0, 9.0)["good"] is False
+    # What was fitted to the very runs is no forecast.
+    for diagnosis in ({"mode": "change", "train_run_ids": ["a"]}, {"mode": "structure", "train_run_ids": []}):
+        found = judged(diagnosis, {}, 53.2, 50.0, 30.0, 29.0)
+        assert found["good"] is False and "orecast" not in found["words"] and "does not carry over" in found["words"]
+
+
 def test_a_model_from_a_file_and_a_choice_that_cannot_be(
     open_page: OpenPage, address: str, campaign: dict[str, Any], tmp_path: Any
 ) -> None:

@@ -8,7 +8,7 @@ import { lengthWords } from "./run-preview.js";
 // What is proposed is short and runs on any bench.
 const PROPOSED = "test:pulse_resistance";
 
-// A run that ends before is not worth starting.
+// A run that is over with the first look of a preview, which takes up to a minute, is not worth starting.
 const AT_ONCE_S = 60;
 
 /** Fill the chooser; a value is "test:NAME", "protocol:ID", "profile:ID", "edit:" or "manual:". `known` is given the standard tests by name. */
@@ -64,7 +64,7 @@ export async function lookAtProtocol(what, bench, initial, dt_s) {
   try {
     const seen = await api.previewProtocol({ ...what, bench: bench.name, initial_soc: Number.isFinite(initial) ? initial : undefined, dt_s: dt_s > 0 ? dt_s : undefined });
     const told = `${lengthWords(bench, seen.duration_s ?? NaN, "about ")} Voltages are those of a nominal cell between the limits; steps that end by a voltage take some ten percent more or less.`;
-    const atOnce = Boolean(seen.stopped) && seen.duration_s < AT_ONCE_S;
+    const atOnce = Boolean(seen.stopped) && seen.duration_s <= AT_ONCE_S;
     return { told, atOnce, against: seen.stopped ? [`It would be stopped${atOnce ? " at once" : ""}: ${seen.stopped}`] : [], series: seen.series, steps: seen.steps };
   } catch (error) {
     return { told: "", against: [error.message], where: error.where, unanswered: error.unanswered, series: null, steps: [] };
