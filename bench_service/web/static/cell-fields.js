@@ -38,9 +38,9 @@ const WINDOWS = [["voltage_V", "voltage / V"], ["temperature_degC", "temperature
 
 /** Fields of a type that nobody has entered yet. */
 export function typeFields() {
-  const texts = TEXTS.map(([key, title]) => [key, title, textInput(`type-${key}`)]);
-  const numbers = NUMBERS.map(([key, title]) => [key, title, numberInput(`type-${key}`)]);
-  const windows = WINDOWS.map(([key, title]) => [key, title, numberInput(`type-${key}-low`), numberInput(`type-${key}-high`)]);
+  const texts = TEXTS.map(([key, title]) => [key, title, textInput(`type-${key}`, "", { required: true })]);
+  const numbers = NUMBERS.map(([key, title]) => [key, title, numberInput(`type-${key}`, { required: true })]);
+  const windows = WINDOWS.map(([key, title]) => [key, title, numberInput(`type-${key}-low`, { required: true }), numberInput(`type-${key}-high`, { required: true })]);
   const node = el("div", { class: "fields", id: "type-fields" },
     [...texts.slice(0, 3), ...numbers].map(([, title, input]) => labelled(title, input)),
     windows.flatMap(([, title, low, high]) => [labelled(`Lowest ${title}`, low), labelled(`Highest ${title}`, high)]),

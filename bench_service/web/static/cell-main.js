@@ -2,7 +2,8 @@
 import { api } from "./api.js";
 import { cellCapacity, cellName, entriesField, labelled, numberOf, textInput, typeName } from "./cell-fields.js";
 import { chip, el, setText } from "./dom.js";
-import { MISSING, count, fixed, quantity, timeElement } from "./format.js";
+import { effectTitles } from "./effect-titles.js";
+import { MISSING, count, fixed, quantity, startElement, timeElement } from "./format.js";
 import { sidePage } from "./side-page.js";
 import { State } from "./state.js";
 import { wordFor } from "./words.js";
@@ -67,18 +68,18 @@ const none = (text) => el("p", { class: "empty", text });
 const nameOf = (run) => run.label ?? run.name ?? `run ${run.id.slice(0, 8)}`;
 
 function runs(cell, found) {
-  const rows = found.map((run) => [el("a", { href: `/runs/${encodeURIComponent(run.id)}`, text: nameOf(run) }), chip(...wordFor("run", run.state)), run.bench, timeElement(run.started_utc ?? run.created_utc), count(run.n_samples)]);
+  const rows = found.map((run) => [el("a", { href: `/runs/${encodeURIComponent(run.id)}`, text: nameOf(run) }), chip(...wordFor("run", run.state)), run.bench, startElement(run), count(run.n_samples)]);
   place("cell-runs").replaceChildren(rows.length ? table("Runs of the cell", ["Run", "State", "Bench", "Started", "Samples"], rows)
     : none("No run yet. Put the cell on a bench, where a test is started; or say on the page of an older run that it is of this cell."));
   place("cell-tools").replaceChildren(rows.length ? el("a", { href: `/life?cell=${encodeURIComponent(cell.id)}`, text: "Its life" }) : "", el("a", { href: `/import?cell=${encodeURIComponent(cell.id)}`, text: "Import a file of it" }));
 }
 
-function results(models, diagnoses) {
+function results(models, diagnoses, titleOf) {
   const named = new Map(models.map((model) => [model.id, model.name]));
   const parts = [];
   if (models.length) parts.push(table("Models of the cell", ["Model", "Structure", "Capacity", "Made", "Data"], models.map((model) => [model.name, model.structure, quantity(model.capacity_Ah, 2, "Ah"), timeElement(model.created_utc),
     el("a", { href: api.modelUrl(model.id), download: `${model.name}.json`, "aria-label": `MODEL.json of ${model.name}`, text: "MODEL.json" })])));
-  if (diagnoses.length) parts.push(table("Diagnoses of the cell", ["Verdict", "Effects", "Model", "Made"], diagnoses.map((each) => [each.result.verdict.replaceAll("_", " "), each.result.findings.map((finding) => finding.effect.replaceAll("_", " ")).join(", ") || MISSING, named.get(each.model_id) ?? each.model_id.slice(0, 8), timeElement(each.created_utc)])));
+  if (diagnoses.length) parts.push(table("Diagnoses of the cell", ["Verdict", "Effects", "Model", "Made"], diagnoses.map((each) => [each.result.verdict.replaceAll("_", " "), each.result.findings.map((finding) => titleOf(finding.effect)).join(", ") || MISSING, named.get(each.model_id) ?? each.model_id.slice(0, 8), timeElement(each.created_utc)])));
   place("cell-models").replaceChildren(...(parts.length ? parts : [none("None yet. A model that is fitted to runs of the cell stands here, as do diagnoses of its runs.")]));
 }
 
@@ -97,7 +98,7 @@ async function load() {
 async function below(cell) {
   const [ran, models, diagnoses, happened] = await Promise.all([api.runs({ cell_id: cell.id, limit: 200 }), api.modelsOf(cell.id), api.diagnosesOf(cell.id), api.cellEvents(cell.id)]);
   runs(cell, ran);
-  results(models, diagnoses);
+  results(models, diagnoses, diagnoses.length ? await effectTitles() : String);
   events(happened);
 }
 

@@ -5,12 +5,12 @@ import { el } from "./dom.js";
 import { heatMap } from "./error-charts.js";
 import { MISSING, fixed, percent, quantity } from "./format.js";
 import { moduleTables } from "./improve-module.js";
-import { parameterText } from "./improve-which.js";
+import { inText, parameterText } from "./improve-which.js";
 import { reportLinks } from "./report-links.js";
 import { overlayChart } from "./result-charts.js";
 
-/** `unitOf(effect, parameter)`: in what a correction's size is given. */
-export function compareStep(comparison, runs, unitOf, keep) {
+/** `titleOf(effect)`: what it is called; `unitOf(effect, parameter)`: in what a correction's size is given. */
+export function compareStep(comparison, runs, { titleOf, unitOf }, keep) {
   const { overall, expected_rmse_mV: expected, overall_fitted_start: fitted, noise_floor_mV: floor, outside_training: outside, outside: guessed, inside_training: known, temperature, band, whiteness, corrections = [] } = comparison.result;
   const times = Number.isFinite(floor) && floor > 0 ? `${(overall.rmse_mV / floor).toFixed(1)} times the noise floor of ${quantity(floor, 1, "mV")}` : "noise floor unknown";
   const names = new Map(runs.map((run) => [run.id, run.name ?? String(run.id).slice(0, 8)]));
@@ -24,7 +24,7 @@ export function compareStep(comparison, runs, unitOf, keep) {
         ? `of the samples: there it only guesses, ${quantity(guessed.rmse_mV, 1, "mV")}; inside ${quantity(known.rmse_mV, 1, "mV")}` : "of the samples: there it only guesses"),
       band?.coverage_95_inside !== undefined && band?.coverage_95_inside !== null ? figure("Inside the 95 % band", percent(band.coverage_95_inside, 0), "of the samples that the model knows") : null,
       temperature?.rmse_K !== undefined ? figure("Temperature error", quantity(temperature.rmse_K, 2, "K"), "RMS") : null),
-    corrections.length ? el("p", { class: "about", text: `The runs are read as the model was made: ${corrections.map((each) => correctionWords(each, unitOf)).join(", ")}.` }) : null,
+    corrections.length ? el("p", { class: "about", text: `The runs are read as the model was made: ${corrections.map((each) => correctionWords(each, titleOf, unitOf)).join(", ")}.` }) : null,
     moduleTables(comparison.result.module),
     reportLinks("comparisons", comparison.id, "the comparison"),
     overlay(comparison, names, keep),
@@ -49,8 +49,8 @@ function roughly(time_s) {
   return quantity(time_s / unit_s, 0, unit);
 }
 
-function correctionWords({ effect, values }, unitOf) {
-  return `${effect.replaceAll("_", " ")} (${Object.entries(values).map(([name, value]) => parameterText(name, { value, unit: unitOf(effect, name) })).join(", ")})`;
+function correctionWords({ effect, values }, titleOf, unitOf) {
+  return `${inText(titleOf(effect))} (${Object.entries(values).map(([name, value]) => parameterText(name, { value, unit: unitOf(effect, name) })).join(", ")})`;
 }
 
 function overlay(comparison, names, keep) {

@@ -217,7 +217,7 @@ class Improve {
   }
 
   async showComparison(found) {
-    this.fill("compare", compareStep(found, this.view.runs, this.unitOf, this.keep("compare"))).scrollIntoView({ block: "start" });
+    this.fill("compare", compareStep(found, this.view.runs, this, this.keep("compare"))).scrollIntoView({ block: "start" });
     const where = await this.work("where", "Looking where the error is", () => api.where(found.id));
     const ask = found.result.module ? el("p", { class: "about", text: "A diagnosis is of one cell's model: what a module's cells lack is found on tests of a cell." }) : el("button", { type: "button", class: "primary", text: this.view.mode === "change" ? "Find out what has changed" : "Find out what is missing", on: { click: () => this.diagnose() } });
     this.profiles = where?.profiles ?? [];
