@@ -9,6 +9,10 @@ from models.data.timeseries import FloatArray
 _HOUR_S = 3600.0
 # After the hour is taken off, what is left is an interval of the log: at most so many of its typical ones.
 _INTERVALS = 5.0
+# A longer one beside a jump back, or left by it, is a row in the wrong place, unless the log itself is so slow.
+_LONG_S, _LONG_INTERVALS = 900.0, 1.5
+# A clock is set back for winter, and perhaps once by hand; in a log of years once more in each.
+_SET_BACK, _YEAR_S = 2, 365.25 * 86400.0
 # The voltage goes on as if nothing had happened: its step is at most so many of those around it.
 _STEPS = 5.0
 _AROUND = 20
@@ -21,7 +25,8 @@ def without_hour_jumps(
 ) -> tuple[FloatArray, list[int]]:
     """Take jumps of an hour out of a log's time.
 
-    A jump back is one of the clock. A jump forward is one where a load goes on through it and the voltage with it; an
+    Jumps back are those of the clock where all of them are an hour, few, and the log goes on as before: else its rows
+    are out of order, and it is left. A jump forward is one where a load goes on through it and the voltage with it; an
     hour's pause at rest changes nothing, and is left.
 
     Parameters
@@ -35,12 +40,14 @@ def without_hour_jumps(
     """
     step = np.diff(time_s)
     usual = float(np.median(step[step > 0.0])) if (step > 0.0).any() else 0.0
-    back, forward = step + _HOUR_S, step - _HOUR_S
-    jumps = []
+    forward = step - _HOUR_S
+    falls = np.flatnonzero(step < 0.0)
+    few = len(falls) <= _SET_BACK + np.ptp(time_s) / _YEAR_S
+    if not (few and all(_set_back(step, usual, int(k)) for k in falls)):
+        return time_s, []
     correction = np.zeros(len(step))
-    for k in np.flatnonzero((step < 0.0) & (back > 0.0) & (back <= _INTERVALS * usual)):
-        correction[k] = _HOUR_S
-        jumps.append(int(k) + 1)
+    correction[falls] = _HOUR_S
+    jumps = [int(k) + 1 for k in falls]
     for k in np.flatnonzero((forward > 0.0) & (forward <= _INTERVALS * usual)):
         if _goes_on(current_A, voltage_V, int(k)):
             correction[k] = -_HOUR_S
@@ -48,6 +55,13 @@ def without_hour_jumps(
     if not jumps:
         return time_s, []
     return time_s + np.concatenate([[0.0], np.cumsum(correction)]), sorted(jumps)
+
+
+def _set_back(step_s: FloatArray, usual_s: float, k: int) -> bool:
+    """Whether the fall of the time after sample `k` is an hour of the clock, with the log's intervals around it."""
+    left_s, long_s = step_s[k] + _HOUR_S, max(_LONG_S, _LONG_INTERVALS * usual_s)
+    beside_s = step_s[max(k - 1, 0) : k + 2]
+    return bool(0.0 < left_s <= min(_INTERVALS * usual_s, long_s) and (beside_s <= long_s).all())
 
 
 def _goes_on(current_A: FloatArray, voltage_V: FloatArray, k: int) -> bool:

@@ -184,6 +184,16 @@ def test_time_going_backwards(tmp_path: Path) -> None:
     assert "backwards 1 time(s), first at row 10 (4 s, then 3.5 s)" in refused(write(tmp_path / "a.csv", rows))
 
 
+def test_slow_rows_in_the_wrong_order_are_no_clock(tmp_path: Path) -> None:
+    rows = [f"{k * 900},-0.25,{3.7 - 0.01 * k:.4f},25.0" for k in range(60)]
+    rows[30], rows[31] = rows[31], rows[30]
+    assert "backwards 1 time(s), first at row 33 (27900 s, then 27000 s); sort" in refused(
+        write(tmp_path / "a.csv", rows)
+    )
+    shuffled = [cell_rows()[k] for k in np.random.default_rng(5).permutation(200)]
+    assert "backwards 9" in refused(write(tmp_path / "b.csv", shuffled))
+
+
 def test_doubled_rows(tmp_path: Path) -> None:
     rows = [row for row in cell_rows() for _ in range(2)]
     assert "200 row(s) repeat the time" in refused(write(tmp_path / "a.csv", rows))

@@ -108,3 +108,34 @@ def test_an_hour_at_rest_and_other_jumps_are_left() -> None:
     assert without_hour_jumps(pause_s, RUN.current_A, RUN.voltage_V)[1] == []
     back_s = RUN.time_s - 500.0 * (np.arange(len(RUN)) >= 2000)
     assert without_hour_jumps(back_s, RUN.current_A, RUN.voltage_V)[1] == []
+
+
+@pytest.mark.parametrize("every_s", [1.0, 60.0, 600.0, 900.0, 1800.0, 2400.0])
+@pytest.mark.parametrize("times", [1, 2])
+def test_an_hour_back_is_taken_out_of_slow_logs_as_well(every_s: float, times: int) -> None:
+    """With the lateness of a logger's own clock, twice where a log goes through two autumns."""
+    rng = np.random.default_rng(2)
+    true_s = every_s * (np.arange(len(RUN)) + rng.uniform(0.0, 0.02, len(RUN)))
+    at = [900, 1900][:times]
+    shown_s = true_s - 3600.0 * sum(np.arange(len(RUN)) >= k for k in at)
+    time_s, jumps = without_hour_jumps(shown_s, RUN.current_A, RUN.voltage_V)
+    assert jumps == at
+    assert time_s == pytest.approx(true_s)
+
+
+@pytest.mark.parametrize("every_s", [1.0, 60.0, 600.0, 720.0, 900.0, 1200.0, 1800.0, 2400.0, 3000.0])
+@pytest.mark.parametrize("apart", [1, 2, 3, 57])
+def test_two_rows_that_changed_places_are_no_clock(every_s: float, apart: int) -> None:
+    swapped_s = every_s * np.arange(len(RUN))
+    swapped_s[[500, 500 + apart]] = swapped_s[[500 + apart, 500]]
+    time_s, jumps = without_hour_jumps(swapped_s, RUN.current_A, RUN.voltage_V)
+    assert jumps == []
+    assert np.array_equal(time_s, swapped_s)
+
+
+@pytest.mark.parametrize("every_s", [1.0, 60.0, 900.0])
+def test_rows_in_any_order_are_no_clock(every_s: float) -> None:
+    shuffled_s = every_s * np.random.default_rng(5).permutation(len(RUN))
+    time_s, jumps = without_hour_jumps(shuffled_s, RUN.current_A, RUN.voltage_V)
+    assert jumps == []
+    assert np.array_equal(time_s, shuffled_s)
