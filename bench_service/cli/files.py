@@ -45,7 +45,10 @@ def add_runs_to_learn_from(parser: ArgumentParser, out: str) -> None:
 
 
 def read_runs(paths: Sequence[Path], current_sign: str | None, output: Output) -> list[TimeSeries]:
-    """Read measured runs; remarks go to `output`, two files of one name are told apart by their directory."""
+    """Read measured runs; remarks go to `output`, two files of one name are told apart by their directory.
+
+    Where that is one as well, by the whole of their names: `b/run.csv` and `b/run.parquet`.
+    """
     return [log.run for log in read_logs(paths, current_sign, output)]
 
 
@@ -59,14 +62,21 @@ def read_logs(paths: Sequence[Path], current_sign: str | None, output: Output) -
     for path in paths:
         files.append(read_run_file(path, current_sign))  # pyright: ignore[reportArgumentType]  # argparse checked it
         output.warn(*files[-1].warnings)
-    names = [read.series.name for read in files]
-    logs = []
-    for path, read in zip(paths, files, strict=True):
-        run = read.series
-        if names.count(run.name) > 1:
-            run = replace(run, name=f"{path.absolute().parent.name}/{run.name}")
-        logs.append(ModuleLog(run, read.cells_V))
-    return logs
+    names = _told_apart(paths, [read.series.name for read in files])
+    return [ModuleLog(replace(read.series, name=name), read.cells_V) for read, name in zip(files, names, strict=True)]
+
+
+def _told_apart(paths: Sequence[Path], names: Sequence[str]) -> list[str]:
+    """Names of runs, longer where several have one: with the directory, then also with the ending of the file."""
+    parents = [path.absolute().parent.name for path in paths]
+    placed = [
+        f"{parent}/{name}" if names.count(name) > 1 else name for parent, name in zip(parents, names, strict=True)
+    ]
+    files = {name: {path.name for path, other in zip(paths, placed, strict=True) if other == name} for name in placed}
+    return [
+        f"{parent}/{path.name}" if len(files[name]) > 1 else name
+        for parent, path, name in zip(parents, paths, placed, strict=True)
+    ]
 
 
 def read_model(path: Path) -> LocalModelNetwork:

@@ -73,15 +73,24 @@ def test_an_unknown_structure_lists_those_that_are_known() -> None:
         read_structure("deep")
 
 
-def test_runs_of_one_name_are_told_apart_by_their_directory(tmp_path: Path) -> None:
-    paths = [tmp_path / "a" / "run.csv", tmp_path / "b" / "run.csv", tmp_path / "b" / "other.csv"]
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        (("a/run.csv", "b/run.csv", "b/other.csv"), ["a/run", "b/run", "other"]),
+        (("b/run.csv", "b/run.bdf.csv", "b/other.csv"), ["b/run.csv", "b/run.bdf.csv", "other"]),
+        (("a/run.csv", "b/run.csv", "b/run.bdf.csv"), ["a/run", "b/run.csv", "b/run.bdf.csv"]),
+        (("b/run.csv", "b/run.csv"), ["b/run", "b/run"]),
+    ],
+)
+def test_runs_of_one_name_are_told_apart_by_their_directory_and_then_their_ending(
+    tmp_path: Path, files: tuple[str, ...], names: list[str]
+) -> None:
+    paths = [tmp_path / file for file in files]
     for path in paths:
         path.parent.mkdir(exist_ok=True)
         rows = [f"{k},{0.0 if k < 3 else 1.0},{3.7 if k < 3 else 3.72}," for k in range(6)]
         path.write_text("\n".join(["time_s,current_A,voltage_V,temperature_degC", *rows]) + "\n")
-    runs = read_runs(paths, "charge-positive", Output(True))
-    assert [run.name for run in runs][:2] == ["a/run", "b/run"]
-    assert runs[2].name == "other"
+    assert [run.name for run in read_runs(paths, "charge-positive", Output(True))] == names
 
 
 def test_a_document_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
