@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from bench_service.cli.errors import UsageError
 from bench_service.cli.output import Output
@@ -72,6 +72,26 @@ def starts_apart(
     return learned, initial_soc(judged, given, network, output)
 
 
+def stated_apart(
+    train: Sequence[TimeSeries], judged: Sequence[TimeSeries], given: Sequence[float] | None
+) -> tuple[list[float], list[float] | None]:
+    """Return the SoC at the start of runs to fit a model to, and of those that judge it.
+
+    None for these where nothing is given: a rest may tell it, once there is a model; see `judged_starts`.
+    """
+    if given is None:
+        return initial_soc(train, None), None
+    soc = initial_soc([*train, *judged], given)
+    return soc[: len(train)], soc[len(train) :]
+
+
+def judged_starts(runs: Sequence[Mapping[str, Any]], output: Output) -> list[float]:
+    """Return where a fit has taken the runs that judge it to start, of its figures; says which by a rest."""
+    for each in runs:
+        _tell_rest(each["run"], each["initial_soc"]["value"], each["initial_soc"]["std"], output)
+    return [each["initial_soc"]["value"] for each in runs]
+
+
 def known_starts(
     runs: Sequence[TimeSeries], given: Sequence[float] | None, network: Model, output: Output | None
 ) -> list[tuple[float, float | None]]:
@@ -103,17 +123,17 @@ def guessed_soc(
 def _known_soc(run: TimeSeries, network: Model, output: Output | None) -> tuple[float, float | None]:
     """SoC from the run's reference, else from the rest that it begins with and then with its standard deviation."""
     # Lazy: numba and scipy take 930 ms.
-    from models.data.errors import ModelError
-    from models.data.start_soc import start_soc
     from models.module.network import ModuleNetwork
-    from models.readouts.rest_start import soc_from_rest
+    from models.readouts.rest_start import known_start
 
-    try:
-        return start_soc(run), None
-    except ModelError:
-        module = isinstance(network, ModuleNetwork)
-        seen, cell = (network.mean_cell_series(run), network.network) if module else (run, network)
-        soc, std = soc_from_rest(seen, cell)
+    module = isinstance(network, ModuleNetwork)
+    seen, cell = (network.mean_cell_series(run), network.network) if module else (run, network)
+    soc, std = known_start(seen, cell)
     if output is not None:
-        output.warn(f"{run.name}: SoC at its start from the open-circuit voltage after a rest: {soc:.3f} +- {std:.3f}")
+        _tell_rest(run.name, soc, std, output)
     return soc, std
+
+
+def _tell_rest(name: str, soc: float, std: float | None, output: Output) -> None:
+    if std is not None:
+        output.warn(f"{name}: SoC at its start from the open-circuit voltage after a rest: {soc:.3f} +- {std:.3f}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench_service.cli.errors import UsageError
 from bench_service.cli.files import read_logs, read_model, read_structure, write_document
-from bench_service.cli.initial_soc import initial_soc
+from bench_service.cli.initial_soc import judged_starts, stated_apart
 from bench_service.cli.module_tables import show_module
 from bench_service.cli.output import Output
 from bench_service.cli.tables import metrics_table, usability_lines
@@ -58,7 +58,8 @@ def run_module_fit(options: Namespace, output: Output) -> int:
     structure, cell = read_structure(options.structure), None if options.cell is None else read_model(options.cell)
     train = read_logs(options.train, options.current_sign, output)
     validate = read_logs(options.validate, options.current_sign, output)
-    soc = initial_soc([log.run for log in (*train, *validate)], options.initial_soc)
+    runs, judged = [log.run for log in train], [log.run for log in validate]
+    soc, judged_soc = stated_apart(runs, judged, options.initial_soc)
     in_series, parallel = options.layout or (None, 1)
     with output.progress("Fitting") as report:
         fitted = fit_module(
@@ -69,8 +70,8 @@ def run_module_fit(options: Namespace, output: Output) -> int:
                 parallel=parallel,
                 validate=validate,
                 cell=cell,
-                initial_soc=soc[: len(train)],
-                validate_soc=soc[len(train) :],
+                initial_soc=soc,
+                validate_soc=judged_soc,
                 structure=structure,
                 without=options.without,
                 initial_soc_std=options.initial_soc_std,
@@ -79,7 +80,8 @@ def run_module_fit(options: Namespace, output: Output) -> int:
                 code_version=version("bench-service"),
             )
         )
-        model = with_tuned_module(fitted.model, [log.run for log in train], fitted.initial_soc)
+        model = with_tuned_module(fitted.model, runs, fitted.initial_soc)
+    judged_starts(fitted.validation_runs, output)
     write_document(options.out, model.to_json())
     answer = {"model": str(options.out), **fitted.to_json(), "seconds": round(time.perf_counter() - started, 3)}
     output.result(answer, lambda console: _show(console, answer))

@@ -13,7 +13,6 @@ from models.comparison.residuals import residual_statistics
 from models.comparison.simulated_runs import RunComparison, beside
 from models.data.errors import ModelError
 from models.data.metrics import Metrics, RunMetrics, metrics
-from models.data.start_soc import start_soc
 from models.data.timeseries import TimeSeries
 from models.diagnosis import memory_of, memory_to_json, own_variant
 from models.identification.excitation import fit_reservations
@@ -29,6 +28,7 @@ from models.pipeline.run_starts import likely_starts, with_starts
 from models.pipeline.training import Training, training
 from models.pipeline.usability.judge import judged_model
 from models.readouts.possible_cell import made_possible
+from models.readouts.rest_start import check_start_known, known_starts
 from models.readouts.tables import read_out
 from models.thermal.cell_temperature import thermal_record
 
@@ -153,6 +153,8 @@ def fit(request: FitRequest) -> FitResult:
 def _placed(request: FitRequest, report: Progress) -> tuple[Training, Chosen, Built]:
     """Training data with the starts of the runs, what was chosen for them, and the network of it."""
     data = training(request.train, request.capacity_Ah, request.initial_soc, request.dt_s, request.coulombic_efficiency)
+    for run in request.validate or () if not request.validate_soc else ():
+        check_start_known(run, data.cell.rest_A)
     automatic = request.structure == "auto"
     without, finer = request.without, request.finer
     simplest = "bounded" if automatic else request.structure
@@ -219,8 +221,11 @@ def _judged(network: LocalModelNetwork, data: Training, request: FitRequest) -> 
     train, train_runs = _figures(compared)
     validation, validation_runs = None, []
     if request.validate:
-        soc = request.validate_soc or [start_soc(run) for run in request.validate]
-        validation, validation_runs = _figures(place_runs(network, request.validate, soc))
+        # How far a rest tells the state of charge depends on the error of the model.
+        starts = known_starts(request.validate, request.validate_soc, _noting(network, train=train))
+        soc, std = zip(*starts, strict=True)
+        placed = zip(place_runs(network, request.validate, list(soc)), std, strict=True)
+        validation, validation_runs = _figures([replace(c, start=replace(c.start, soc_std=s)) for c, s in placed])
     return _Judged(train, validation, train_runs, validation_runs, residuals)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from bench_service.cli.arguments import efficiency, fraction, names, positive
 from bench_service.cli.command import Command
 from bench_service.cli.files import add_runs_to_learn_from, read_runs, read_structure, write_document
-from bench_service.cli.initial_soc import initial_soc
+from bench_service.cli.initial_soc import judged_starts, stated_apart
 from bench_service.cli.module_fit import add_module_arguments, check_module_options, run_module_fit
 from bench_service.cli.output import Output
 from bench_service.cli.tables import metrics_table, readout_lines, rivals_line, soc_text, terms_line, usability_lines
@@ -82,7 +82,7 @@ def _run(options: Namespace, output: Output) -> int:
     started = time.perf_counter()
     train = read_runs(options.train, options.current_sign, output)
     validate = read_runs(options.validate, options.current_sign, output)
-    soc = initial_soc([*train, *validate], options.initial_soc)
+    soc, judged_soc = stated_apart(train, validate, options.initial_soc)
     with output.progress("Fitting") as report:
         fitted = fit_network(
             train,
@@ -90,14 +90,15 @@ def _run(options: Namespace, output: Output) -> int:
             structure=structure,
             without=tuple(options.without),
             validate=validate,
-            initial_soc=soc[: len(train)],
-            validate_soc=soc[len(train) :],
+            initial_soc=soc,
+            validate_soc=judged_soc,
             initial_soc_std=options.initial_soc_std,
             coulombic_efficiency=options.coulombic_efficiency,
             progress=report,
             code_version=version("bench-service"),
         )
-    held_out = (validate, soc[len(train) :]) if validate else None
+    judged_soc = judged_starts(fitted.validation_runs, output)
+    held_out = (validate, judged_soc) if validate else None
     network = with_tuned_observer(fitted.network, train, fitted.initial_soc, held_out)
     write_document(options.out, network.to_json())
     _warn_of_narrow_soc(fitted.network, output)

@@ -19,10 +19,12 @@ from models.module.models import ModuleRun
 from models.module.network import ModuleNetwork, ModuleRecord
 from models.network.local_model_network import LocalModelNetwork
 from models.network.model_record import Json
+from models.network.regression import CellContext
 from models.network.structure import Structure
 from models.pipeline.fit import FitResult, fit
 from models.pipeline.module.choice import Candidate, candidates, chosen, figures
 from models.pipeline.request.fit_request import FitRequest
+from models.readouts.rest_start import check_start_known, known_starts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +37,7 @@ class ModuleFitRequest:
     capacity_Ah : of the whole module
     in_series, parallel : layout; `in_series` None: as many as have a voltage of their own
     cell : network of one cell, from tests of cells; None: identified from the module's mean cell
-    initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
+    initial_soc, validate_soc : fraction at the start of each run; see `FitRequest`
     structure, without, initial_soc_std, coulombic_efficiency, progress, code_version : see `FitRequest`
     """
 
@@ -120,13 +122,15 @@ def fit_module(request: ModuleFitRequest) -> ModuleFit:
         raise ModelError("no training run was given")
     layout = series_of([*request.train, *request.validate], request.in_series), request.parallel
     soc = request.initial_soc or [start_soc(log.run) for log in request.train]
-    judged_soc = request.validate_soc or [start_soc(log.run) for log in request.validate]
+    for log in request.validate if not request.validate_soc else ():
+        check_start_known(log.run, CellContext(request.capacity_Ah).rest_A)
     fitted = None if request.cell is not None else _mean_cell(request, layout, soc, part_of(report, 0.0, 0.8))
     network = _given_cell(request) if fitted is None else fitted.network
     soc = soc if fitted is None else fitted.initial_soc
     report(0.85, "identifying the module models")
     train = _beside_cells(network, request.train, layout, soc)
-    validate = _beside_cells(network, request.validate, layout, judged_soc)
+    judged = known_starts([log.mean_cell(*layout) for log in request.validate], request.validate_soc, network)
+    validate = _beside_cells(network, request.validate, layout, [value for value, _ in judged])
     rest_A = network.cell.rest_A * request.parallel
     found, reservations = candidates(train, validate, layout, rest_A)
     best = chosen(found)
@@ -151,8 +155,8 @@ def fit_module(request: ModuleFitRequest) -> ModuleFit:
         model=ModuleNetwork(network, best.model, record),
         train=best.train,
         validation=best.validation,
-        train_runs=_each(best, train, soc),
-        validation_runs=_each(best, validate, judged_soc),
+        train_runs=_each(best, train, [(value, None) for value in soc]),
+        validation_runs=_each(best, validate, judged),
         expected_rmse_mV=max(best.held_out_rmse_mV, _cells_mV(fitted, layout[0])),
         n_samples=sum(len(run.voltage_V) for run in train),
         seconds=time.perf_counter() - started,
@@ -199,10 +203,10 @@ def _beside_cells(
     ]
 
 
-def _each(best: Candidate, runs: list[ModuleRun], soc: Sequence[float]) -> list[Json]:
+def _each(best: Candidate, runs: list[ModuleRun], starts: Sequence[tuple[float, float | None]]) -> list[Json]:
     rows: list[dict[str, Any]] = []
-    for run, start in zip(runs, soc, strict=True):
-        rows.append({"run": run.name, **figures(best.model, [run]), "initial_soc": {"value": start, "std": None}})
+    for run, (value, std) in zip(runs, starts, strict=True):
+        rows.append({"run": run.name, **figures(best.model, [run]), "initial_soc": {"value": value, "std": std}})
     return rows
 
 

@@ -20,7 +20,8 @@ class FitRequest:
     capacity_Ah : cell capacity
     structure : "auto", "full", "minimal", "bounded", "searched", or a structure of one's own, which is kept
     validate : runs that only judge the result
-    initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref`
+    initial_soc, validate_soc : fraction at the start of each run; by default its first `soc_ref` and, of a run that
+        only judges and has none, what the fitted network says of the rest that it begins with
     initial_soc_std : how far off the stated SoC of a training run may be; it is then estimated with the fit. 0: known
     coulombic_efficiency : share of the charge going in that comes out again
     dt_s : sampling time; by default the typical interval of the training runs

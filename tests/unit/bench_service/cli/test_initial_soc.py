@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench_service.cli.errors import UsageError
-from bench_service.cli.initial_soc import guessed_soc, initial_soc, starts_apart
+from bench_service.cli.initial_soc import guessed_soc, initial_soc, judged_starts, starts_apart, stated_apart
 from bench_service.cli.output import Output
 from models.data.errors import ModelError
 from models.data.timeseries import TimeSeries
@@ -84,3 +84,17 @@ def test_an_observer_starts_all_the_same_at_a_guess_and_says_so(capsys: pytest.C
 
 def test_an_observer_believes_what_the_user_says() -> None:
     assert guessed_soc([KNOWN, RUN], (0.9,), model(), Output(True)) == [(0.9, None), (0.9, None)]
+
+
+def test_runs_that_judge_a_fit_wait_for_its_model_where_nothing_is_given(capsys: pytest.CaptureFixture[str]) -> None:
+    assert stated_apart([KNOWN], [RUN], None) == ([0.4], None)
+    assert stated_apart([KNOWN], [RUN], (0.1, 0.2)) == ([0.1], [0.2])
+    rows = [
+        {"run": "rested", "initial_soc": {"value": 0.7, "std": 0.01}},
+        {"run": "known", "initial_soc": {"value": 0.4, "std": None}},
+    ]
+    output = Output(True)
+    assert judged_starts(rows, output) == [0.7, 0.4]
+    output.result({}, lambda _console: None)
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["warning: rested: SoC at its start from the open-circuit voltage after a rest: 0.700 +- 0.010"]

@@ -47,3 +47,23 @@ def test_a_short_rest_and_a_foreign_cell_are_refused(network: LocalModelNetwork)
         soc_from_rest(replace(run, voltage_V=run.voltage_V + 1.0), network)
     with pytest.raises(ModelError, match="no voltage"):
         soc_from_rest(replace(run, voltage_V=np.full(len(run), np.nan)), network)
+
+
+def test_a_fit_takes_the_start_of_a_run_that_judges_from_its_rest(network: LocalModelNetwork) -> None:
+    """As a comparison does; a reference is taken before, and a run that tells neither is refused before the fit."""
+    runs = [synthetic.run(4000, seed=s, noise_V=1e-3, name=str(s)) for s in (2, 5)]
+    judged = [replace(rested(0.7), name="rested"), synthetic.run(600, seed=8)]
+    options = {"capacity_Ah": synthetic.CAPACITY_AH, "structure": "minimal"}
+    found = fit_network(runs, validate=judged, **options)
+    soc, std = soc_from_rest(judged[0], network)
+    assert found.validation is not None
+    assert [each["initial_soc"] for each in found.validation_runs] == [
+        {"value": pytest.approx(soc), "std": pytest.approx(std)},
+        {"value": pytest.approx(0.6), "std": None},
+    ]
+    told: list[str] = []
+    with pytest.raises(ModelError, match="rest that it begins with|s of rest; 600 s are needed"):
+        fit_network(
+            runs, validate=[rested(0.7, rest_s=300)], progress=lambda _share, text: told.append(text), **options
+        )
+    assert told == []

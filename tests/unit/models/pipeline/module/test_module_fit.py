@@ -115,3 +115,25 @@ def test_a_layout_that_nobody_knows_is_asked_for() -> None:
         fit_module(ModuleFitRequest(train=blind, capacity_Ah=truth.CAPACITY_AH))
     with pytest.raises(ModelError, match="has voltages of 3 cells, the layout says 4 in series"):
         fit_module(ModuleFitRequest(train=TRAIN, capacity_Ah=truth.CAPACITY_AH, in_series=4))
+
+
+def test_a_run_that_judges_a_module_starts_where_its_rest_says() -> None:
+    rest = 900
+    run = JUDGED.run
+    assert run.soc_ref is not None and JUDGED.groups_V is not None
+    before = {name: np.full(rest, getattr(run, name)[0]) for name in ("voltage_V", "temperature_degC")}
+    longer = {name: np.concatenate([first, getattr(run, name)]) for name, first in before.items()}
+    current_A = np.concatenate([np.zeros(rest), run.current_A])
+    rested = replace(run, time_s=np.arange(len(current_A)) * 1.0, current_A=current_A, soc_ref=None, **longer)
+    groups_V = np.concatenate([np.repeat(JUDGED.groups_V[:1], rest, axis=0), JUDGED.groups_V])
+    asked = ModuleFitRequest(
+        train=TRAIN,
+        validate=[ModuleLog(rested, groups_V)],
+        capacity_Ah=truth.CAPACITY_AH,
+        parallel=truth.PARALLEL,
+        structure="minimal",
+    )
+    start = fit_module(asked).validation_runs[0]["initial_soc"]
+    # The mean of the groups, of which the second stands lower.
+    assert start["value"] == pytest.approx(run.soc_ref[0] + truth.SOC_OFFSET / truth.SERIES, abs=0.01)
+    assert 0.0 < start["std"] < 0.03
