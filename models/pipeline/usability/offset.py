@@ -22,9 +22,13 @@ _SIGMA_OF_MAD = 1.48
 _REST_SHARE, _REST_S = 0.03, 60.0
 # In less than this nobody has seen what a sensor reads at rest, only a small load.
 _LEAST_REST_S = 600.0
-# Errors of a count hang together for as long as a run lasts; its trend is known no better than its scatter over so many
-# independent stretches.
-_STRETCHES = 10.0
+# Errors of a count hang together for as long as a run lasts; its trend is known no better than by what so many
+# independent stretches say.
+_STRETCHES = 10
+# Below this share two directions are one but for rounding.
+_COLLINEAR = 1e-9
+# Drift over the longest run, a fraction of the capacity, that no reference tells from none.
+_NEGLIGIBLE = 1e-3
 # Of the drift that a trend says, so much at least must be seen.
 _SEEN_SHARE = 0.25
 
@@ -88,23 +92,56 @@ def _rests(run: GridRun, most_A: float) -> list[FloatArray]:
 def _against_reference_A(data: Training) -> float | None:
     """Trend in A of the counted charge against a reference that runs along, if it is certain."""
     found = []
+    longest_s, drift = 0.0, 0.0
     for run, series, soc in zip(data.grid, data.runs, data.counted_soc(), strict=True):
         # Where samples are lost the count drifts by itself.
         if tick_s(series.time_s) is not None:
             continue
         if run.soc_ref is None or np.isnan(run.soc_ref).any() or np.ptp(run.soc_ref) == 0.0:
             continue
-        # A wrong capacity drifts with the charge that was moved, an offset with time.
         away = soc - run.soc_ref
-        columns = np.column_stack([run.time_s, run.soc_ref - run.soc_ref[0], np.ones(len(run))])
-        solution, _, rank, _ = np.linalg.lstsq(columns, away, rcond=None)
-        left = away - columns @ solution
-        # Under one current charge moves as time does, and neither tells which of the two it is.
-        alone_s = run.time_s - columns[:, 1:] @ np.linalg.lstsq(columns[:, 1:], run.time_s, rcond=None)[0]
-        spread = float(np.std(alone_s)) * np.sqrt(_STRETCHES)
-        error = float(np.std(left)) / max(spread, 1e-9)
-        # A trend that hardly shows in the count, because a capacity just as wrong hides it, is none that was seen.
-        seen = float(np.ptp(away)) >= _SEEN_SHARE * abs(solution[0]) * float(run.time_s[-1])
-        if rank == columns.shape[1] and seen and abs(solution[0]) > _CERTAIN * error:
-            found.append(float(solution[0]) * 3600.0 * data.cell.capacity_Ah)
-    return float(np.median(found)) if found else None
+        if run.time_s[-1] > longest_s:
+            longest_s, drift = float(run.time_s[-1]), float(np.ptp(away))
+        # Each run has a scale of its own: a reference is often a share of the charge of its own run.
+        if (trend := _trend(run.time_s, run.soc_ref, away)) is not None:
+            found.append(trend)
+    if not found:
+        return None
+    per_s, error = _pooled(np.array(found), _NEGLIGIBLE / longest_s)
+    # A trend that hardly shows in the count, because a capacity just as wrong hides it, is none that was seen. It shows
+    # most in the longest run.
+    seen = drift >= _SEEN_SHARE * abs(per_s) * longest_s
+    return per_s * 3600.0 * data.cell.capacity_Ah if seen and abs(per_s) > _CERTAIN * error else None
+
+
+def _trend(time_s: FloatArray, soc_ref: FloatArray, away: FloatArray) -> tuple[float, float] | None:
+    """Drift per second beside that with the charge, and its standard error; None where nothing tells the two apart.
+
+    A wrong capacity drifts with the charge that was moved, an offset with time. Errors of a count add up, so that its
+    level hangs together over the run; what is added in one stretch does not hang on what is added in another.
+    """
+    edges = np.unique(np.linspace(0, len(time_s) - 1, _STRETCHES + 1).astype(int))
+    columns = np.column_stack([np.diff(time_s[edges]), np.diff(soc_ref[edges])])
+    drift = np.diff(away[edges])
+    unit = np.linalg.norm(columns, axis=0)
+    if len(columns) <= columns.shape[1] or not unit.all():
+        return None
+    basis, triangle = np.linalg.qr(columns / unit)
+    # Under one current charge moves as time does. Where one stretch alone tells the two apart, nothing confirms it: a
+    # step of the current that one of both counts half a sample later looks like an offset of amperes then.
+    others = 1.0 - np.sum(basis**2, axis=1)
+    if abs(triangle[-1, -1]) < _COLLINEAR or others.min() < _COLLINEAR:
+        return None
+    of_drift = np.linalg.solve(triangle, basis.T)[0] / unit[0]
+    left = drift - basis @ (basis.T @ drift)
+    # What each stretch is off by from what the others say of it (a jackknife).
+    return float(of_drift @ drift), float(np.linalg.norm(of_drift * left / others))
+
+
+def _pooled(trends: np.ndarray, least_error: float) -> tuple[float, float]:
+    """Mean of the runs' trends by their errors, and its standard error, larger where the runs do not agree."""
+    value, error = trends[:, 0], np.maximum(trends[:, 1], least_error)
+    weight = 1.0 / error**2
+    mean = float(np.sum(weight * value) / np.sum(weight))
+    spread = np.sqrt(np.sum(weight * (value - mean) ** 2) / max(len(value) - 1, 1))
+    return mean, float(max(spread, 1.0) / np.sqrt(np.sum(weight)))

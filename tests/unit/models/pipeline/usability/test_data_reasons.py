@@ -146,6 +146,32 @@ def test_an_offset_is_suspected_where_the_count_drifts_from_a_reference() -> Non
     assert "drifts from the runs' reference by +20 mA" in texts(suspected_offset(taken(off)))
 
 
+def runs_of_a_tester(counter_Ah: float, offset_A: float = 0.0, pauses: int = 0) -> list[TimeSeries]:
+    """Constant currents after a short rest, and a counter that runs along, half a sample apart at a step."""
+    runs = []
+    for name, current_A, n in (("slow", -0.6, 9000), ("middle", -2.0, 3000), ("fast", -5.5, 1060)):
+        drawn = np.full(n, current_A)
+        drawn[:20] = 0.0
+        for part in np.array_split(np.arange(20, n), pauses + 1)[1:]:
+            drawn[part[: len(part) // 3]] = -0.3
+        charge_As = np.concatenate([[0.0], np.cumsum(0.5 * (drawn[1:] + drawn[:-1]))])
+        counter = np.round(1.0 + charge_As / 3600.0 / counter_Ah, 5)
+        runs.append(replace(run(drawn + offset_A, 1.0, dt_s=1.0, name=name), soc_ref=counter))
+    return runs
+
+
+@pytest.mark.parametrize("counter_Ah", [2.0, 2.018, 1.98, 1.94])
+def test_a_capacity_that_is_off_is_no_offset_where_charge_moves_as_time_does(counter_Ah: float) -> None:
+    assert suspected_offset(taken(*runs_of_a_tester(counter_Ah), dt_s=1.0)) == []
+
+
+@pytest.mark.parametrize("counter_Ah", [2.0, 2.018, 1.94])
+def test_an_offset_is_told_beside_a_capacity_that_is_off(counter_Ah: float) -> None:
+    # The current hardly ever stands at zero: the reference alone tells.
+    told = texts(suspected_offset(taken(*runs_of_a_tester(counter_Ah, offset_A=-0.04, pauses=3), dt_s=1.0)))
+    assert "drifts from the runs' reference by -40 mA" in told
+
+
 def test_loads_without_a_rest() -> None:
     never = np.where(np.abs(pulses()) < 0.1, -0.3, pulses())
     assert texts(no_rest(taken(run(never, 0.9)))).startswith("no rest between loads")
