@@ -84,8 +84,7 @@ async def running_services(
         storage = await _storage(stack, config, recorder, store, samples, journal)
         await _end_what_was_left_open(store, samples, journal)
         jobs = await _jobs(stack, config)
-        runs = _closed_by(stack, Runs(store, samples, journal, storage, code_version))
-        devices = Devices(store, journal)
+        runs, devices = _closed_by(stack, Runs(store, samples, journal, storage, code_version)), Devices(store, journal)
         benches = Benches(live, journal.note, runs.on_ended, runs.on_stop, runs.on_state, devices.on_state)
         stop = partial(StopEndpoint, config.data_dir, origins=own_origins(url))
         await _add_benches(stack, config, store, (samples, recorder, benches, devices, config.data_dir / _SEALS, stop))
@@ -93,7 +92,7 @@ async def running_services(
         campaigns = _campaigns(stack, workshop, journal, live, code_version)
         await asyncio.gather(*(bench.supervisor.start() for bench in benches))
         await campaigns.resume_by_policy()
-        await _resume_protocols(stack, store, runs, benches, journal)
+        _resume_protocols(stack, runs, benches, ProtocolResumer(store, runs, benches, journal.note))
         yield Services(
             config=config,
             version=code_version,
@@ -142,13 +141,9 @@ def _learning(stack: AsyncExitStack, workshop: Workshop, journal: Journal, made:
     return _closed_by(stack, Learning(workshop.store, workshop.jobs, workshop.modelling, workshop.runs, journal, made))
 
 
-async def _resume_protocols(
-    stack: AsyncExitStack, store: MetadataStore, runs: Runs, benches: Benches, journal: Journal
-) -> None:
+def _resume_protocols(stack: AsyncExitStack, runs: Runs, benches: Benches, resumer: ProtocolResumer) -> None:
     """Let protocols go on that were cut off with an earlier service, or are with a control process of this one."""
-    resumer = ProtocolResumer(store, runs, benches, journal.note)
-    stack.push_async_callback(resumer.close)
-    runs.on_cut_off = resumer.look
+    runs.on_cut_off = _closed_by(stack, resumer).look
     for bench in benches:
         resumer.look(bench.name)
 
