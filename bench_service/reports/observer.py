@@ -122,7 +122,12 @@ def _stability(observer: FuzzyObserver) -> str:
         found = stability(observer.network, observer.settings)
     except (ModelError, np.linalg.LinAlgError) as error:
         return f"Nothing can be said: {error}"
-    return in_words(found)
+    if observer.settings.gain == "steady":
+        return in_words(found)
+    return (
+        f"{in_words(found)} The estimates of this report were made with the gain from the covariance of the moment, of "
+        "which nothing is proven."
+    )
 
 
 def in_words(found: Stability) -> str:

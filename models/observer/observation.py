@@ -27,6 +27,13 @@ if TYPE_CHECKING:
 
 # Distance from the trained temperatures that is worth a word: a cell that warms itself by less is as it was.
 _TOLD_K = 2.0
+# What is proven of each gain. The search for a proof takes seconds and is left to the report.
+_NOT_CERTIFIED = {
+    "kalman": "not certified: the gain comes from the covariance of the moment, and no proof says that its error dies "
+    "out; what is proven of the steady gains (observe --report) does not hold for it",
+    "steady": "not certified by this answer: whether the error dies out with steady gains, once the start is over, is "
+    "looked into by observe --report",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +161,7 @@ def answer_of(observer: FuzzyObserver | ModuleObserver, observed: Sequence[Obser
 
     Errors of the state of charge are null where a run has no reference.
     """
+    gain = (observer if isinstance(observer, FuzzyObserver) else observer.cell).settings.gain
     innovation_V = np.concatenate([each.innovation_V for each in observed])
     known = innovation_V[~np.isnan(innovation_V)]
     n = sum(len(each.time_s) for each in observed)
@@ -161,6 +169,7 @@ def answer_of(observer: FuzzyObserver | ModuleObserver, observed: Sequence[Obser
         "runs": [_run_answer(each) for each in observed],
         "innovation_rms_mV": 1e3 * float(np.sqrt(np.mean(known**2))) if len(known) else None,
         "us_per_step": 1e6 * sum(each.seconds for each in observed) / n,
-        "gain": (observer if isinstance(observer, FuzzyObserver) else observer.cell).settings.gain,
+        "gain": gain,
+        "stability": _NOT_CERTIFIED[gain],
         "usability": observer.network.record.usability,
     }

@@ -182,6 +182,7 @@ def _show(console: Console, answer: dict[str, Any], observed: Sequence[Observati
     if answer["innovation_rms_mV"] is not None:
         console.print(f"innovation: {answer['innovation_rms_mV']:.2f} mV RMS")
     console.print(f"{answer['gain']} gain, {answer['us_per_step']:.2f} us per step")
+    console.print(f"stability: {answer['stability']}")
     for key in ("file", "report"):
         if key in answer:
             console.print(f"wrote {answer[key]}")

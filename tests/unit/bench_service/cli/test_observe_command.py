@@ -47,6 +47,7 @@ def test_a_module_is_observed_and_the_page_shows_the_choice(
     assert answer["report"] == str(page)
     html = page.read_text()
     assert "Convergence against accuracy" in html and "Stability" in html and "may settle" in html
+    assert "of which nothing is proven" in html
     assert html.count("<figure>") == 5
     assert "http" not in html
 
@@ -67,6 +68,8 @@ def test_the_gain_is_chosen_on_the_command_line(
         assert main(["observe", str(model), str(run), "--initial-soc", "0.4", *given, "--json"]) == 0
         found[given[-1] if given else ""] = json.loads(capsys.readouterr().out)
     assert [each["gain"] for each in found.values()] == ["kalman", "kalman", "steady"]
+    assert all(each["stability"].startswith("not certified") for each in found.values())
+    assert "does not hold for it" in found["kalman"]["stability"] != found["steady"]["stability"]
     assert found[""]["runs"] == found["kalman"]["runs"] != found["steady"]["runs"]
     assert all(set(each) == set(found[""]) for each in found.values())
     # From 20 points off over 25 minutes; the steady gains, made for sensors that may be off, follow more of the noise.
@@ -83,6 +86,7 @@ def test_the_estimates_are_shown_with_and_without_a_reference(
     for run in (known, bare):
         assert main(["observe", str(model), str(run), "--initial-soc", "0.4"]) == 0
         shown[run.stem] = capsys.readouterr().out
+        assert "stability: not certified" in shown[run.stem]
     assert "SoC RMSE" in shown["known"] and "a reference" not in shown["known"]
     assert "SoC RMSE" not in shown["bare"] and "a column soc_ref" in shown["bare"]
     row = lambda name: next(line.split() for line in shown[name].splitlines() if line.split()[:1] == [name])  # noqa: E731
