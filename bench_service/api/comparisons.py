@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Annotated
+from typing import Annotated, Literal, get_args
 
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import Field
@@ -20,6 +20,8 @@ router = APIRouter(prefix="/comparisons", tags=["comparisons"], route_class=Stri
 Time = Annotated[float | None, Query(allow_inf_nan=False)]
 MostPoints = Annotated[int | None, Query(ge=2, le=20_000)]
 _POINTS = 2000
+# Those of `models.baselines.beside`, which takes a second to import.
+Baseline = Literal["1rc", "2rc", "esc"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +38,17 @@ PartOf = Annotated[Part, Depends()]
 
 
 class ComparisonBody(Body):
-    """What to compare; ``initial_soc`` replaces that of the runs."""
+    """What to compare; ``initial_soc`` replaces that of ``run_ids``.
+
+    ``baselines``: fitted to ``train_run_ids``, without these to the runs that the model was made from, and judged on
+    ``run_ids`` beside the model: 1rc, 2rc (equivalent circuits), esc (Plett).
+    """
 
     model_id: Id
     run_ids: Annotated[list[Id], Field(min_length=1, max_length=100)]
     initial_soc: Soc | None = None
+    baselines: Annotated[list[Baseline], Field(max_length=len(get_args(Baseline)))] = []
+    train_run_ids: Annotated[list[Id], Field(min_length=1, max_length=100)] | None = None
 
 
 @router.post(
@@ -49,8 +57,18 @@ class ComparisonBody(Body):
     openapi_extra=record("Comparison") | asked({"model_id": "1e2ec3ed", "run_ids": ["c49cf9aa"], "initial_soc": 0.5}),
 )
 async def compare(body: ComparisonBody, services: ServicesOf) -> Answer:
-    """Compare a model with runs, in a worker process; answers when it is done."""
-    return _as_json(await services.modelling.compare(body.model_id, body.run_ids, body.initial_soc))
+    """Compare a model with runs, in a worker process; answers when it is done.
+
+    With ``baselines``, ``result`` also has ``baselines``: ``name``, ``overall`` and ``runs`` of each.
+    """
+    if body.train_run_ids is not None and not body.baselines:
+        raise BadRequestError(
+            "train_run_ids are what baselines are fitted to, and there is none",
+            ("train_run_ids",),
+            remedy="name baselines too, or leave them out",
+        )
+    beside = {"baselines": body.baselines, "train_run_ids": body.train_run_ids}
+    return _as_json(await services.modelling.compare(body.model_id, body.run_ids, body.initial_soc, **beside))
 
 
 @router.get("", openapi_extra=paged("comparisons", "Comparison"))

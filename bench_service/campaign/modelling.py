@@ -15,14 +15,7 @@ from bench_service.campaign.comparison_curves import MOST_ROWS, ComparisonCurves
 from bench_service.campaign.inputs import run_input
 from bench_service.errors import BadRequestError
 from bench_service.exchange.delimited import encode_csv
-from bench_service.jobs.modelling import (
-    compare_runs,
-    compare_series,
-    compare_table,
-    fit,
-    observer_figures,
-    read_tables,
-)
+from bench_service.jobs.modelling import compare_runs, compare_series, compare_table, fit, observer_figures, read_tables
 from bench_service.jobs.modules import ModuleWish, fit_module_runs
 from bench_service.jobs.results import Curves, FitAnswer, FitResult, SocFigures
 from bench_service.jobs.runner import Job, JobFunction, JobRunner
@@ -168,8 +161,12 @@ class Modelling:
         run_ids: Sequence[str],
         initial_soc: float | None = None,
         campaign_id: str | None = None,
+        baselines: Sequence[str] = (),
+        train_run_ids: Sequence[str] | None = None,
     ) -> ComparisonRecord:
         """Compare a model with runs in a worker and store the result.
+
+        `baselines` are fitted to `train_run_ids`, by default to the runs that the model was made from, and judged too.
 
         Raises
         ------
@@ -178,7 +175,8 @@ class Modelling:
         """
         document = await asyncio.to_thread(self._store.models.document, model_id)
         runs = await asyncio.to_thread(self.inputs, run_ids, "run_ids", initial_soc)
-        result = await self._result("comparison", compare_runs, document, runs)
+        train = await asyncio.to_thread(self._baseline_inputs, model_id, train_run_ids) if baselines else []
+        result = await self._result("comparison", compare_runs, document, runs, list(baselines), train)
         return await asyncio.to_thread(self._keep_comparison, model_id, run_ids, result, initial_soc, campaign_id)
 
     async def comparison_series(self, comparison_id: str, part: CurvePart) -> bytes:
@@ -236,7 +234,12 @@ class Modelling:
     def _series_inputs(self, comparison_id: str) -> tuple[Json, list[RunInput]]:
         record = self._store.comparisons.get(comparison_id)
         document = self._store.models.document(record.model_id)
-        return document, [self._input(run_id, record.initial_soc) for run_id in record.run_ids]
+        return document, [run_input(self._store, run_id, record.initial_soc) for run_id in record.run_ids]
+
+    def _baseline_inputs(self, model_id: str, named: Sequence[str] | None) -> list[RunInput]:
+        if named is None and not (named := [run.run_id for run in self._store.models.get(model_id).train]):
+            raise BadRequestError("the model names no runs to fit baselines to", ("train_run_ids",), remedy="name them")
+        return self.inputs(named, "train_run_ids", None)
 
     async def _result(self, kind: str, function: JobFunction, *arguments: object) -> Json:
         return await self._ended(self._jobs.submit(kind, function, self._data_dir, *arguments))
@@ -287,7 +290,4 @@ class Modelling:
             raise BadRequestError("name at least one run", (field,))
         if len(set(run_ids)) != len(run_ids):
             raise BadRequestError("a run is named twice", (field,))
-        return [self._input(run_id, initial_soc) for run_id in run_ids]
-
-    def _input(self, run_id: str, initial_soc: float | None) -> RunInput:
-        return run_input(self._store, run_id, initial_soc)
+        return [run_input(self._store, run_id, initial_soc) for run_id in run_ids]

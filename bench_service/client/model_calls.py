@@ -101,9 +101,23 @@ class ModelCalls:
         body = {"run_ids": list(run_ids), "validate_run_ids": list(validate)}
         return self._worked(f"models/{part(model_id)}/learn", body, patience)
 
-    def compare(self, model_id: str, run_ids: Sequence[str], initial_soc: float | None = None) -> Record:
-        """Compare a model with runs."""
+    def compare(
+        self,
+        model_id: str,
+        run_ids: Sequence[str],
+        initial_soc: float | None = None,
+        *,
+        baselines: Sequence[str] = (),
+        train_run_ids: Sequence[str] | None = None,
+    ) -> Record:
+        """Compare a model with runs; with `baselines` ("1rc", "2rc", "esc") these are judged beside it.
+
+        They are fitted to `train_run_ids`, by default to the runs that the model was made from; ``baselines`` of the
+        record's ``result`` has their figures.
+        """
         body = {"model_id": model_id, "run_ids": list(run_ids), "initial_soc": initial_soc}
+        named = {"baselines": baselines or None, "train_run_ids": train_run_ids}
+        body |= {key: list(value) for key, value in named.items() if value is not None}
         return self._connection.post(f"{API}/comparisons", body, at_work=True)
 
     def observe(

@@ -94,16 +94,33 @@ def fit(
     return plain({"document": sealed(plain(network.to_json())), "metrics": metrics})
 
 
-def compare_runs(report: Reporter, data_dir: Path, document: Document, runs: Sequence[RunInput]) -> ComparisonResult:
-    """Compare a model with stored runs; gives the ``compare`` object of the public contract."""
+def compare_runs(
+    report: Reporter,
+    data_dir: Path,
+    document: Document,
+    runs: Sequence[RunInput],
+    baselines: Sequence[str] = (),
+    train: Sequence[RunInput] = (),
+) -> ComparisonResult:
+    """Compare a model with stored runs; gives the ``compare`` object of the public contract.
+
+    Parameters
+    ----------
+    baselines, train : fitted to these runs and judged beside the model, see `models.baselines.beside`
+    """
     # Lazy: numba and scipy take 1.0 s.
     from models.comparison.figures import compare
     from models.comparison.module_models import compare_module
     from models.module.network import ModuleNetwork, model_from_json
 
     model, logs = model_from_json(document), read_logs(data_dir, runs)
-    soc = [run.initial_soc for run in runs]
-    found: dict[str, Any] = dict(compare(model, [log.run for log in logs], soc))
+    series, soc = [log.run for log in logs], [run.initial_soc for run in runs]
+    found: dict[str, Any] = dict(compare(model, series, soc))
+    if baselines:
+        from models.baselines.beside import beside_baselines  # lazy: only those who ask for circuits wait for them
+
+        learned = read_series(data_dir, train), [run.initial_soc for run in train]
+        found["baselines"] = beside_baselines(model, baselines, learned, (series, soc))
     if isinstance(model, ModuleNetwork):
         found["module"] = compare_module(model, logs, soc)
     return plain(found)

@@ -129,6 +129,7 @@ class ComparisonResult(TypedDict):
     outside_training: float
     temperature: dict[str, Any] | None
     usability: dict[str, Any] | None
+    baselines: NotRequired[list[dict[str, Any]]]
 
 
 class SocFigures(TypedDict):

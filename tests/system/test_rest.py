@@ -199,7 +199,10 @@ def test_a_model_is_fitted_compared_and_given_out(rest: Rest) -> None:
     assert model["metrics"]["train"]["rmse_mV"] < 50 and model["train"][0]["run_id"] == run["id"]
     compared = rest.client.compare(model["id"], [run["id"]])
     assert compared["result"]["overall"]["rmse_mV"] == pytest.approx(model["metrics"]["train"]["rmse_mV"], rel=0.2)
-    assert compared["run_ids"] == [run["id"]]
+    assert compared["run_ids"] == [run["id"]] and "baselines" not in compared["result"]
+    (circuit,) = rest.client.compare(model["id"], [run["id"]], baselines=["1rc"])["result"]["baselines"]
+    assert circuit["name"] == "1rc" and circuit["runs"][0]["run"] == run["id"]
+    assert 0.0 < circuit["overall"]["rmse_mV"] < 50.0
     header, first, *more = rest.client.comparison_table(compared["id"]).decode().splitlines()
     assert header == "run,time_s,current_A,temperature_degC,soc,voltage_V,simulated_V,band_V,inside"
     assert run["id"] in first and len(more) > 7000 and first.rsplit(",", 1)[1] in ("0", "1")

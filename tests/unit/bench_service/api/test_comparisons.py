@@ -1,6 +1,6 @@
 """Comparisons over REST."""
 
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
@@ -8,6 +8,7 @@ from bench_service.api import comparisons
 from bench_service.campaign.comparison_curves import CurvePart
 from bench_service.errors import NotFoundError
 from bench_service.store.records import ComparisonRecord
+from models.baselines.beside import BASELINES
 from tests.unit.bench_service.api.route_rig import MOMENT, REFERENCE, AsyncPart, Store, client_of, error_of
 
 RECORD = ComparisonRecord(
@@ -27,16 +28,39 @@ def test_a_comparison_is_answered_when_it_is_done() -> None:
     client = client_of(comparisons.router, modelling=modelling)
     answer = client.post("/comparisons", json={"model_id": "m1", "run_ids": ["r1"], "initial_soc": 0.5})
     assert answer.status_code == 201
-    assert modelling.calls == [("compare", ("m1", ["r1"], 0.5), {})]
+    assert modelling.calls == [("compare", ("m1", ["r1"], 0.5), {"baselines": [], "train_run_ids": None})]
     # Ids for those who want no more, references with hashes for those who check.
     assert answer.json()["run_ids"] == ["r1"]
     assert answer.json()["runs"] == [{"run_id": "r1", "sha256": "abc"}]
     assert answer.json()["result"] == {"overall": {"rmse_mV": 3.0}}
 
 
+def test_baselines_are_handed_on_with_the_runs_that_they_learn_from() -> None:
+    modelling = AsyncPart(compare=RECORD)
+    client = client_of(comparisons.router, modelling=modelling)
+    body = {"model_id": "m1", "run_ids": ["r1"], "baselines": ["1rc", "esc"], "train_run_ids": ["r2"]}
+    assert client.post("/comparisons", json=body).status_code == 201
+    asked = {"baselines": ["1rc", "esc"], "train_run_ids": ["r2"]}
+    assert modelling.calls == [("compare", ("m1", ["r1"], None), asked)]
+
+
+def test_the_baselines_that_can_be_asked_for_are_those_that_there_are() -> None:
+    assert get_args(comparisons.Baseline) == tuple(BASELINES)
+
+
 @pytest.mark.parametrize(
     "changes",
-    [{"run_ids": []}, {"run_ids": ["r"] * 101}, {"run_ids": [1]}, {"initial_soc": 1.01}, {"model_id": ""}, {"seed": 1}],
+    [
+        {"run_ids": []},
+        {"run_ids": ["r"] * 101},
+        {"run_ids": [1]},
+        {"initial_soc": 1.01},
+        {"model_id": ""},
+        {"seed": 1},
+        {"baselines": ["3rc"]},
+        {"baselines": ["1rc"], "train_run_ids": []},
+        {"train_run_ids": ["r2"]},
+    ],
 )
 def test_a_body_that_asks_for_nothing_or_too_much_is_refused(changes: dict[str, Any]) -> None:
     modelling = AsyncPart(compare=RECORD)
