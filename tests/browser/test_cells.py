@@ -100,7 +100,7 @@ def test_cells_are_found_by_words_on_a_phone(open_page: OpenPage, address: str) 
 def held(page: Page, address: str) -> Callable[[], None]:
     """Keep back the answers to an address until the function that is given is called."""
     waiting: list[Route] = []
-    page.route(address, waiting.append)
+    page.route(address, lambda route: waiting.append(route))
 
     def release() -> None:
         page.unroute(address)
