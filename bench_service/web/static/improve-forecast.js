@@ -67,5 +67,5 @@ export function apart({ inside, outside }) {
   if (!rows.length) return null;
   return el("ul", { class: "apart", "aria-label": "Error inside and outside of the trained ranges" }, rows.map(([side, pair]) =>
     el("li", { data: { side } }, `${side === "inside" ? "Inside" : "Outside"} of the trained ranges: `,
-      el("strong", { text: `${mV(pair.before_mV)} → ${mV(pair.after_mV)}` }), ` (${pair.after_mV > pair.before_mV ? "+" : ""}${fixed(pair.after_mV - pair.before_mV, 1)})`)));
+      el("span", { class: "number", text: `${mV(pair.before_mV)} → ${mV(pair.after_mV)}` }), ` (${pair.after_mV > pair.before_mV ? "+" : ""}${fixed(pair.after_mV - pair.before_mV, 1)})`)));
 }
