@@ -21,7 +21,7 @@ def without_temperature_s(run: TimeSeries) -> float:
     """
     known = ~np.isnan(run.temperature_degC)
     lacking = ~known & ~np.isnan(run.voltage_V)
-    edges = np.unique([0, *np.flatnonzero(known), len(run) - 1])
+    edges = np.unique(np.concatenate([[0], np.flatnonzero(known), [len(run) - 1]]))
     # The edges themselves lack it at the run's ends only.
     before = np.concatenate([[0], np.cumsum(lacking)])
     lost = before[edges[1:] + 1] > before[edges[:-1]]
