@@ -56,7 +56,7 @@ from bench_service.store.views import Views
 from bench_service.store.watch import MEGABYTE
 
 _SEALS = "seals"  # in the data directory
-ClosingT = TypeVar("ClosingT", Runs, CampaignRunner, Learning)
+ClosingT = TypeVar("ClosingT", Runs, CampaignRunner, Learning, ProtocolResumer)
 
 
 @asynccontextmanager
