@@ -9,6 +9,7 @@ import numpy as np
 from models.comparison.start import Start, put_in_front
 from models.data.history import PlacedRun
 from models.data.resampling import GridRun
+from models.data.stretches import stretches
 from models.data.timeseries import FloatArray
 from models.module.network import ModuleNetwork
 from models.network.cell_model import CellModel
@@ -65,13 +66,12 @@ def gaps(run: GridRun) -> Gaps:
     `without_temperature_s` is the longest time over which its temperature was not logged.
     """
     missing = ~run.measured
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
-    lengths = (edges[1::2] - edges[::2]) * run.dt_s
+    lengths = [(last - first) * run.dt_s for first, last in stretches(missing)]
     return {
         "run": run.name,
         "missing_share": float(missing.mean()),
         "gaps": len(lengths),
-        "longest_gap_s": float(lengths.max()) if len(lengths) else 0.0,
+        "longest_gap_s": max(lengths, default=0.0),
         "parts": len(run.segment_starts),
         "without_temperature_s": run.without_temperature_s,
     }

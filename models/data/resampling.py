@@ -14,6 +14,7 @@ import numpy as np
 
 from models.data.lost_samples import tick_s, with_lost_samples
 from models.data.lost_temperature import without_temperature_s
+from models.data.stretches import stretches
 from models.data.timeseries import FloatArray, TimeSeries
 
 # A pause in the log longer than this many typical intervals, with current on either side, is a gap.
@@ -155,11 +156,10 @@ def _current_known(grid: FloatArray, t: FloatArray, current_A: FloatArray, dt_s:
         return None
     steps = np.diff(t[~missing])
     longest_s = _LOST_FACTOR * max(dt_s, float(np.median(steps)) if len(steps) else dt_s)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
-    lost_s = np.zeros(len(t))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    interval_s, lost_s = np.diff(t, prepend=t[0]), np.zeros(len(t))
+    for begin, end in stretches(missing):
         if t[end - 1] - t[max(begin - 1, 0)] > longest_s:
-            lost_s[begin:end] = np.diff(t, prepend=t[0])[begin:end]
+            lost_s[begin:end] = interval_s[begin:end]
     counted_s = np.interp(grid, t, np.cumsum(lost_s))
     known = np.diff(counted_s, prepend=counted_s[0]) <= 0.5 * dt_s
     known[0] = not (missing[0] and lost_s[1] > 0.0)

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.data.stretches import stretches
 from models.data.timeseries import FloatArray
 from models.effects.view import View
 
@@ -185,9 +186,8 @@ def _resistance(moved_V: FloatArray, current_A: FloatArray, std_V: FloatArray, s
 
 def _without_short(state: np.ndarray) -> np.ndarray:
     """The states without intervals of a few samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], state, [False]])))
     out = np.zeros(len(state), dtype=bool)
-    for first, last in edges.reshape(-1, 2):
+    for first, last in stretches(state):
         if last - first >= _SHORTEST:
             out[first:last] = True
     return out

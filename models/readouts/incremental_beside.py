@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.data.stretches import stretches
 from models.data.timeseries import FloatArray
 from models.readouts.incremental import incremental
 
@@ -88,12 +89,10 @@ def beside(
 
 def _longest(allowed: NDArray[np.bool_], charge_Ah: Values) -> slice:
     """The stretch without interruption over which most charge moves."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], allowed, [False]]))).reshape(-1, 2)
-    if not len(edges):
+    found = stretches(allowed)
+    if not found:
         return slice(0, 0)
-    moved_Ah = [abs(charge_Ah[last - 1] - charge_Ah[first]) for first, last in edges]
-    first, last = edges[int(np.argmax(moved_Ah))]
-    return slice(int(first), int(last))
+    return slice(*max(found, key=lambda each: abs(charge_Ah[each[1] - 1] - charge_Ah[each[0]])))
 
 
 def _together(curves: list[tuple[Values, Values]], step: float) -> tuple[Values, Values]:

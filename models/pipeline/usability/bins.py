@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.data.stretches import stretches
 from models.data.timeseries import FloatArray
 
 WIDTH = 0.05
@@ -16,8 +17,7 @@ def bin_of(soc: FloatArray) -> np.ndarray:
 
 def ranges(chosen: np.ndarray) -> list[tuple[float, float]]:
     """Lowest and highest state of charge of each stretch of chosen parts."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
-    return [(float(low) * WIDTH, float(high) * WIDTH) for low, high in zip(edges[::2], edges[1::2], strict=True)]
+    return [(low * WIDTH, high * WIDTH) for low, high in stretches(chosen)]
 
 
 def in_words(found: list[tuple[float, float]]) -> str:

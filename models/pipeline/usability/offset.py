@@ -6,6 +6,7 @@ import numpy as np
 
 from models.data.lost_samples import tick_s
 from models.data.resampling import GridRun
+from models.data.stretches import stretches
 from models.data.timeseries import FloatArray
 from models.pipeline.training import Training
 from models.pipeline.usability.reason import Reason, limited
@@ -80,13 +81,8 @@ def _weighted_median(values: FloatArray, weight: np.ndarray) -> float:
 def _rests(run: GridRun, most_A: float) -> list[FloatArray]:
     """Readings of each stretch of at least a minute in which next to nothing flows, its edges left out."""
     still = np.abs(run.current_A) <= most_A
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
     least = max(_REST_S / run.dt_s, 3.0)
-    return [
-        run.current_A[first + 1 : last - 1]
-        for first, last in zip(edges[::2], edges[1::2], strict=True)
-        if last - first - 2 >= least
-    ]
+    return [run.current_A[first + 1 : last - 1] for first, last in stretches(still) if last - first - 2 >= least]
 
 
 def _against_reference_A(data: Training) -> float | None:
