@@ -59,7 +59,7 @@ async def give_run(store: MetadataStore, journal: Journal, run_id: str, cell_id:
     if before.cell_id != after.cell_id:
         named = "no cell" if after.cell_id is None else f"cell {after.cell_id}"
         was = "" if before.cell_id is None else f", was of cell {before.cell_id}"
-        text = f"run {before.name or run_id[:8]!r} belongs to {named}{was}"
+        text = f"{before.called} belongs to {named}{was}"
         event = EventMessage(severity="info", code="run_cell", text=text, run_id=run_id)
         journal.note(before.bench, event, None, after.cell_id or before.cell_id)
     return after

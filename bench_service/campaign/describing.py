@@ -15,7 +15,7 @@ async def describe_run(store: MetadataStore, journal: Journal, run_id: str, told
     before, after = await journal.write(store.runs.describe, run_id, told)
     changes = [_change(name, getattr(before, name), value) for name, value in told.items()]
     if changed := [change for change in changes if change is not None]:
-        text = f"run {before.name or run_id[:8]!r}: {'; '.join(changed)}"
+        text = f"{before.called}: {'; '.join(changed)}"
         journal.note(before.bench, EventMessage(severity="info", code="run_described", text=text, run_id=run_id))
     return after
 

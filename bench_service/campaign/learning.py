@@ -113,7 +113,7 @@ class Learning:
     async def _follow(self, run: RunRecord, model_id: str) -> None:
         ended = await self._runs.wait(run.id)
         if ended.state != "completed":
-            text = f"nothing is learned from run {run.name or run.id[:8]!r}: it ended as {ended.state}"
+            text = f"nothing is learned from {run.called}: it ended as {ended.state}"
             self._note(ended, "warning", "model_not_learned", text)
             return
         try:

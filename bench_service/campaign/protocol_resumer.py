@@ -94,5 +94,5 @@ class ProtocolResumer:
             )
 
     def _tell(self, run: RunRecord, severity: str, code: str, text: str) -> None:
-        text = f"run {run.name or run.id[:8]!r} {text}"
+        text = f"{run.called} {text}"
         self._note(run.bench, EventMessage(severity=severity, code=code, text=text, run_id=run.id))

@@ -3,12 +3,6 @@
 from __future__ import annotations
 
 from bench_service.bench.request import RunRequest
-from bench_service.store.records import RunRecord
-
-
-def called(run: RunRecord) -> str:
-    """Return what people call a run."""
-    return f"run {run.name or run.id[:8]!r}"
 
 
 def gain(request: RunRequest) -> str:

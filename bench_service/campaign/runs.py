@@ -17,7 +17,7 @@ from bench_service.campaign.hardware import Hardware
 from bench_service.campaign.journal import Journal
 from bench_service.campaign.ordering import RunOrder, request_of
 from bench_service.campaign.protocol_standing import taken_up
-from bench_service.campaign.run_words import called, gain, length
+from bench_service.campaign.run_words import gain, length
 from bench_service.campaign.starting import Start, Starts
 from bench_service.campaign.storage import Storage
 from bench_service.errors import BenchBusyError, BenchOfflineError, ConflictError, ServiceError
@@ -213,7 +213,7 @@ class Runs:
             raise
         if start.stop is not None:
             bench.supervisor.stop(start.stop)  # right behind the start: the run ends before its first tick
-        text = f"{called(started)} started: {length(request)}, a sample each {order.dt_s:g} s, from SoC "
+        text = f"{started.called} started: {length(request)}, a sample each {order.dt_s:g} s, from SoC "
         self._note(started, "info", "run_started", f"{text}{order.initial_soc:.1%}{gain(request)}")
         if standing is not None and standing.warns:
             self._journal.note(bench.name, standing.warning(bench.name, started.id), started.campaign_id)
@@ -272,7 +272,7 @@ class Runs:
 
     def _note_end(self, run: RunRecord) -> None:
         because = "" if run.reason is None else f": {run.reason}"
-        text = f"{called(run)} ended as {run.state}{because}; {run.n_samples or 0} samples stored"
+        text = f"{run.called} ended as {run.state}{because}; {run.n_samples or 0} samples stored"
         self._note(run, _SEVERITY.get(run.state, "error"), f"run_{run.state}", text)
 
     def _note(self, run: RunRecord, severity: Severity, code: str, text: str) -> None:

@@ -129,9 +129,9 @@ class Storage:
             return
         self._n_damaged = self._store.runs.n_damaged()
         if damage is None:
-            told = ("info", "run_whole", f"run {run.name or run.id[:8]!r} is whole again")
+            told = ("info", "run_whole", f"{run.called} is whole again")
         else:
-            told = ("error", "run_damaged", f"run {run.name or run.id[:8]!r} is damaged: {damage}; {REMEDY}")
+            told = ("error", "run_damaged", f"{run.called} is damaged: {damage}; {REMEDY}")
         severity, code, text = told
         event = EventMessage(severity=severity, code=code, text=text, run_id=run.id)
         with contextlib.suppress(RuntimeError):  # the loop has ended

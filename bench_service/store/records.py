@@ -157,6 +157,11 @@ class RunRecord:
     commissioning: Json | None = None
     cell_id: str | None = None
 
+    @property
+    def called(self) -> str:
+        """What people call it, in a sentence."""
+        return f"run {self.name or self.id[:8]!r}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommissioningRecord:

@@ -146,5 +146,5 @@ def _correct_closed(link: Connection, run_id: str, n: int, digest: str) -> None:
 
 
 def _tell(store: MetadataStore, run: RunRecord, severity: Any, text: str) -> None:
-    said = f"run {run.name or run.id[:8]!r} {text}"
+    said = f"{run.called} {text}"
     store.events.add(severity, "run_repaired", said, bench=run.bench, run_id=run.id, campaign_id=run.campaign_id)

@@ -52,7 +52,7 @@ def give_up(data_dir: Path, days: float) -> Old:
                 store.runs.give_up(run.id)
                 with engine.begin() as link:
                     link.execute(delete(chunk).where(chunk.c.run_id == run.id))
-                told = f"run {run.name or run.id[:8]!r}: its {run.n_samples} samples were given up after {days:g} days"
+                told = f"{run.called}: its {run.n_samples} samples were given up after {days:g} days"
                 store.events.add("info", "samples_given_up", told, bench=run.bench, run_id=run.id, cell_id=run.cell_id)
             engines.compact(engine)
         finally:

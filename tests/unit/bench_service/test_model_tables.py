@@ -3,11 +3,11 @@
 import asyncio
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 from bench_service.campaign.modelling import Modelling
 from bench_service.jobs.modelling import read_tables
+from tests.unit.bench_service.jobs_at_once import JobsAtOnce
 from tests.unit.models import hand_network
 
 
@@ -26,23 +26,8 @@ class Store:
         return self._document
 
 
-class Jobs:
-    """Runs a job at once, here."""
-
-    def __init__(self) -> None:
-        self.kinds: list[str] = []
-
-    def submit(self, kind: str, function: Any, *arguments: Any) -> SimpleNamespace:
-        self.kinds.append(kind)
-        self._result = function(lambda share, text: None, *arguments)
-        return SimpleNamespace(id="j1")
-
-    async def wait(self, job_id: str) -> SimpleNamespace:
-        return SimpleNamespace(result=self._result, kind=self.kinds[-1], error=None)
-
-
-def tables(document: dict[str, Any]) -> tuple[dict[str, Any], Jobs]:
-    jobs = Jobs()
+def tables(document: dict[str, Any]) -> tuple[dict[str, Any], JobsAtOnce]:
+    jobs = JobsAtOnce()
     modelling = Modelling(Store(document), jobs, Path(), "test")  # pyright: ignore[reportArgumentType]
     return asyncio.run(modelling.tables("m1")), jobs
 

@@ -7,7 +7,6 @@ import json
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from models.baselines.beside import beside_baselines
 from models.comparison.figures import compare
 from models.data.timeseries import TimeSeries
 from models.module.log import ModuleLog
+from tests.unit.bench_service.jobs_at_once import JobsAtOnce
 from tests.unit.models import hand_network, synthetic
 
 # Where the synthetic runs begin.
@@ -31,26 +31,11 @@ SOC = 0.6
 NETWORK = hand_network.everything(1)
 
 
-class Jobs:
-    """Runs a job at once, here."""
-
-    def __init__(self) -> None:
-        self.kinds: list[str] = []
-
-    def submit(self, kind: str, function: Any, *arguments: Any) -> SimpleNamespace:
-        self.kinds.append(kind)
-        self._result = function(lambda share, text: None, *arguments)
-        return SimpleNamespace(id="j1")
-
-    async def wait(self, job_id: str) -> SimpleNamespace:
-        return SimpleNamespace(result=self._result, kind=self.kinds[-1], error=None)
-
-
 class House:
     """A store with a model and its runs, and the samples that are read of these."""
 
     def __init__(self, store: MetadataStore, folder: Path) -> None:
-        self.store, self.jobs = store, Jobs()
+        self.store, self.jobs = store, JobsAtOnce()
         self.series: dict[str, TimeSeries] = {}
         self.read: list[str] = []
         self.modelling = Modelling(store, self.jobs, folder, "1")  # pyright: ignore[reportArgumentType]
