@@ -28,7 +28,7 @@ def group_marks(decimal: str) -> str:
     return f"[{',' if decimal == '.' else '.'}' \u00a0\u202f]"
 
 
-def decimal_mark(where: str, names: tuple[str, ...], rows: list[list[str]]) -> str:
+def decimal_mark(where: str, names: tuple[str, ...], rows: list[list[str]], separator: str) -> str:
     """Tell the mark of the decimals: that of most cells in which it can be nothing else.
 
     Parameters
@@ -36,6 +36,7 @@ def decimal_mark(where: str, names: tuple[str, ...], rows: list[list[str]]) -> s
     where : name of the file for messages
     names : of the columns
     rows : cells as text
+    separator : between the columns; who writes semicolons there has given the comma to the decimals
 
     Raises
     ------
@@ -54,6 +55,8 @@ def decimal_mark(where: str, names: tuple[str, ...], rows: list[list[str]]) -> s
             for mark, pattern in patterns.items():
                 counts[mark] += pattern.fullmatch(cell) is not None
     if either is not None and not any(counts.values()):
+        if separator == ";":
+            return ","
         cell, name = either
         raise RunFileError(
             f"{where}: is {cell} in column {name!r} {cell.replace(',', '.')} or {cell.replace(',', '')}? Every comma "

@@ -83,7 +83,7 @@ def find_dialect(path: object, text: str, encoding: str, whole: bool) -> Dialect
     return Dialect(
         encoding=encoding,
         separator=best.separator,
-        decimal=decimal_mark(str(path), names, best.rows),
+        decimal=decimal_mark(str(path), names, best.rows, best.separator),
         names=names,
         units=best.units(),
         first_row=best.first + 1,

@@ -56,7 +56,7 @@ def test_groups_of_thousands(tmp_path: Path, form: str) -> None:
             "line 2, column 'Current.A.': '0,000' is not a number",
         ),
         ("Time(s);Current(A);Voltage(V)\n{s:.1f};{A:.3f};{V_}", "with a decimal comma|with a decimal point"),
-        ("Time(s);Current(A);Voltage(V)\n{s:.0f};0;{V3_}", r"is 3,700 in column 'Voltage\(V\)' 3.700 or 3700\?"),
+        ("Time(s)\tCurrent(A)\tVoltage(V)\n{s:.0f}\t0\t{V3_}", r"is 3,700 in column 'Voltage\(V\)' 3.700 or 3700\?"),
         ('Time(s),Current(mA),Voltage(mV)\n{s:.0f},"{mA:,.0f}","{mV:,.0f}"', "or 3700"),
     ],
 )
@@ -64,6 +64,12 @@ def test_a_comma_that_may_be_either_is_refused(tmp_path: Path, form: str, says: 
     path = write(tmp_path / "a.csv", form)
     with pytest.raises(RunFileError, match=says):
         import_file(path, Choices(current_sign="charge-positive"))
+
+
+def test_between_semicolons_a_comma_stands_before_decimals(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", "Time(s);Current(A);Voltage(V)\n{s:.0f};0;{V3_}")
+    with closing(import_file(path, Choices(current_sign="charge-positive"))) as run:
+        np.testing.assert_allclose(run.columns()["voltage_V"], VOLTAGE_V, atol=0.0006)
 
 
 def write(path: Path, form: str) -> Path:
